@@ -1,7 +1,7 @@
 (** The guard's certificate: while a command is in effect, the robot approaches no other faster than b, and b is
     at most Lambda times e^-2 of the slack at the sample, or Lambda times the current slack.
 
-    The definitions from [rate] to [far] are the formulas of `Guard::grant` and `Guard::collect_cones` in
+    The definitions from [rate] to [far] are the formulas of `Guard::grant_twist` and `Guard::collect_cones` in
     agent/src/avoidance/guard.rs. A test there reads them from this file, evaluates them and compares them with
     the code. *)
 

@@ -1,4 +1,4 @@
-(** The plant's rule for commands, as implemented by `World::accept` and `World::advance` of plant/src/world.rs:
+(** The plant's rule for commands, as implemented by `World::accept_command` and `World::advance` of plant/src/world.rs:
     the newest accepted command is in effect until the stamp of the sample it answers + H; late and old commands
     are refused; without a command in force the robot is at rest.
 
@@ -49,7 +49,7 @@ Proof.
   - right. intros [X|[X _]]; lia.
 Defined.
 
-(** ** `World::accept`: the value of `newest_command` after the message [c] was received at [now].
+(** ** `World::accept_command`: the value of `newest_command_key` after the message [c] was received at [now].
 
     H is the command timeout. An implausible message changes nothing either: here it counts as lost. *)
 Definition accept (H now : R) (c : command) (newest : option command) : option command :=

@@ -16,8 +16,8 @@ Open Scope R_scope.
 Definition stands (c : command) : Prop := speed c = 0 /\ across c = 0 /\ turn c = 0.
 
 (** Bounds v_own and turn rates that cover the command and every earlier command that may still be in effect.
-    The agent knows those of its own process (`alive`). Of an earlier process it only knows that the plant
-    limits the speed to v_max. *)
+    The agent knows those of its own process (`unexpired_commands`). Of an earlier process it only knows that
+    the plant limits the speed to v_max. *)
 Definition covers_the_alive (S : setting) (r : robot) (k : nat) (v_own w_low w_high : R) : Prop :=
   forall l, (l < k)%nat -> stamp (computed r k) < stamp (computed r l) + lifetime S ->
   (incarnation (computed r l) = incarnation (computed r k) ->
@@ -48,7 +48,7 @@ Definition guarded (S : setting) (others : robot -> Prop) (r : robot) : Prop :=
 
 (** ** Commands of an earlier process, after a restart. *)
 
-(** `Guard::drop_expired` sets `predecessor_until_ns` to the first stamp + H: until then the guard assumes v_max
+(** `Guard::drop_expired_commands` sets `predecessor_end_ns` to the first stamp + H: until then the guard assumes v_max
     and +-v_max/ell. This is long enough. *)
 Theorem after_the_first_lifetime_no_predecessor_is_alive (computed : nat -> command) (h : R) f k l :
   one_living_incarnation computed ->
@@ -68,7 +68,7 @@ Proof.
 Qed.
 
 (** In lockstep H = T, and a restarted process answers later ticks only: all commands of its predecessor have
-    expired, so `remembers_predecessor` is not needed. *)
+    expired, so `may_have_predecessor` is not needed. *)
 Theorem in_lockstep_no_command_of_an_earlier_tick_is_alive (T : R) (earlier later : nat) :
   0 < T -> (earlier < later)%nat -> ~ INR later * T < INR earlier * T + T.
 Proof.

@@ -1,7 +1,7 @@
 (** A robot that stops at once stays clear of fixed convex obstacles: the guard without inertia, with the whole
     slack for the robot.
 
-    The definitions [wall_bound] and [far_wall] are formulas of `Guard::collect_cones` and `walls_radius_m` in
+    The definitions [wall_bound] and [far_wall] are formulas of `Guard::collect_cones` and `known_walls_radius_m` in
     agent/src/avoidance/guard.rs. A test there compares them. *)
 
 Require Import Reals Lra Psatz Lia.

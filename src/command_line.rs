@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Parser, Subcommand};
 use clap_complete::Shell;
-use experiment::scenario::keys::Format;
+use experiment::scenario::keys::FileFormat;
 
 use crate::verbs::Verb;
 use crate::verbs::screen::exit_code_of_print;
@@ -31,7 +31,7 @@ impl CommandLine {
             if !error.use_stderr() {
                 std::process::exit(i32::from(exit_code_of_print(error.print())));
             }
-            if let Some(tip) = set_hint(&error) {
+            if let Some(tip) = suggest_set_option(&error) {
                 error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
             }
             error.exit()
@@ -40,7 +40,7 @@ impl CommandLine {
 }
 
 /// Returns a hint to use `--set` if the unknown option of `run` or `check` names a scenario key.
-fn set_hint(error: &clap::Error) -> Option<String> {
+fn suggest_set_option(error: &clap::Error) -> Option<String> {
     let words: Vec<String> =
         std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     let sets = ["run", "check"].contains(&words.get(1)?.as_str());
@@ -49,7 +49,7 @@ fn set_hint(error: &clap::Error) -> Option<String> {
     else {
         return None;
     };
-    let key = Format::new(&agent::catalog()).key_meant_by(option.strip_prefix("--")?)?;
+    let key = FileFormat::new(&agent::catalog()).key_meant_by(option.strip_prefix("--")?)?;
     let at = words.iter().position(|word| word.split('=').next() == Some(option))?;
     let value = match words[at].split_once('=') {
         Some((_, value)) => value,

@@ -10,14 +10,14 @@ use phalanx::roles;
 use protocol::process::{Stderr, drain_stderr, exit};
 
 /// Maximum time to wait at exit for a reader of stderr that does not read.
-const UNREAD_MAX: Duration = Duration::from_secs(1);
+const STDERR_DRAIN_TIMEOUT: Duration = Duration::from_secs(1);
 
 fn main() -> ExitCode {
-    if let Err(error) = supervisor::child::obey_parent() {
+    if let Err(error) = supervisor::child::prepare_process() {
         let _ = writeln!(Stderr, "error: cannot start as a child: {error}");
-        return ExitCode::from(exit::INFRASTRUCTURE);
+        return ExitCode::from(exit::INFRASTRUCTURE_FAILURE);
     }
     let code = roles::main(CommandLine::read().role);
-    drain_stderr(UNREAD_MAX);
+    drain_stderr(STDERR_DRAIN_TIMEOUT);
     ExitCode::from(code)
 }

@@ -12,42 +12,44 @@ use std::time::Instant;
 
 use outcome::results::usage;
 use protocol::brief::Pace;
-use protocol::process::Stop;
+use protocol::process::StopFlag;
 use rustix::thread::{CpuSet, sched_setaffinity};
 use supervisor::cores::topology::Topology;
 
-use experiment::campaign::cells::Cell;
+use experiment::campaign::cells::CampaignRun;
 use experiment::campaign::file::Campaign;
-use outcome::campaign::folder::{ATTEMPTS_MAX, Folder, append_failure, failed_attempts};
+use outcome::campaign::folder::{
+    ATTEMPTS_MAX, CampaignFolder, append_failure, read_failed_attempts,
+};
 
 /// Progress of the campaign.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Progress {
+pub struct CampaignProgress {
     /// Number of runs that have a result now, or were given up.
     pub finished_runs: usize,
     /// Number of attempts with an infrastructure failure.
-    pub failures: usize,
+    pub failed_attempts: usize,
 }
 
 /// Result of executing a campaign.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CampaignEnd {
+pub struct CampaignResult {
     /// Whether a signal ended the campaign.
-    pub interrupted: bool,
+    pub was_interrupted: bool,
     /// Wall time, s.
-    pub wall_s: f64,
+    pub wall_time_s: f64,
     /// Number of concurrent runs.
     pub jobs: usize,
     /// Number of cores used.
     pub cores: usize,
     /// Processor time of all runs, s.
-    pub processor_s: f64,
+    pub processor_time_s: f64,
 }
 
 /// Method of executing a run.
 pub trait RunExecutor: Sync {
     /// Executes a run once.
-    fn attempt(&self, cell: &Cell) -> AttemptResult;
+    fn attempt(&self, cell: &CampaignRun) -> AttemptResult;
 
     /// Returns whether a run and all processes that it starts are pinned to cores of their own.
     fn has_own_cores(&self) -> bool {
@@ -93,16 +95,16 @@ fn assign_cores(
 
 /// Executes the missing runs. Calls `on_progress` after each attempt. Fails if a run is rejected that the campaign
 /// had found valid, or cannot be started.
-pub fn run(
+pub fn execute_runs(
     campaign: &Campaign,
-    missing: &[&Cell],
-    folder: &Folder,
+    missing: &[&CampaignRun],
+    folder: &CampaignFolder,
     executor: &dyn RunExecutor,
-    stop: &Stop,
+    stop: &StopFlag,
     jobs: Option<usize>,
-    mut on_progress: impl FnMut(Progress),
-) -> Result<CampaignEnd, String> {
-    let (began, before_s) = (Instant::now(), processor_s());
+    mut on_progress: impl FnMut(CampaignProgress),
+) -> Result<CampaignResult, String> {
+    let (began, before_s) = (Instant::now(), children_cpu_time_s());
     let topology = Topology::for_this_thread().unwrap_or_default();
     let shares = assign_cores(&topology, campaign.pace, missing.len(), jobs);
     let (jobs, cores) = (shares.len(), topology.threads().count().max(1));
@@ -124,47 +126,57 @@ pub fn run(
                     let result = attempt_until_done(cell, folder, executor, stop, &sender);
                     failed.fetch_add(usize::from(result.is_err()), Ordering::Relaxed);
                     // The receiver is gone if another run failed.
-                    let _ = sender.send(WorkerMessage::End(result));
+                    let _ = sender.send(WorkerMessage::RunEnded(result));
                 }
             });
         }
         drop(sender);
-        let mut progress = Progress::default();
+        let mut progress = CampaignProgress::default();
         let mut broken = None;
         for news in receiver {
             match news {
-                WorkerMessage::Failure => progress.failures += 1,
-                WorkerMessage::End(Ok(done)) => progress.finished_runs += usize::from(done),
-                WorkerMessage::End(Err(error)) => broken = broken.or(Some(error)),
+                WorkerMessage::AttemptFailed => progress.failed_attempts += 1,
+                WorkerMessage::RunEnded(Ok(done)) => progress.finished_runs += usize::from(done),
+                WorkerMessage::RunEnded(Err(error)) => broken = broken.or(Some(error)),
             }
             on_progress(progress);
         }
         let wall_s = began.elapsed().as_secs_f64();
         match broken {
             Some(why) => Err(format!("a run failed: {why}")),
-            None => Ok(CampaignEnd {
-                interrupted: stop.is_requested(),
-                wall_s,
+            None => Ok(CampaignResult {
+                was_interrupted: stop.is_requested(),
+                wall_time_s: wall_s,
                 jobs,
                 cores,
-                processor_s: processor_s() - before_s,
+                processor_time_s: children_cpu_time_s() - before_s,
             }),
         }
     })
 }
 
-/// Applies `work` to each item in `jobs` threads, by default one for each core. Returns the results in the
-/// order of the items.
+/// Returns the number of concurrent runs: the given one, by default the number of cores.
+pub fn concurrent_run_count(jobs: Option<usize>) -> usize {
+    let cores = || Topology::for_this_thread().unwrap_or_default().whole_cores();
+    jobs.unwrap_or_else(cores).max(1)
+}
+
+/// Applies `work` to each item in `jobs` threads, by default one for each core. With `has_own_cores`, each thread is
+/// pinned to cores of its own, and so are the processes that it starts. Returns the results in the order of the items.
 /// Panics if `work` panics.
 pub fn map_on_all_cores<I: Sync, T: Send>(
     items: &[I],
     jobs: Option<usize>,
+    has_own_cores: bool,
     work: impl Fn(&I) -> T + Sync,
 ) -> Vec<T> {
-    let cores = || Topology::for_this_thread().unwrap_or_default().whole_cores();
-    let jobs = jobs.unwrap_or_else(cores).clamp(1, items.len().max(1));
+    let topology = Topology::for_this_thread().unwrap_or_default();
+    let shares = assign_cores(&topology, Pace::Lockstep, items.len(), jobs);
     let next = AtomicUsize::new(0);
-    let work_off = || {
+    let work_off = |share: &[usize]| {
+        if has_own_cores {
+            pin_to(share);
+        }
         let mut done = Vec::new();
         loop {
             let place = next.fetch_add(1, Ordering::Relaxed);
@@ -173,7 +185,9 @@ pub fn map_on_all_cores<I: Sync, T: Send>(
         }
     };
     let mut done: Vec<(usize, T)> = std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..jobs).map(|_| scope.spawn(work_off)).collect();
+        let work_off = &work_off;
+        let threads: Vec<_> =
+            shares.iter().map(|share| scope.spawn(move || work_off(share))).collect();
         threads.into_iter().flat_map(|thread| thread.join().expect("work does not panic")).collect()
     });
     done.sort_by_key(|(place, _)| *place);
@@ -181,16 +195,16 @@ pub fn map_on_all_cores<I: Sync, T: Send>(
 }
 
 /// Returns the processor time of this process, of all children that have exited, and of their children, s.
-fn processor_s() -> f64 {
+fn children_cpu_time_s() -> f64 {
     let usages = [usage::read_this_process(), usage::read_reaped_children()];
     usages.iter().map(|usage| usage.user_s + usage.system_s).sum()
 }
 
 enum WorkerMessage {
     /// Infrastructure failure of an attempt.
-    Failure,
+    AttemptFailed,
     /// End of a run: whether it is done, or why it was rejected.
-    End(Result<bool, String>),
+    RunEnded(Result<bool, String>),
 }
 
 fn pin_to(cores: &[usize]) {
@@ -207,15 +221,15 @@ fn pin_to(cores: &[usize]) {
 /// Repeats a run until it has a result or is given up. Returns `false` if the campaign is to stop. Fails if
 /// the run is rejected.
 fn attempt_until_done(
-    cell: &Cell,
-    folder: &Folder,
+    cell: &CampaignRun,
+    folder: &CampaignFolder,
     executor: &dyn RunExecutor,
-    stop: &Stop,
+    stop: &StopFlag,
     news: &mpsc::Sender<WorkerMessage>,
 ) -> Result<bool, String> {
-    let run = folder.run(&cell.id);
+    let run = folder.run_path(&cell.id);
     loop {
-        let failed_before = failed_attempts(&run).len();
+        let failed_before = read_failed_attempts(&run).len();
         if failed_before >= ATTEMPTS_MAX {
             return Ok(true);
         }
@@ -228,9 +242,9 @@ fn attempt_until_done(
             AttemptResult::Refused(why) => return Err(why),
             AttemptResult::Failed(why) => why,
         };
-        let _ = news.send(WorkerMessage::Failure);
+        let _ = news.send(WorkerMessage::AttemptFailed);
         // A run that could determine the reason has recorded it.
-        if failed_attempts(&run).len() == failed_before {
+        if read_failed_attempts(&run).len() == failed_before {
             append_failure(&run, &why).map_err(|error| error.to_string())?;
         }
     }
@@ -244,12 +258,17 @@ mod tests {
 
     #[test]
     fn lockstep_runs_share_no_core_and_realtime_runs_go_alone() {
-        let core =
-            |threads: &[usize]| Core { threads: threads.into(), cache: 0, node: 0, speed: 1024 };
+        let core = |threads: &[usize]| Core {
+            threads: threads.into(),
+            cache_id: 0,
+            numa_node: 0,
+            speed: 1024,
+        };
         let assign_cores = |topology: &Topology, missing, jobs| {
             assign_cores(topology, Pace::Lockstep, missing, jobs)
         };
-        let single = Topology { cores: [2, 3, 5, 7].map(|cpu| core(&[cpu])).into(), quota: None };
+        let single =
+            Topology { cores: [2, 3, 5, 7].map(|cpu| core(&[cpu])).into(), quota_cores: None };
         assert_eq!(assign_cores(&single, 100, None), [[2], [3], [5], [7]]);
         assert_eq!(
             assign_cores(&single, 2, None),
@@ -259,9 +278,9 @@ mod tests {
         assert_eq!(assign_cores(&single, 100, Some(1)), [[2, 3, 5, 7]]);
         assert_eq!(assign_cores(&single, 100, Some(6)).len(), 6);
         assert_eq!(super::assign_cores(&single, Pace::Realtime, 100, Some(4)), [[0; 0]]);
-        let double = Topology { cores: vec![core(&[0, 2]), core(&[1, 3])], quota: None };
+        let double = Topology { cores: vec![core(&[0, 2]), core(&[1, 3])], quota_cores: None };
         assert_eq!(assign_cores(&double, 100, None), [[0, 2], [1, 3]], "no core has two runs");
-        let paid = Topology { quota: Some(1.5), ..double };
+        let paid = Topology { quota_cores: Some(1.5), ..double };
         assert_eq!(assign_cores(&paid, 100, None), [[0, 2, 1, 3]], "more would only be held up");
         assert_eq!(
             assign_cores(&Topology::default(), 100, None),

@@ -6,11 +6,13 @@ use std::io::{self, Write as _};
 use std::os::unix::process::CommandExt as _;
 use std::process::Command;
 
+use agent::controller::Parts;
+use agent::laws::LawRow;
 use clap::CommandFactory as _;
 use clap_complete::Shell;
-use outcome::results::manifest::Build;
+use outcome::results::manifest::BuildInfo;
 use protocol::process::{Stderr, exit};
-use supervisor::control_timer::{self, ControlTimer};
+use supervisor::control_timer::{self, ControlTimerArguments};
 use supervisor::keeper;
 use supervisor::spawn::Launcher;
 
@@ -18,56 +20,72 @@ use crate::command_line::{AgentArgs, CommandLine, Role};
 use crate::verbs;
 
 /// File name of the benchmark program, which is installed next to this one.
-const BENCH: &str = "phalanx-bench";
+const BENCH_PROGRAM: &str = "phalanx-bench";
 
 /// Runs the role to its end and returns the exit code.
 pub fn main(role: Role) -> u8 {
+    main_with_laws(role, &[])
+}
+
+/// Runs the role like [`main`], for a program with control laws in addition to the built-in ones. Runs within one
+/// process know the built-in ones only.
+pub fn main_with_laws(role: Role, added: &[LawRow]) -> u8 {
     match role {
         Role::Supervisor(verb) => {
             let launcher = Launcher::for_this_executable();
-            verbs::main(&verb, &agent::catalog(), &launcher, &build())
+            let catalog = agent::catalog_with_laws(added);
+            verbs::main(&verb, &catalog, &launcher, &build_information())
         }
         Role::Agent(AgentArgs { brief, incarnation, realtime_priority }) => {
-            agent::control_loop::main(&brief, incarnation, realtime_priority)
+            agent::control_loop::main_with_parts(&brief, incarnation, realtime_priority, |brief| {
+                Parts::from_brief_with_laws(brief, added)
+            })
         }
         Role::Plant { brief, realtime_priority } => {
             plant::world_loop::main(&brief, realtime_priority)
         }
         Role::Bridge(role) => role.main(),
         Role::Machine { run_root, period_ns, robots, realtime_priority } => {
-            control_timer::main(&ControlTimer { run_root, period_ns, robots, realtime_priority })
+            control_timer::main(&ControlTimerArguments {
+                run_root,
+                period_ns,
+                robots,
+                realtime_priority,
+            })
         }
         Role::Become { folder, pid_file, memory_max_mb, words } => {
-            let error = keeper::start(&keeper::Start {
+            let error = keeper::start_program(&keeper::ProgramStart {
                 folder,
                 memory_max_mb,
                 pid_file,
                 command_line: words,
             });
             let _ = writeln!(Stderr, "error: {error}");
-            exit::INFRASTRUCTURE
+            exit::INFRASTRUCTURE_FAILURE
         }
-        Role::Keep { parent, first, pid_file } => keeper::keep_program(parent, first, &pid_file),
-        Role::Load => supervisor::child::load(),
+        Role::Keep { parent, first, pid_file } => {
+            keeper::supervise_program(parent, first, &pid_file)
+        }
+        Role::Load => supervisor::child::consume_processor_time(),
         Role::Awake => supervisor::child::keep_core_awake(),
-        Role::Reap { run_root, logs } => supervisor::orphan_processes::reap(&run_root, &logs),
-        Role::Completions { shell } => verbs::print(&completions(shell)),
-        Role::Bench { words } => bench(&words),
+        Role::Reap { run_root, logs } => supervisor::orphan_processes::run_reaper(&run_root, &logs),
+        Role::Completions { shell } => verbs::print(&completion_script(shell)),
+        Role::Bench { words } => execute_bench(&words),
     }
 }
 
 /// Returns the completion script for a shell.
-fn completions(shell: Shell) -> String {
+fn completion_script(shell: Shell) -> String {
     let mut text = Vec::new();
     clap_complete::generate(shell, &mut CommandLine::command(), "phalanx", &mut text);
     String::from_utf8(text).expect("completion scripts are UTF-8")
 }
 
 /// Replaces this process by the benchmark program. Returns an exit code only if that fails.
-fn bench(words: &[OsString]) -> u8 {
+fn execute_bench(words: &[OsString]) -> u8 {
     let path = match env::current_exe() {
-        Ok(own) => own.with_file_name(BENCH),
-        Err(_) => BENCH.into(),
+        Ok(own) => own.with_file_name(BENCH_PROGRAM),
+        Err(_) => BENCH_PROGRAM.into(),
     };
     let error = Command::new(&path).args(words).exec();
     let hint = match error.kind() {
@@ -75,13 +93,13 @@ fn bench(words: &[OsString]) -> u8 {
         _ => "",
     };
     let _ = writeln!(Stderr, "error: cannot start {}: {error}{hint}", path.display());
-    exit::INFRASTRUCTURE
+    exit::INFRASTRUCTURE_FAILURE
 }
 
 /// Returns the build information recorded by the build script.
-fn build() -> Build {
+fn build_information() -> BuildInfo {
     let known = |word: &str| Some(word.to_owned()).filter(|word| !word.is_empty());
-    Build {
+    BuildInfo {
         git_hash: known(env!("PHALANX_GIT_HASH")),
         git_dirty: env!("PHALANX_GIT_DIRTY").parse().ok(),
         rustc: known(env!("PHALANX_RUSTC")),

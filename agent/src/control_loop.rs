@@ -12,21 +12,21 @@ use std::time::Duration;
 use protocol::barrier::Barrier;
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::clock::{self, Timer};
-use protocol::lateness::Witness;
-use protocol::law_message::Outgoing;
+use protocol::lateness::LatenessDiagnosis;
+use protocol::law_message::{Broadcast, SendDecision};
 use protocol::message::Odometry;
-use protocol::process::{self, Alarm, Failure, Stop, Thaws, TimeSlice};
+use protocol::process::{self, Alarm, Failure, StopFlag, ThawListener, TimeSlice};
 use protocol::run_root;
 use protocol::service::Sample;
 use protocol::watchdog::SupervisorWatch;
 
-use crate::control_cycle::{ControlCycle, Delivery, Inbox, Woken};
+use crate::control_cycle::{ControlCycle, Inbox, ReceivedBeacon, WakeUpClass};
 use crate::controller::{Answer, Controller, Parts};
 use crate::golden_phase;
 use ports::Ports;
 
 /// Polling interval for the stop request while the robot is slow because of a fault.
-const LINGER_STEP: Duration = Duration::from_millis(50);
+const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Runs the robot of this brief until it is told to stop. `parts` creates the components of the controller from
 /// the brief: [`Parts::from_brief`], or a program's own law, role or method.
@@ -41,8 +41,9 @@ where
     let brief: AgentBrief = brief::read(brief_path)?;
     let parts = parts(&brief).map_err(Into::into)?;
     let controller = Controller::with_parts(&brief, incarnation, parts);
-    let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
-    run_root::join_as(&brief.run_root, &brief.name)?;
+    let stop = StopFlag::for_termination_signals()
+        .map_err(|error| format!("cannot handle signals: {error}"))?;
+    run_root::join_as_process(&brief.run_root, &brief.name)?;
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
         process::request_time_slice(TimeSlice::Short);
@@ -59,38 +60,38 @@ where
     let epoch = barrier.as_ref().map_or(0, |barrier| barrier.epoch(brief.index - 1));
     let robot = brief.name.clone();
     let cycle = ControlCycle::new(brief, controller, clock::now_ns());
-    let ports = Ports::open(cycle.brief(), cycle.measured())?;
+    let ports = Ports::open(cycle.brief(), cycle.measurements())?;
     tracing::info!(robot, incarnation, law = cycle.brief().law, "ready");
     let mut agent = Agent { cycle, ports, stop };
     let ended = match barrier {
         Some(barrier) => agent.run_in_lockstep(&barrier, epoch),
         None => agent.run_in_real_time(),
     };
-    agent.send_measured();
+    agent.send_measurements();
     ended
 }
 
 struct Agent {
     cycle: ControlCycle,
     ports: Ports,
-    stop: Stop,
+    stop: StopFlag,
 }
 
 impl Agent {
     fn run_in_lockstep(&mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), Failure> {
         let slot = self.cycle.brief().index - 1;
         let mut supervisor = SupervisorWatch::new(barrier);
-        self.report()?;
+        self.send_status(&[])?;
         barrier.count_report();
         while !self.stop.is_requested() {
-            let patience = supervisor.patience(barrier, &self.stop);
-            let Some((new_epoch, tick)) = barrier.wait_tick(slot, epoch, patience) else {
+            let patience = supervisor.waiting_condition(barrier, &self.stop);
+            let Some((new_epoch, tick)) = barrier.wait_for_tick(slot, epoch, patience) else {
                 break;
             };
             epoch = new_epoch;
             supervisor.record_progress();
             // After a freeze the first tick seen is one that passed without this robot.
-            let since = barrier.member_since(slot).filter(|&since| since <= tick);
+            let since = barrier.first_member_tick(slot).filter(|&since| since <= tick);
             let Some(member_since) = since else { continue };
             let odometry = receive_odometry_of_tick(&self.ports, tick)?;
             let ports = &self.ports;
@@ -99,15 +100,15 @@ impl Agent {
             let outbox = self.cycle.run(Inbox {
                 received_ns: clock::now_ns(),
                 odometry: Some(&odometry),
-                member_since,
-                beacons: (0..ports.senders()).filter_map(beacon),
-                cuts: &[],
+                participant_since_tick: member_since,
+                beacons: (0..ports.sender_count()).filter_map(beacon),
+                link_faults: &[],
                 goal: None,
             })?;
             drop(odometry);
             if let Some(answer) = &outbox.answer {
                 let sent_ns = clock::now_ns();
-                self.ports.send(answer, sent_ns)?;
+                self.ports.send_answer(answer, sent_ns)?;
                 self.cycle.record_sent(sent_ns);
             }
             // Before the barrier: beacons that a newly opened spare sends at the next tick are then in the
@@ -115,19 +116,19 @@ impl Agent {
             self.ports.update_spare_ports(self.cycle.controller().neighborhood())?;
             // Before the barrier, and triggered by events only: a robot that is killed after this tick has sent
             // the same reports in every run.
-            if outbox.report {
-                self.report()?;
+            if outbox.status_is_due {
+                self.send_status(&outbox.recorded_message)?;
                 barrier.count_report();
             }
             if self.cycle.batch_is_due() {
-                self.send_measured();
+                self.send_measurements();
             }
             match outbox.answer {
-                Some(Answer { outgoing: Outgoing::Withheld, .. }) => {
-                    barrier.arrive_withholding(slot, tick);
+                Some(Answer { send_decision: SendDecision::Withheld, .. }) => {
+                    barrier.arrive_without_beacon(slot, tick);
                 }
                 Some(_) => barrier.arrive(slot, tick),
-                None => barrier.arrive_mute(slot, tick),
+                None => barrier.arrive_without_messages(slot, tick),
             }
         }
         supervisor.loss_reason().map_or(Ok(()), |lost| Err(lost.into()))
@@ -136,99 +137,99 @@ impl Agent {
     fn run_in_real_time(&mut self) -> Result<(), Failure> {
         let &AgentBrief { period_ns, index, .. } = self.cycle.brief();
         let mut timer = Timer::new(period_ns, (golden_phase(index) * period_ns as f64) as u64);
-        let thaws = Thaws::watch()?;
-        let mut witness = Witness::new(period_ns);
-        self.report()?;
+        let thaws = ThawListener::start()?;
+        let mut witness = LatenessDiagnosis::new(period_ns);
+        self.send_status(&[])?;
         while !self.stop.is_requested() {
             let Some(wake) = timer.wait() else {
                 witness.record_computation_end(clock::now_ns());
                 continue;
             };
-            match self.cycle.wake(&wake, thaws.last_ns()) {
-                Woken::Starting => self.ports.connect()?,
-                Woken::Held => witness.skip_wake_up(&wake),
-                Woken::Counted { missed } => {
+            match self.cycle.record_wake_up(&wake, thaws.last_thaw_ns()) {
+                WakeUpClass::Starting => self.ports.connect()?,
+                WakeUpClass::DelayedByFault => witness.skip_wake_up(&wake),
+                WakeUpClass::Counted { missed_deadline: missed } => {
                     if let Some(cause) = witness.cause_if_late(&wake, missed) {
                         self.cycle.record_lateness(&wake, cause);
                     }
                 }
             }
-            witness.record_computation_end(self.cycle_in_real_time()?);
+            witness.record_computation_end(self.run_cycle_in_real_time()?);
         }
         Ok(())
     }
 
     /// Runs one control cycle. Returns the time at which it ended, ns. The clock is read again only after steps
     /// that may take long.
-    fn cycle_in_real_time(&mut self) -> Result<u64, Failure> {
+    fn run_cycle_in_real_time(&mut self) -> Result<u64, Failure> {
         // In real time a queue holds only the newest sample.
-        let odometry = self.ports.odometry()?;
-        let cuts = self.ports.cuts()?;
+        let odometry = self.ports.receive_odometry()?;
+        let cuts = self.ports.receive_link_faults()?;
         let taken_ns = clock::now_ns();
         let outbox = self.cycle.run(Inbox {
             received_ns: taken_ns,
             odometry: odometry.as_deref(),
-            member_since: 0,
-            beacons: self.ports.newest_beacons(),
-            cuts: cuts.as_ref().map_or(&[], |cuts| cuts.payload()),
-            goal: self.ports.goal()?,
+            participant_since_tick: 0,
+            beacons: self.ports.receive_newest_beacons(),
+            link_faults: cuts.as_ref().map_or(&[], |cuts| cuts.payload()),
+            goal: self.ports.receive_goal()?,
         })?;
         drop(odometry);
         let mut rested_ns = taken_ns;
         if let Some(answer) = &outbox.answer {
-            self.linger(answer.delay_ns);
+            self.sleep_until_stop(answer.delay_ns);
             rested_ns = clock::now_ns();
-            self.ports.send(answer, rested_ns)?;
+            self.ports.send_answer(answer, rested_ns)?;
             self.cycle.record_sent(rested_ns);
         }
         self.ports.update_spare_ports(self.cycle.controller().neighborhood())?;
-        if outbox.plant_silent {
+        if outbox.is_plant_silent {
             let silent_s = self.cycle.silence_max_ns() / 1_000_000_000;
             return Err(format!("no sign of the plant for {silent_s} s").into());
         }
         let batch_is_due = self.cycle.batch_is_due();
-        if outbox.report {
-            self.report()?;
+        if outbox.status_is_due {
+            self.send_status(&outbox.recorded_message)?;
         }
         if batch_is_due {
-            self.send_measured();
+            self.send_measurements();
         }
-        let reported = outbox.report || batch_is_due;
+        let reported = outbox.status_is_due || batch_is_due;
         Ok(if reported { clock::now_ns() } else { rested_ns })
     }
 
     /// Sleeps for `ns`, or until the end of the run.
-    fn linger(&self, ns: u64) {
+    fn sleep_until_stop(&self, ns: u64) {
         let end_ns = clock::now_ns().saturating_add(ns);
         while !self.stop.is_requested() {
             let left_ns = end_ns.saturating_sub(clock::now_ns());
             if left_ns == 0 {
                 return;
             }
-            std::thread::sleep(Duration::from_nanos(left_ns).min(LINGER_STEP));
+            std::thread::sleep(Duration::from_nanos(left_ns).min(STOP_POLL_INTERVAL));
         }
     }
 
-    /// Sends the status to the supervisor.
-    fn report(&self) -> Result<(), Failure> {
+    /// Sends the status to the supervisor, with the recorded message of the control law; empty if there is none.
+    fn send_status(&self, message: &[u8]) -> Result<(), Failure> {
         let (header, neighbors) = self.cycle.status();
-        self.ports.report(header, neighbors)
+        self.ports.send_status(header, neighbors, message)
     }
 
-    fn send_measured(&mut self) {
-        self.ports.latency.send(self.cycle.batch(), clock::now_ns());
+    fn send_measurements(&mut self) {
+        self.ports.latency.send(self.cycle.measurement_batch(), clock::now_ns());
     }
 }
 
 /// Returns the odometry of exactly this tick. Older samples are from before the robot took part, and are
 /// dropped.
 fn receive_odometry_of_tick(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, Failure> {
-    while let Some(odometry) = ports.odometry()? {
+    while let Some(odometry) = ports.receive_odometry()? {
         if odometry.tick == tick {
             return Ok(odometry);
         }
     }
-    Err(missing_sample(tick, "odometry"))
+    Err(missing_sample_failure(tick, "odometry"))
 }
 
 /// Returns the beacon that the sender with index `place` sent at the previous tick, or `None` if it is not
@@ -238,10 +239,10 @@ fn receive_beacon_of_previous_tick(
     barrier: &Barrier,
     place: usize,
     tick: u64,
-) -> Result<Option<Delivery>, Failure> {
+) -> Result<Option<ReceivedBeacon>, Failure> {
     let before = tick - 1;
-    let (name, slot) = ports.sender(place);
-    let takes_part = || barrier.member_since(slot).is_some_and(|since| since <= before);
+    let (name, slot) = ports.sender_name_and_slot(place);
+    let takes_part = || barrier.first_member_tick(slot).is_some_and(|since| since <= before);
     if !ports.has_beacon_of_tick(place, before)
         || !takes_part()
         || barrier.has_no_beacon(slot, before)
@@ -249,33 +250,40 @@ fn receive_beacon_of_previous_tick(
         return Ok(None);
     }
     loop {
-        match ports.beacon(place)? {
+        match ports.receive_beacon(place)? {
             Some((beacon, _)) if beacon.tick < before => {}
             Some((beacon, message)) if beacon.tick == before => {
-                return Ok(Some(Delivery { place, beacon, message, received_ns: 0 }));
+                return Ok(Some(ReceivedBeacon {
+                    sender_index: place,
+                    broadcast: Broadcast { beacon, message },
+                    received_ns: 0,
+                }));
             }
             // The sender was killed in this very tick, not by a plan.
             None if !takes_part() => return Ok(None),
             _ => {
-                return Err(missing_sample(tick, &format!("beacon of {name} from tick {before}")));
+                return Err(missing_sample_failure(
+                    tick,
+                    &format!("beacon of {name} from tick {before}"),
+                ));
             }
         }
     }
 }
 
 /// Returns the error for a sample that lockstep guarantees but that is missing.
-fn missing_sample(tick: u64, what: &str) -> Failure {
+fn missing_sample_failure(tick: u64, what: &str) -> Failure {
     format!("lockstep is broken: at tick {tick} there is no {what}").into()
 }
 
 /// Runs the process `phalanx-agent` with its name, log and exit code.
 pub fn main(brief_path: &Path, incarnation: u64, realtime_priority: bool) -> u8 {
-    main_with(brief_path, incarnation, realtime_priority, Parts::from_brief)
+    main_with_parts(brief_path, incarnation, realtime_priority, Parts::from_brief)
 }
 
 /// Runs the process like [`main`], for a program with a law, a role or an avoidance method of its own. See
 /// [`run`].
-pub fn main_with<E: Into<Failure>>(
+pub fn main_with_parts<E: Into<Failure>>(
     brief_path: &Path,
     incarnation: u64,
     realtime_priority: bool,

@@ -11,13 +11,13 @@ mod goal_requests;
 
 use formation::Vec2;
 use formation::desired::Target;
-use formation::front_point::{front_motion, front_velocity};
+use formation::front_point::{front_point_and_velocity, front_velocity};
 use formation::pose::wrap_angle;
 use protocol::age::AgeSums;
-use protocol::brief::{AgentBrief, Pace, PublishedVelocity, REPAIR_SPEED_FACTOR, Rank};
+use protocol::brief::{AgentBrief, Pace, PublishedVelocity, REPAIR_SPEED_FACTOR, YieldPriority};
 use protocol::fault::{LinkFaultKind, Transmission};
-use protocol::law_message::{Broadcast, Outgoing};
-use protocol::link::Link;
+use protocol::law_message::{Broadcast, SendDecision};
+use protocol::link::FaultyLink;
 use protocol::message::{
     Beacon, Command, Goal, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader,
 };
@@ -25,7 +25,7 @@ use protocol::signals::SignalValues;
 
 use crate::UnfitBrief;
 use crate::avoidance::{self, Avoidance, Sample};
-use crate::laws::{self, Heard, Law, LawOutput, Situation};
+use crate::laws::{self, Law, LawOutput, NeighborEstimate, Situation};
 use crate::neighborhood::{BeaconRefusal, Neighborhood};
 use crate::roles::{self, Role, RoleInput};
 use goal_requests::GoalRequests;
@@ -33,7 +33,7 @@ use goal_requests::GoalRequests;
 /// Returns the age of a beacon when it is used, in periods (a of the boundary layer): exactly 1 in lockstep,
 /// and up to 2 in real time (one period of the sender, one for delivery and phase). Delays of odometry and
 /// commands are added.
-fn age_periods(brief: &AgentBrief) -> f64 {
+fn beacon_age_periods(brief: &AgentBrief) -> f64 {
     let late = brief.late_ns as f64 / brief.period_ns as f64;
     match brief.pace {
         Pace::Lockstep => 1.0 + late,
@@ -55,15 +55,26 @@ impl Parts {
     /// Creates the components named in the brief. Returns an error if a name is unknown or the brief does not
     /// suit a component.
     pub fn from_brief(brief: &AgentBrief) -> Result<Parts, UnfitBrief> {
-        Parts::with_law(brief, laws::row(&brief.law)?.make(&brief.gains)?)
+        Parts::from_brief_with_laws(brief, &[])
+    }
+
+    /// Creates the components named in the brief, of which the law may be one of `added`. Returns an error if a name is
+    /// unknown or the brief does not suit a component.
+    pub fn from_brief_with_laws(
+        brief: &AgentBrief,
+        added: &[laws::LawRow],
+    ) -> Result<Parts, UnfitBrief> {
+        let row = laws::find_row_with(&brief.law, added)?;
+        let law = row.make(&brief.gains)?;
+        Ok(Parts { role: row.role.make(brief)?, law, avoidance: avoidance::build(brief)? })
     }
 
     /// Creates the components with the given control law. The role is that of the brief's program, or of the
     /// control law that the brief names.
     pub fn with_law(brief: &AgentBrief, law: Box<dyn Law>) -> Result<Parts, UnfitBrief> {
         let role = match &brief.program {
-            Some(program) => roles::row(&program.role)?,
-            None => laws::row(&brief.law)?.role,
+            Some(program) => roles::find_row(&program.role)?,
+            None => laws::find_row(&brief.law)?.role,
         };
         Ok(Parts { role: role.make(brief)?, law, avoidance: avoidance::build(brief)? })
     }
@@ -77,28 +88,28 @@ pub struct Controller {
     law: Box<dyn Law>,
     avoidance: Box<dyn Avoidance>,
     neighborhood: Neighborhood,
-    cycle_state: Now,
+    cycle_state: CycleState,
     /// Incoming link from each sender, in the order of the brief.
-    links: Vec<Link<Broadcast>>,
+    links: Vec<FaultyLink<Broadcast>>,
     /// Faulty link from the own sensors, if the brief has odometry faults.
-    odometry: Option<Link<Odometry>>,
+    odometry_link: Option<FaultyLink<Odometry>>,
     /// Stamp of the newest sample answered, ns.
-    answered_ns: Option<u64>,
+    answered_stamp_ns: Option<u64>,
     /// Stamp of t = 0, ns, known with the first sample.
     start_ns: u64,
-    news: bool,
+    has_status_change: bool,
     goal_requests: GoalRequests,
     /// Own front point at the last valid sample, m.
     front_point: Option<Vec2>,
     /// Stamp, ns, and front point of the previous sample. Set only if velocities are computed by differences.
     previous_front_point: Option<(u64, Vec2)>,
-    velocities: Vec<Vec2>,
-    walls: Vec<Vec2>,
-    sequence: u64,
+    neighbor_velocities: Vec<Vec2>,
+    wall_vectors: Vec<Vec2>,
+    sequence_number: u64,
     beacons_refused: u64,
-    newest_answered: Option<(u64, u64)>,
+    newest_sample_tick_and_time: Option<(u64, u64)>,
     /// The law's choice of what to send with the next answer.
-    outgoing: Outgoing,
+    send_decision: SendDecision,
     /// Target that the law of a free robot has named for the current sample.
     own_target: Option<Target>,
     /// Stamp of that sample, ns.
@@ -108,7 +119,7 @@ pub struct Controller {
 }
 
 /// Values derived from the current sample.
-struct Now {
+struct CycleState {
     period_s: f64,
     age_periods: f64,
     /// Sample with a valid pose, or `None` if there is nothing to answer.
@@ -120,15 +131,15 @@ struct Now {
     /// Error alpha - alpha*, m, or `None` without a desired position.
     error: Option<Vec2>,
     /// Error as the control law shall see it, m, and desired velocity (alpha*'), m/s.
-    target: Option<(Vec2, Vec2)>,
+    law_error_and_desired_velocity: Option<(Vec2, Vec2)>,
     /// Own front point - front point of each neighbor in range, m.
-    away: Vec<Vec2>,
+    neighbor_vectors: Vec<Vec2>,
     /// Estimates of the received robots.
-    neighbor_estimates: Vec<Heard>,
+    neighbor_estimates: Vec<NeighborEstimate>,
 }
 
 /// Output for a robot without a desired position: velocity 0.
-const STOP: LawOutput = LawOutput::Velocity(Vec2::new(0.0, 0.0));
+const STOP_OUTPUT: LawOutput = LawOutput::Velocity(Vec2::new(0.0, 0.0));
 
 /// Answer of a controller to one odometry sample.
 #[derive(Debug, Clone)]
@@ -136,7 +147,7 @@ pub struct Answer {
     /// Beacon to the out-neighbors.
     pub beacon: Beacon,
     /// The law's choice: the beacon, with or without a message, or nothing.
-    pub outgoing: Outgoing,
+    pub send_decision: SendDecision,
     /// Command to the plant.
     pub command: Command,
     /// Additional delay before the answer is sent, ns, because of a fault in the brief.
@@ -144,12 +155,20 @@ pub struct Answer {
 }
 
 impl Answer {
+    /// Returns the message to be sent; empty if the law sends none.
+    pub fn message(&self) -> &[u8] {
+        match &self.send_decision {
+            SendDecision::Message(bytes) => bytes,
+            SendDecision::Beacon | SendDecision::Withheld => &[],
+        }
+    }
+
     /// Returns the beacon and the message to be sent; `None` if the law withholds them.
     pub fn outgoing_broadcast(&self) -> Option<Broadcast> {
-        let message = match &self.outgoing {
-            Outgoing::Beacon => None,
-            Outgoing::Message(bytes) => Some(bytes.clone()),
-            Outgoing::Withheld => return None,
+        let message = match &self.send_decision {
+            SendDecision::Beacon => None,
+            SendDecision::Message(bytes) => Some(bytes.clone()),
+            SendDecision::Withheld => return None,
         };
         Some(Broadcast { beacon: self.beacon, message })
     }
@@ -172,94 +191,105 @@ impl Controller {
             law,
             avoidance,
             neighborhood: Neighborhood::new(brief, incarnation),
-            cycle_state: Now {
+            cycle_state: CycleState {
                 period_s: brief.period_ns as f64 / 1e9,
-                age_periods: age_periods(brief),
+                age_periods: beacon_age_periods(brief),
                 odometry: None,
                 front_point: Vec2::zeros(),
                 front_velocity: Vec2::zeros(),
                 error: None,
-                target: None,
-                away: Vec::with_capacity(PROXIMITY_MAX),
+                law_error_and_desired_velocity: None,
+                neighbor_vectors: Vec::with_capacity(PROXIMITY_MAX),
                 neighbor_estimates: Vec::with_capacity(brief.senders().count()),
             },
-            links: brief.senders().map(|sender| Link::new(&sender.faults)).collect(),
-            odometry: (!brief.odometry_faults.is_empty())
-                .then(|| Link::new(&brief.odometry_faults)),
-            answered_ns: None,
+            links: brief.senders().map(|sender| FaultyLink::new(&sender.faults)).collect(),
+            odometry_link: (!brief.odometry_faults.is_empty())
+                .then(|| FaultyLink::new(&brief.odometry_faults)),
+            answered_stamp_ns: None,
             start_ns: 0,
-            news: false,
+            has_status_change: false,
             goal_requests: GoalRequests::default(),
             front_point: None,
             previous_front_point: None,
-            velocities: Vec::new(),
-            walls: Vec::new(),
-            sequence: 0,
+            neighbor_velocities: Vec::new(),
+            wall_vectors: Vec::new(),
+            sequence_number: 0,
             beacons_refused: 0,
-            newest_answered: None,
-            outgoing: Outgoing::Beacon,
+            newest_sample_tick_and_time: None,
+            send_decision: SendDecision::Beacon,
             own_target: None,
             own_target_ns: 0,
             signals: SignalValues::NONE,
         }
     }
 
-    /// Receives a beacon without a message, see [`Controller::receive`].
+    /// Receives a beacon without a message, see [`Controller::receive_broadcast`].
     pub fn receive_beacon(
         &mut self,
         place: usize,
         beacon: &Beacon,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        self.receive(place, (*beacon).into(), now_ns)
+        self.receive_broadcast(place, &(*beacon).into(), now_ns)
     }
 
     /// Receives a beacon, and the message with it, from the neighbor with index `place` in the order of the brief,
     /// after the first sample. A refused beacon is counted and changes nothing. A beacon that the link faults drop
     /// or delay has no effect for now.
-    pub fn receive(
+    pub fn receive_broadcast(
         &mut self,
         place: usize,
-        mut broadcast: Broadcast,
+        broadcast: &Broadcast,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        let beacon = &mut broadcast.beacon;
+        let sender = self.brief.sender(place);
+        let receives_all = sender.lies.is_empty() && sender.range.is_none();
+        if receives_all && self.links[place].is_transparent() {
+            return self.receive_without_delay(place, broadcast, now_ns);
+        }
+        let beacon = &broadcast.beacon;
         let transmission = Transmission {
             tick: beacon.tick,
             t_ns: beacon.stamp_ns.saturating_sub(self.start_ns),
             distance_m: self.front_point.map(|alpha| (alpha - beacon.position()).norm()),
         };
-        let lies = self.brief.senders().nth(place).into_iter().flat_map(|sender| &sender.lies);
-        lies.for_each(|lie| lie.falsify_beacon(beacon, transmission.t_ns));
+        if !self.neighborhood.update_range(place, transmission.distance_m, now_ns) {
+            return Ok(());
+        }
+        let sender = self.brief.sender(place);
+        let mut broadcast = broadcast.clone();
+        let (lies, format) = (&sender.lies, sender.message.as_ref());
+        lies.iter()
+            .for_each(|lie| lie.falsify_broadcast(&mut broadcast, format, transmission.t_ns));
         match self.links[place].send(&broadcast, transmission) {
-            Some(broadcast) => self.receive_undelayed(place, &broadcast, now_ns),
+            Some(broadcast) => self.receive_without_delay(place, &broadcast, now_ns),
             None => Ok(()),
         }
     }
 
     /// Takes the link from a robot down, or restores it. `robot` is the index in the scenario, from 1. Does
     /// nothing for a robot that is not an in-neighbor.
-    pub fn set_cut(&mut self, robot: u64, cut: bool) {
-        if let Some(place) = self.neighborhood.place_of(robot) {
+    pub fn set_link_cut(&mut self, robot: u64, cut: bool) {
+        if let Some(place) = self.neighborhood.sender_index(robot) {
             self.links[place].set_cut(cut);
         }
     }
 
     /// Sets a goal requested by an external client, effective from the next sample. A goal that is not newer
     /// than the current one is ignored, and only the goal role uses it.
-    pub fn go_to(&mut self, goal: &Goal) {
-        self.goal_requests.request(goal);
+    pub fn request_goal(&mut self, goal: &Goal) {
+        self.goal_requests.store_goal(goal);
     }
 
-    fn receive_undelayed(
+    fn receive_without_delay(
         &mut self,
         place: usize,
         broadcast: &Broadcast,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        let heard = self.neighborhood.receive(place, broadcast, now_ns);
+        let heard = self.neighborhood.receive_broadcast(place, broadcast, now_ns);
         self.beacons_refused += u64::from(heard.is_err());
-        self.news |= heard.is_err();
+        self.has_status_change |= heard.is_err();
         heard
     }
 
@@ -275,13 +305,13 @@ impl Controller {
 
     /// Returns `true` once a sample has been processed.
     pub fn has_started(&self) -> bool {
-        self.newest_answered.is_some()
+        self.newest_sample_tick_and_time.is_some()
     }
 
     /// Returns whether a neighbor's contact changed or a beacon was refused since the last call, and resets the
     /// flag.
-    pub fn take_news(&mut self) -> bool {
-        std::mem::take(&mut self.news)
+    pub fn take_status_change(&mut self) -> bool {
+        std::mem::take(&mut self.has_status_change)
     }
 
     /// Answers an odometry sample. Returns `None` if the pose is invalid. If faults drop or delay odometry, the
@@ -297,18 +327,26 @@ impl Controller {
 
     /// Processes an odometry sample, and updates the estimates of the neighbors to its time.
     pub fn sense(&mut self, odometry: &Odometry) {
-        self.newest_answered = Some((odometry.tick, odometry.t_ns));
+        self.newest_sample_tick_and_time = Some((odometry.tick, odometry.t_ns));
         self.start_ns = odometry.stamp_ns.saturating_sub(odometry.t_ns);
         for place in 0..self.links.len() {
             while let Some(broadcast) = self.links[place].next_due_message(odometry.t_ns) {
+                if !self.neighborhood.is_in_range(place) {
+                    continue;
+                }
                 // A refusal is counted. Jitter may reorder beacons.
-                let _ = self.receive_undelayed(place, &broadcast, odometry.stamp_ns);
+                let _ = self.receive_without_delay(place, &broadcast, odometry.stamp_ns);
             }
         }
-        self.news |= self.goal_requests.apply(&mut *self.role, odometry.t_ns);
-        self.news |= self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
-        (self.cycle_state.error, self.cycle_state.target) = (None, None);
-        match (&self.odometry, &mut self.cycle_state.odometry) {
+        self.has_status_change |=
+            self.goal_requests.apply_pending_goal(&mut *self.role, odometry.t_ns);
+        self.has_status_change |= self.neighborhood.update_reception_states(
+            odometry.tick,
+            odometry.t_ns,
+            odometry.stamp_ns,
+        );
+        (self.cycle_state.error, self.cycle_state.law_error_and_desired_velocity) = (None, None);
+        match (&self.odometry_link, &mut self.cycle_state.odometry) {
             // The sample is large, so it is copied only once.
             (None, Some(sample)) if odometry.pose_valid == 1 => sample.clone_from(odometry),
             (None, sample) => *sample = (odometry.pose_valid == 1).then_some(*odometry),
@@ -319,18 +357,20 @@ impl Controller {
         }
         let Some(odometry) = &self.cycle_state.odometry else { return };
         let (alpha, velocity) =
-            front_motion(odometry.pose(), self.brief.front_point_m, odometry.twist()); // (2), (3)
+            front_point_and_velocity(odometry.pose(), self.brief.front_point_m, odometry.twist()); // (2), (3)
         self.front_point = Some(alpha);
         (self.cycle_state.front_point, self.cycle_state.front_velocity) = (alpha, velocity);
-        self.cycle_state.away.clear();
-        self.cycle_state.away.extend(odometry.proximity().map(|other| alpha - other));
+        self.cycle_state.neighbor_vectors.clear();
+        self.cycle_state
+            .neighbor_vectors
+            .extend(odometry.proximity_front_points().map(|other| alpha - other));
         let target = self.role.target(
             &role_input(odometry, &self.neighborhood),
             &mut self.cycle_state.neighbor_estimates,
         );
         // A free robot goes by the target that its law has named at the sample before.
         let named = self.own_target.filter(|_| self.role.asks_law_for_target()).map(|named| {
-            named.extrapolated(odometry.stamp_ns.saturating_sub(self.own_target_ns) as f64 / 1e9)
+            named.extrapolate(odometry.stamp_ns.saturating_sub(self.own_target_ns) as f64 / 1e9)
         });
         if let Some(target) = named.or(target) {
             let error = alpha - target.position;
@@ -338,12 +378,13 @@ impl Controller {
             if error.norm() <= self.arrival_radius_m() {
                 self.neighborhood.record_leader_on_path();
             }
-            let seen = partial_sample(odometry, (alpha, velocity), &self.cycle_state.away);
+            let seen =
+                partial_sample(odometry, (alpha, velocity), &self.cycle_state.neighbor_vectors);
             let error = self.avoidance.standoff_error(&seen, error);
-            let hastens =
-                self.brief.rank == Rank::Contained && self.neighborhood.has_failed_in_neighbor();
+            let hastens = self.brief.rank == YieldPriority::Contained
+                && self.neighborhood.has_failed_in_neighbor();
             let error = if hastens { REPAIR_SPEED_FACTOR * error } else { error };
-            self.cycle_state.target = Some((error, target.velocity));
+            self.cycle_state.law_error_and_desired_velocity = Some((error, target.velocity));
         }
     }
 
@@ -357,7 +398,7 @@ impl Controller {
     }
 
     /// Marks that there is no sample to be answered.
-    pub fn sense_nothing(&mut self) {
+    pub fn clear_sample(&mut self) {
         self.cycle_state.odometry = None;
     }
 
@@ -370,9 +411,9 @@ impl Controller {
     /// laws have state.
     pub fn law_output(&mut self) -> LawOutput {
         self.signals = SignalValues::NONE;
-        let Some(situation) = self.cycle_state.situation() else { return STOP };
+        let Some(situation) = self.cycle_state.situation() else { return STOP_OUTPUT };
         let output = self.law.output(&situation);
-        self.outgoing = self.law.outgoing();
+        self.send_decision = self.law.send_decision();
         if !self.brief.signals.is_empty() {
             self.signals = self.law.signals();
         }
@@ -387,14 +428,15 @@ impl Controller {
         if !self.role.asks_law_for_target() || self.cycle_state.odometry.is_none() {
             return;
         }
-        self.news |= self.own_target != target;
+        self.has_status_change |= self.own_target != target;
         self.own_target = target;
         self.own_target_ns =
             self.cycle_state.odometry.as_ref().map_or(0, |odometry| odometry.stamp_ns);
         let error = target.map(|target| self.cycle_state.front_point - target.position);
         self.cycle_state.error = error;
         let velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
-        self.cycle_state.target = Some((error.unwrap_or_default(), velocity));
+        self.cycle_state.law_error_and_desired_velocity =
+            Some((error.unwrap_or_default(), velocity));
     }
 
     /// Returns whether the law recorded a signal at the current sample.
@@ -403,17 +445,20 @@ impl Controller {
     }
 
     /// Sets what leaves with the next answer, in place of the law's choice.
-    pub fn set_outgoing(&mut self, outgoing: Outgoing) {
-        self.outgoing = outgoing;
+    pub fn set_send_decision(&mut self, outgoing: SendDecision) {
+        self.send_decision = outgoing;
     }
 
-    /// Returns what leaves with the current answer.
+    /// Returns what leaves with the current answer, for which the law has seen all queued messages if it was called.
     ///
     /// # Panics
     ///
     /// If the law sends what it does not declare. Laws in other languages are checked before.
-    fn take_outgoing(&mut self) -> Outgoing {
-        let outgoing = std::mem::take(&mut self.outgoing);
+    fn take_send_decision(&mut self) -> SendDecision {
+        if self.cycle_state.situation().is_some() {
+            self.neighborhood.discard_queued_messages();
+        }
+        let outgoing = std::mem::take(&mut self.send_decision);
         let AgentBrief { name, law, message, withholds, .. } = &self.brief;
         if let Err(flaw) = outgoing.check(message.as_ref(), *withholds) {
             panic!("the law \"{law}\" of {name} is wrong: {flaw}");
@@ -424,53 +469,52 @@ impl Controller {
     /// Computes the answer to the current sample from the output of the control law. A robot without a desired
     /// position stops. See [`Controller::answer`].
     pub fn act(&mut self, output: LawOutput, effect_ns: u64) -> Option<Answer> {
-        let outgoing = self.take_outgoing();
-        let (tick, t_ns) = self.newest_answered?;
-        let effect_ns = effect_ns + self.commands_late_ns(t_ns);
+        let outgoing = self.take_send_decision();
+        let (tick, t_ns) = self.newest_sample_tick_and_time?;
+        let effect_ns = effect_ns + self.expected_command_delay_ns(t_ns);
         let odometry = self.cycle_state.odometry.as_ref()?;
         let role_input = role_input(odometry, &self.neighborhood);
         let (pose, alpha) = (role_input.pose, self.cycle_state.front_point);
-        let output = self.cycle_state.target.map_or(STOP, |_| output);
-        let gamma = self.avoidance.admit(match output {
+        let desired = self.cycle_state.law_error_and_desired_velocity;
+        let output = desired.map_or(STOP_OUTPUT, |_| output);
+        let slot_velocity = desired.map_or(Vec2::zeros(), |(_, velocity)| velocity);
+        let gamma = self.avoidance.admit_velocity(match output {
             LawOutput::Velocity(gamma) => gamma,
             LawOutput::Twist(twist) => {
                 front_velocity(pose.heading_rad, self.brief.front_point_m, twist)
             }
         });
-        let (frame_rank, frame) = match self.role.frame(&role_input, &*self.avoidance) {
+        let (frame_rank, frame) = match self.role.formation_frame(&role_input, &*self.avoidance) {
             Some(own) => {
                 // Rank 0 is that of the main leader.
                 let rank = self.brief.deputy.as_ref().map_or(0, |deputy| deputy.rank);
                 (rank, Some((odometry.stamp_ns, own)))
             }
-            None => match self.neighborhood.frame(odometry.stamp_ns) {
+            None => match self.neighborhood.frame_in_force(odometry.stamp_ns) {
                 Some(heard) => (heard.rank, Some((heard.stamp_ns, heard.frame))),
                 None => (0, None),
             },
         };
 
-        self.velocities.clear();
-        self.velocities.extend(odometry.velocities());
-        self.walls.clear();
-        self.walls.extend(odometry.walls().map(|nearest| alpha - nearest));
+        self.neighbor_velocities.clear();
+        self.neighbor_velocities.extend(odometry.proximity_velocities());
+        self.wall_vectors.clear();
+        self.wall_vectors.extend(odometry.nearest_wall_points().map(|nearest| alpha - nearest));
+        let front = (alpha, self.cycle_state.front_velocity);
         let until_effect_s = effect_ns.saturating_sub(odometry.stamp_ns) as f64 / 1e9;
         let sample = Sample {
-            heading_effect_rad: wrap_angle(
+            heading_at_effect_rad: wrap_angle(
                 pose.heading_rad + odometry.twist().w_rad_s * until_effect_s,
             ),
-            velocities: &self.velocities,
-            walls: &self.walls,
+            neighbor_velocities: &self.neighbor_velocities,
+            wall_vectors: &self.wall_vectors,
             error: self.cycle_state.error,
-            place_velocity: self.cycle_state.target.map_or(Vec2::zeros(), |(_, velocity)| velocity),
-            ..partial_sample(
-                odometry,
-                (alpha, self.cycle_state.front_velocity),
-                &self.cycle_state.away,
-            )
+            slot_velocity,
+            ..partial_sample(odometry, front, &self.cycle_state.neighbor_vectors)
         };
         let twist = match output {
             LawOutput::Velocity(_) => self.avoidance.steer(&sample, gamma),
-            LawOutput::Twist(twist) => self.avoidance.restrain(&sample, twist, gamma),
+            LawOutput::Twist(twist) => self.avoidance.restrict_twist(&sample, twist, gamma),
         };
         let published = match self.brief.published_velocity {
             PublishedVelocity::Gamma => gamma,
@@ -479,11 +523,11 @@ impl Controller {
             }
             PublishedVelocity::Differenced => {
                 let before = self.previous_front_point.replace((odometry.stamp_ns, alpha));
-                differenced(before, odometry.stamp_ns, alpha)
+                velocity_by_difference(before, odometry.stamp_ns, alpha)
             }
         };
 
-        self.sequence += 1;
+        self.sequence_number += 1;
         let slow = self.brief.slow.iter().filter(|fault| fault.span.contains(odometry.t_ns));
         Some(Answer {
             beacon: Beacon {
@@ -498,13 +542,13 @@ impl Controller {
                 frame_rank,
                 ..Beacon::default()
             }
-            .with_frame(frame),
-            outgoing,
+            .with_leader_frame(frame),
+            send_decision: outgoing,
             command: Command {
                 tick,
                 stamp_ns: odometry.stamp_ns,
                 sent_ns: 0,
-                sequence: self.sequence,
+                sequence: self.sequence_number,
                 incarnation: self.incarnation,
                 v_m_s: twist.v_m_s,
                 side_m_s: twist.side_m_s,
@@ -517,7 +561,7 @@ impl Controller {
     /// Passes a sample through the faulty odometry link. Returns the newest sample that has arrived, unless it
     /// was answered before.
     fn pass_odometry_link(&mut self, odometry: &Odometry) -> Option<Odometry> {
-        let link = self.odometry.as_mut()?;
+        let link = self.odometry_link.as_mut()?;
         let Odometry { tick, t_ns, .. } = *odometry;
         let mut newest = link.send(odometry, Transmission { tick, t_ns, distance_m: None });
         while let Some(sample) = link.next_due_message(t_ns) {
@@ -525,15 +569,15 @@ impl Controller {
                 newest = Some(sample);
             }
         }
-        let answered_ns = self.answered_ns;
+        let answered_ns = self.answered_stamp_ns;
         let newest = newest.filter(|sample| Some(sample.stamp_ns) > answered_ns)?;
-        self.answered_ns = Some(newest.stamp_ns);
+        self.answered_stamp_ns = Some(newest.stamp_ns);
         Some(newest)
     }
 
     /// Returns the expected delay of commands sent at this run time, ns: the mean of the active delay faults,
     /// and their maximum if there are several.
-    fn commands_late_ns(&self, t_ns: u64) -> u64 {
+    fn expected_command_delay_ns(&self, t_ns: u64) -> u64 {
         let holding = self.brief.command_faults.iter().filter(|fault| fault.span.contains(t_ns));
         let late_ns = holding.map(|fault| match fault.kind {
             LinkFaultKind::Delay { delay_ns, jitter_ns } => delay_ns.saturating_add(jitter_ns / 2),
@@ -542,57 +586,62 @@ impl Controller {
         late_ns.max().unwrap_or(0)
     }
 
-    /// Returns the information ages since the last call. See [`Neighborhood::take_ages`].
-    pub fn take_ages(&mut self, now_ns: u64) -> impl Iterator<Item = (usize, AgeSums)> {
-        self.neighborhood.take_ages(now_ns)
+    /// Returns the information ages since the last call. See [`Neighborhood::take_information_ages`].
+    pub fn take_information_ages(&mut self, now_ns: u64) -> impl Iterator<Item = (usize, AgeSums)> {
+        self.neighborhood.take_information_ages(now_ns)
     }
 
     /// Returns the status for the supervisor. Deadline misses, old odometry and sent beacons are not known here and
     /// are 0.
     pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
-        let (tick, t_ns) = self.newest_answered.unwrap_or_default();
-        let (goal, goal_since_ns) = self.goal_requests.in_force();
+        let (tick, t_ns) = self.newest_sample_tick_and_time.unwrap_or_default();
+        let (goal, goal_since_ns) = self.goal_requests.goal_in_force();
         let (signals_recorded, signals) = self.signals.parts();
         let header = StatusHeader {
             tick,
             t_ns,
             incarnation: self.incarnation,
-            moving: u64::from(self.newest_answered.is_some()),
+            moving: u64::from(self.newest_sample_tick_and_time.is_some()),
             deadline_misses: 0,
             odometry_old: 0,
             beacons_refused: self.beacons_refused,
             beacons_sent: 0,
             messages_sent: 0,
             message_hash: 0,
+            messages_dropped: 0,
             target_known: u64::from(self.own_target.is_some()),
             target_m: self.own_target.map_or([0.0; 2], |target| target.position.into()),
             target_velocity_m_s: self.own_target.map_or([0.0; 2], |target| target.velocity.into()),
             signals_recorded,
             signals,
-            frame: self.neighborhood.frame_contact().contact as u64,
-            frame_since_t_ns: self.neighborhood.frame_contact().t_ns,
+            frame: self.neighborhood.leader_frame_reception().state as u64,
+            frame_since_t_ns: self.neighborhood.leader_frame_reception().t_ns,
             goal_stamp_ns: goal.stamp_ns,
             goal_since_t_ns: goal_since_ns,
             goal_m: [goal.x_m, goal.y_m],
+            neighbors: self.neighborhood.status().len() as u64,
         };
         (header, self.neighborhood.status())
     }
 }
 
-impl Now {
+impl CycleState {
     fn situation(&self) -> Option<Situation<'_>> {
-        let (odometry, (error, desired_velocity)) = (self.odometry.as_ref()?, self.target?);
+        let (odometry, (error, desired_velocity)) =
+            (self.odometry.as_ref()?, self.law_error_and_desired_velocity?);
         Some(Situation {
             error,
             desired_velocity,
             period_s: self.period_s,
             age_periods: self.age_periods,
-            t_s: t_s(odometry),
+            t_s: run_time_s(odometry),
             pose: odometry.pose(),
             front_point: self.front_point,
             twist: odometry.twist(),
-            away: &self.away,
-            heard: &self.neighbor_estimates,
+            neighbor_vectors: &self.neighbor_vectors,
+            proximity_valid: odometry.proximity_valid == 1,
+            neighbors_truncated: odometry.proximity_cut == 1,
+            neighbor_estimates: &self.neighbor_estimates,
         })
     }
 }
@@ -600,7 +649,7 @@ impl Now {
 /// Returns the part of an avoidance sample that is known before the target: the own state at `front_point`, and
 /// the neighbors in range at `away`.
 fn partial_sample<'a>(
-    odometry: &Odometry,
+    odometry: &'a Odometry,
     (front_point, front_velocity): (Vec2, Vec2),
     away: &'a [Vec2],
 ) -> Sample<'a> {
@@ -609,33 +658,34 @@ fn partial_sample<'a>(
         stamp_ns: odometry.stamp_ns,
         t_s: odometry.t_ns as f64 / 1e9,
         heading_rad,
-        heading_effect_rad: heading_rad,
+        heading_at_effect_rad: heading_rad,
         twist: odometry.twist(),
         front_point,
         front_velocity,
-        away,
+        neighbor_vectors: away,
+        neighbor_classes: odometry.near_classes(),
         proximity_valid: odometry.proximity_valid == 1,
-        proximity_cut: odometry.proximity_cut == 1,
-        velocities: &[],
-        walls: &[],
-        walls_cut: odometry.walls_cut == 1,
+        neighbors_truncated: odometry.proximity_cut == 1,
+        neighbor_velocities: &[],
+        wall_vectors: &[],
+        walls_truncated: odometry.walls_cut == 1,
         error: None,
-        place_velocity: Vec2::zeros(),
+        slot_velocity: Vec2::zeros(),
     }
 }
 
 /// Returns the sample as input of a role.
 fn role_input<'a>(odometry: &Odometry, neighborhood: &'a Neighborhood) -> RoleInput<'a> {
     let (stamp_ns, pose) = (odometry.stamp_ns, odometry.pose());
-    RoleInput { stamp_ns, t_s: t_s(odometry), pose, neighborhood }
+    RoleInput { stamp_ns, t_s: run_time_s(odometry), pose, neighborhood }
 }
 
-fn t_s(odometry: &Odometry) -> f64 {
+fn run_time_s(odometry: &Odometry) -> f64 {
     odometry.t_ns as f64 / 1e9
 }
 
 /// Returns the mean velocity of alpha since the sample `before`, m/s, or 0 without one.
-fn differenced(before: Option<(u64, Vec2)>, stamp_ns: u64, alpha: Vec2) -> Vec2 {
+fn velocity_by_difference(before: Option<(u64, Vec2)>, stamp_ns: u64, alpha: Vec2) -> Vec2 {
     before.map_or(Vec2::zeros(), |(then_ns, was)| {
         (alpha - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)
     })

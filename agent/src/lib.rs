@@ -44,8 +44,13 @@ pub struct UnfitBrief(pub String);
 
 /// Returns all control laws and avoidance methods of this crate.
 pub fn catalog() -> Catalog {
+    catalog_with_laws(&[])
+}
+
+/// Returns the control laws and avoidance methods of this crate, and `added` laws of a program that embeds it.
+pub fn catalog_with_laws(added: &[laws::LawRow]) -> Catalog {
     Catalog {
-        laws: laws::LAWS.iter().map(laws::LawRow::description).collect(),
+        laws: laws::LAWS.iter().chain(added).map(laws::LawRow::description).collect(),
         methods: avoidance::METHODS.iter().map(|row| row.description).collect(),
     }
 }

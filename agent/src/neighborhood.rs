@@ -4,6 +4,7 @@
 mod frames;
 mod repair;
 
+use std::collections::VecDeque;
 use std::iter::repeat_n;
 use std::sync::Arc;
 
@@ -12,21 +13,21 @@ use formation::desired::{Target, mean_target};
 use formation::frame::LeaderFrame;
 use formation::resilient::{ReceivedValue, resilient_frame, resilient_target};
 use formation::rewiring::{Receiver, References};
-use protocol::age::{AgeSums, Sawtooth};
-use protocol::brief::{AgentBrief, NeighborBrief, SilenceBrief, SilencePolicy};
+use protocol::age::{AgeSums, EdgeAgeIntegrator};
+use protocol::brief::{AgentBrief, NeighborBrief, RangeBrief, SilenceBrief, SilencePolicy};
 use protocol::law_message::{Broadcast, MessageFormat, ReceivedMessage};
-use protocol::message::{Beacon, Contact, NeighborStatus};
+use protocol::message::{Beacon, NeighborStatus, ReceptionState};
 
-use crate::laws::situation::Heard;
-use frames::Frames;
+use crate::laws::situation::NeighborEstimate;
 pub use frames::ReceivedFrame;
-use repair::{GivenUp, Opened, ReferenceUse};
+use frames::ReceivedFrames;
+use repair::{FailureDeclaration, ReferenceUse, SpareOpeningTime};
 
 /// The in-neighbors and spares (backup neighbors) of a robot, in the order of the brief. Indices count over both.
 pub struct Neighborhood {
     neighbors: Vec<Neighbor>,
     /// Index of the first spare.
-    spares_from: usize,
+    first_spare_index: usize,
     repair_after_ns: u64,
     /// The plans for failures of the senders.
     receiver: Receiver,
@@ -34,71 +35,95 @@ pub struct Neighborhood {
     silence: SilenceBrief,
     /// Number of values that W-MSR discards on either side (F).
     liars_max: usize,
+    /// Maximum number of messages of a neighbor that are kept for the law; 0 if it takes only the newest one.
+    messages_queued_max: usize,
+    messages_dropped: u64,
     /// Leader frames relayed by the in-neighbors.
-    frames: Frames,
-    frame_contact: Since,
+    received_frames: ReceivedFrames,
+    leader_frame_reception: TimedReceptionState,
     /// Stamp of the first sample, ns, from which timeouts are counted.
-    first_ns: Option<u64>,
+    first_sample_ns: Option<u64>,
     /// `true` for a restarted leader, which receives from its deputies (its spares) until it takes back the
     /// lead.
-    resumes: bool,
+    is_restarted_leader: bool,
 }
 
 struct Neighbor {
     index: u64,
     /// `true` for a trusted node, whose values W-MSR never discards.
-    trusted: bool,
+    is_trusted: bool,
     offset: Vec2,
     newest_beacon: Option<Beacon>,
     /// Format of its messages; `None` if its law sends none.
-    format: Option<Arc<MessageFormat>>,
+    message_format: Option<Arc<MessageFormat>>,
     /// Newest message of its present incarnation, and the stamp of the beacon that carried it, ns.
-    message: Option<(u64, Arc<[u8]>)>,
-    contact: Since,
-    age: Sawtooth,
-    given_up: GivenUp,
-    goes_by: ReferenceUse,
+    newest_message: Option<(u64, Arc<[u8]>)>,
+    /// Messages that the law has not seen yet, oldest first, with the stamps of their beacons; only if the law asks for
+    /// all of them.
+    queued_messages: VecDeque<(u64, Arc<[u8]>)>,
+    reception: TimedReceptionState,
+    age_integrator: EdgeAgeIntegrator,
+    failure_declaration: FailureDeclaration,
+    reference_use: ReferenceUse,
     /// Time since which a spare is received; `None` while it is closed, and for an in-neighbor.
-    opened: Option<Opened>,
+    opening_time: Option<SpareOpeningTime>,
+    /// Communication by distance; `None` if it is received at any distance.
+    range_state: Option<RangeState>,
+}
+
+/// State of the communication by distance with a neighbor.
+#[derive(Debug, Clone, Copy)]
+struct RangeState {
+    brief: RangeBrief,
+    /// Stamp since which the neighbor is in range, ns; `None` while it is not.
+    connected_ns: Option<u64>,
 }
 
 impl Neighbor {
     fn new(brief: &NeighborBrief, is_spare: bool) -> Neighbor {
         Neighbor {
             index: brief.index as u64,
-            trusted: brief.trusted,
+            is_trusted: brief.trusted,
             offset: Vec2::from(brief.offset_m),
             newest_beacon: None,
-            format: brief.message.clone().map(Arc::new),
-            message: None,
-            contact: Since::default(),
-            age: Sawtooth::default(),
-            given_up: GivenUp::default(),
-            goes_by: ReferenceUse { yes: !is_spare, since_t_ns: 0 },
-            opened: None,
+            message_format: brief.message.clone().map(Arc::new),
+            newest_message: None,
+            queued_messages: VecDeque::new(),
+            reception: TimedReceptionState::default(),
+            age_integrator: EdgeAgeIntegrator::default(),
+            failure_declaration: FailureDeclaration::default(),
+            reference_use: ReferenceUse { is_used: !is_spare, last_change_t_ns: 0 },
+            opening_time: None,
+            range_state: brief.range.map(|range| RangeState { brief: range, connected_ns: None }),
         }
+    }
+
+    /// Returns `true` if it is received by distance, and not in range.
+    fn is_out_of_range(&self) -> bool {
+        self.range_state.is_some_and(|range| range.connected_ns.is_none())
     }
 
     /// Returns `true` if a beacon was received and the neighbor is not lost.
     fn is_received(&self) -> bool {
-        self.newest_beacon.is_some() && self.contact.contact != Contact::Lost
+        self.newest_beacon.is_some() && self.reception.state != ReceptionState::Lost
     }
 
-    /// Returns its newest message as of `now_ns`.
-    fn heard_message(&self, now_ns: u64) -> Option<ReceivedMessage> {
-        let (format, (stamp_ns, bytes)) = (self.format.as_ref()?, self.message.as_ref()?);
-        let (format, bytes) = (Arc::clone(format), Arc::clone(bytes));
+    /// Returns one of its messages as of `now_ns`.
+    fn describe_message(&self, now_ns: u64, message: &(u64, Arc<[u8]>)) -> Option<ReceivedMessage> {
+        let (stamp_ns, bytes) = message;
+        let (format, bytes) = (Arc::clone(self.message_format.as_ref()?), Arc::clone(bytes));
         Some(ReceivedMessage { format, bytes, age_s: age_s(now_ns, *stamp_ns) })
     }
 
     /// Discards all information about a spare.
-    fn close(&mut self) {
+    fn reset(&mut self) {
         self.newest_beacon = None;
-        self.message = None;
-        self.contact = Since::default();
-        self.age = Sawtooth::default();
-        self.given_up = GivenUp::default();
-        self.opened = None;
+        self.newest_message = None;
+        self.queued_messages.clear();
+        self.reception = TimedReceptionState::default();
+        self.age_integrator = EdgeAgeIntegrator::default();
+        self.failure_declaration = FailureDeclaration::default();
+        self.opening_time = None;
     }
 }
 
@@ -109,26 +134,26 @@ fn age_s(now_ns: u64, stamp_ns: u64) -> f64 {
 
 /// Returns the frame of time `told_ns` extrapolated to `then_ns`, forwards or backwards.
 fn extrapolate_frame(told_ns: u64, frame: LeaderFrame, then_ns: u64) -> LeaderFrame {
-    frame.extrapolated((then_ns as i64 - told_ns as i64) as f64 / 1e9)
+    frame.extrapolate((then_ns as i64 - told_ns as i64) as f64 / 1e9)
 }
 
 /// Communication state, and the time of its last change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Since {
+pub struct TimedReceptionState {
     /// Communication state of the in-neighbor.
-    pub contact: Contact,
+    pub state: ReceptionState,
     /// Tick of the last change.
     pub tick: u64,
     /// Run time of the last change, ns.
     pub t_ns: u64,
 }
 
-impl Since {
+impl TimedReceptionState {
     /// Sets the state. Returns whether it changed.
-    fn set_contact(&mut self, contact: Contact, tick: u64, t_ns: u64) -> bool {
-        let turned = contact != self.contact;
+    fn set_state(&mut self, contact: ReceptionState, tick: u64, t_ns: u64) -> bool {
+        let turned = contact != self.state;
         if turned {
-            *self = Since { contact, tick, t_ns };
+            *self = TimedReceptionState { state: contact, tick, t_ns };
         }
         turned
     }
@@ -145,13 +170,13 @@ pub enum BeaconRefusal {
     NotPlausible,
     /// The stamp is later than the current time.
     #[error("from the future")]
-    Future,
+    FromFuture,
     /// The beacon is not newer, by incarnation and then stamp, than the newest received.
     #[error("older than the newest heard")]
-    Old,
+    NotNewer,
     /// The message is not of the format that the sender's law declares.
     #[error("a message of another format than its law declares")]
-    Message,
+    WrongMessageFormat,
 }
 
 impl Neighborhood {
@@ -160,39 +185,71 @@ impl Neighborhood {
     pub fn new(brief: &AgentBrief, incarnation: u64) -> Neighborhood {
         let neighbors = brief.neighbors.iter().map(|sender| Neighbor::new(sender, false));
         let spares = brief.spares.iter().map(|sender| Neighbor::new(sender, true));
-        let receiver = repair::receiver(brief);
+        let receiver = repair::receiver_from_brief(brief);
         Neighborhood {
             neighbors: neighbors.chain(spares).collect(),
-            spares_from: brief.neighbors.len(),
+            first_spare_index: brief.neighbors.len(),
             repair_after_ns: brief.repair_after_ns,
-            references: receiver.intact(),
+            references: receiver.references_without_failures(),
             receiver,
             silence: brief.silence.clone(),
             liars_max: brief.liars_max(),
-            frames: Frames::new(brief),
-            frame_contact: Since::default(),
-            first_ns: None,
-            resumes: brief.lead.is_some() && !brief.spares.is_empty() && incarnation > 0,
+            messages_queued_max: brief.message_queue,
+            messages_dropped: 0,
+            received_frames: ReceivedFrames::new(brief),
+            leader_frame_reception: TimedReceptionState::default(),
+            first_sample_ns: None,
+            is_restarted_leader: brief.lead.is_some()
+                && !brief.spares.is_empty()
+                && incarnation > 0,
         }
     }
 
     /// Returns the index of each spare, and the tick at which it was opened, or `None` while it is closed.
     pub fn spares(&self) -> impl Iterator<Item = (usize, Option<u64>)> {
-        let spares = self.neighbors.iter().enumerate().skip(self.spares_from);
-        spares.map(|(place, spare)| (place, spare.opened.map(|opened| opened.tick)))
+        let spares = self.neighbors.iter().enumerate().skip(self.first_spare_index);
+        spares.map(|(place, spare)| (place, spare.opening_time.map(|opened| opened.tick)))
     }
 
     /// Returns whether a beacon of this tick from the sender with index `place` counts. Beacons of a spare up
     /// to the tick at which it was opened may or may not be in the queue, so they never count.
     pub fn needs_beacon_of_tick(&self, place: usize, tick: u64) -> bool {
-        place < self.spares_from
-            || self.neighbors[place].opened.is_some_and(|opened| tick > opened.tick)
+        place < self.first_spare_index
+            || self.neighbors[place].opening_time.is_some_and(|opened| tick > opened.tick)
     }
 
     /// Returns the index, in the order of the brief, of the robot with the scenario index `robot` (from 1), or
     /// `None`.
-    pub fn place_of(&self, robot: u64) -> Option<usize> {
+    pub fn sender_index(&self, robot: u64) -> Option<usize> {
         self.neighbors.iter().position(|neighbor| neighbor.index == robot)
+    }
+
+    /// Returns whether the neighbor is in range, or received at any distance.
+    pub fn is_in_range(&self, place: usize) -> bool {
+        !self.neighbors[place].is_out_of_range()
+    }
+
+    /// Updates the communication by distance at a beacon sent from this distance, m, which is `None` if it is not
+    /// known. Returns whether the beacon is in range. All that is known about a neighbor that leaves the range is
+    /// discarded.
+    pub fn update_range(&mut self, place: usize, distance_m: Option<f64>, now_ns: u64) -> bool {
+        let neighbor = &mut self.neighbors[place];
+        let Some(state) = &mut neighbor.range_state else { return true };
+        let was_connected = state.connected_ns.is_some();
+        // Without a known own position, nothing changes.
+        let is_connected =
+            distance_m.map_or(was_connected, |r_m| state.brief.contains(r_m, was_connected));
+        match (was_connected, is_connected) {
+            (false, true) => state.connected_ns = Some(now_ns),
+            (true, false) => {
+                state.connected_ns = None;
+                neighbor.newest_beacon = None;
+                neighbor.newest_message = None;
+                neighbor.age_integrator = EdgeAgeIntegrator::default();
+            }
+            _ => {}
+        }
+        is_connected
     }
 
     /// Processes a beacon of the neighbor with index `place` in the order of the brief. Returns why it was
@@ -210,135 +267,174 @@ impl Neighborhood {
         if !beacon.is_plausible() {
             return Err(BeaconRefusal::NotPlausible);
         }
-        let frame = beacon.frame();
+        let frame = beacon.leader_frame();
         if beacon.stamp_ns > now_ns || frame.is_some_and(|(stamp_ns, _)| stamp_ns > now_ns) {
-            return Err(BeaconRefusal::Future);
+            return Err(BeaconRefusal::FromFuture);
         }
         let order = |b: &Beacon| (b.incarnation, b.stamp_ns);
         if neighbor.newest_beacon.as_ref().is_some_and(|newest| order(beacon) <= order(newest)) {
-            return Err(BeaconRefusal::Old);
+            return Err(BeaconRefusal::NotNewer);
         }
         if neighbor
             .newest_beacon
             .as_ref()
             .is_some_and(|newest| newest.incarnation != beacon.incarnation)
         {
-            neighbor.message = None;
+            neighbor.newest_message = None;
+            neighbor.queued_messages.clear();
         }
         neighbor.newest_beacon = Some(*beacon);
-        neighbor.age.record_sample(beacon.stamp_ns, now_ns);
+        neighbor.age_integrator.record_sample(beacon.stamp_ns, now_ns);
         if let Some((stamp_ns, frame)) = frame
             && self.liars_max == 0
         {
-            self.frames.store_frame(beacon.frame_rank, stamp_ns, frame, now_ns);
+            self.received_frames.store_frame(beacon.frame_rank, stamp_ns, frame, now_ns);
         }
         Ok(())
     }
 
-    /// Receives a beacon with the message that travels with it, like [`Neighborhood::receive_beacon`]. A beacon without a
-    /// message leaves the last message in place. Returns why both were refused, if they were.
-    pub fn receive(
+    /// Receives a beacon with the message that travels with it, like [`Neighborhood::receive_beacon`]. A beacon without
+    /// a message leaves the last message in place. Returns why both were refused, if they were.
+    pub fn receive_broadcast(
         &mut self,
         place: usize,
         broadcast: &Broadcast,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
         if let Some(message) = &broadcast.message {
-            let format = self.neighbors[place].format.as_ref().ok_or(BeaconRefusal::Message)?;
-            format.check(message).map_err(|_| BeaconRefusal::Message)?;
+            let format = self.neighbors[place]
+                .message_format
+                .as_ref()
+                .ok_or(BeaconRefusal::WrongMessageFormat)?;
+            format.check_bytes(message).map_err(|_| BeaconRefusal::WrongMessageFormat)?;
         }
         self.receive_beacon(place, &broadcast.beacon, now_ns)?;
         if let Some(message) = &broadcast.message {
             let stamp_ns = broadcast.beacon.stamp_ns;
-            self.neighbors[place].message = Some((stamp_ns, Arc::clone(message)));
+            let neighbor = &mut self.neighbors[place];
+            neighbor.newest_message = Some((stamp_ns, Arc::clone(message)));
+            if self.messages_queued_max > 0 {
+                if neighbor.queued_messages.len() == self.messages_queued_max {
+                    neighbor.queued_messages.pop_front();
+                    self.messages_dropped += 1;
+                }
+                neighbor.queued_messages.push_back((stamp_ns, Arc::clone(message)));
+            }
         }
         Ok(())
     }
 
+    /// Discards the messages that the law has seen.
+    pub fn discard_queued_messages(&mut self) {
+        if self.messages_queued_max > 0 {
+            self.neighbors.iter_mut().for_each(|neighbor| neighbor.queued_messages.clear());
+        }
+    }
+
+    /// Returns the number of messages that the law has not seen, because more of a neighbor arrived between two of its
+    /// calls than it asks for.
+    pub fn messages_dropped(&self) -> u64 {
+        self.messages_dropped
+    }
+
     /// Updates the communication states at an odometry sample, and the choice of references. Returns whether
     /// anything changed.
-    pub fn judge(&mut self, tick: u64, t_ns: u64, stamp_ns: u64) -> bool {
-        let first_ns = *self.first_ns.get_or_insert(stamp_ns);
+    pub fn update_reception_states(&mut self, tick: u64, t_ns: u64, stamp_ns: u64) -> bool {
+        let first_ns = *self.first_sample_ns.get_or_insert(stamp_ns);
         if self.liars_max > 0 {
-            self.agree_on_a_frame(stamp_ns);
+            self.update_resilient_frame(stamp_ns);
         }
         let silence = &self.silence;
+        let out_of_range = |contact: ReceptionState| match contact {
+            ReceptionState::NothingReceived => ReceptionState::NothingReceived,
+            _ => ReceptionState::Apart,
+        };
         let judged = |heard_ns: Option<u64>, from_ns: u64| {
             let since_ns = stamp_ns.saturating_sub(heard_ns.unwrap_or(from_ns));
             match heard_ns {
-                _ if since_ns > silence.lost_after_ns => Contact::Lost,
-                None => Contact::Unheard,
-                Some(_) if since_ns > silence.stale_after_ns => Contact::Stale,
-                Some(_) => Contact::Fresh,
+                _ if since_ns > silence.lost_after_ns => ReceptionState::Lost,
+                None => ReceptionState::NothingReceived,
+                Some(_) if since_ns > silence.stale_after_ns => ReceptionState::Stale,
+                Some(_) => ReceptionState::Fresh,
             }
         };
-        let frame = self.frames.in_force(stamp_ns).map(|heard| heard.heard_ns);
+        let frame = self.received_frames.frame_in_force(stamp_ns).map(|heard| heard.received_ns);
         // A leaderless formation never receives a frame, and none is missing.
-        let mut changed =
-            frame.is_some() && self.frame_contact.set_contact(judged(frame, first_ns), tick, t_ns);
-        self.resumes &= judged(frame, first_ns) != Contact::Lost;
-        let (neighbors, spares) = self.neighbors.split_at_mut(self.spares_from);
+        let mut changed = frame.is_some()
+            && self.leader_frame_reception.set_state(judged(frame, first_ns), tick, t_ns);
+        self.is_restarted_leader &= judged(frame, first_ns) != ReceptionState::Lost;
+        let (neighbors, spares) = self.neighbors.split_at_mut(self.first_spare_index);
         let listened = spares.iter_mut().filter_map(|spare| {
-            let from_ns = spare.opened?.stamp_ns;
+            let from_ns = spare.opening_time?.stamp_ns;
             Some((spare, from_ns))
         });
         for (sender, from_ns) in neighbors.iter_mut().map(|it| (it, first_ns)).chain(listened) {
             let heard = sender.newest_beacon.as_ref().map(|beacon| beacon.stamp_ns);
-            changed |= sender.contact.set_contact(judged(heard, from_ns), tick, t_ns);
+            let from_ns =
+                sender.range_state.and_then(|range| range.connected_ns).unwrap_or(from_ns);
+            let contact = match sender.is_out_of_range() {
+                true => out_of_range(sender.reception.state),
+                false => judged(heard, from_ns),
+            };
+            changed |= sender.reception.set_state(contact, tick, t_ns);
         }
-        let now = Opened { tick, stamp_ns };
-        if self.resumes {
-            spares.iter_mut().for_each(|spare| _ = spare.opened.get_or_insert(now));
-        } else if self.receiver.is_repaired() {
+        let now = SpareOpeningTime { tick, stamp_ns };
+        if self.is_restarted_leader {
+            spares.iter_mut().for_each(|spare| _ = spare.opening_time.get_or_insert(now));
+        } else if self.receiver.has_repair_plan() {
             let (receiver, references) = (&self.receiver, &mut self.references);
             let (neighbors, after_ns) = (&mut self.neighbors, self.repair_after_ns);
-            changed |= repair::repair(neighbors, receiver, references, after_ns, now, t_ns);
+            changed |= repair::update_spares_and_references(
+                neighbors, receiver, references, after_ns, now, t_ns,
+            );
         }
         changed
     }
 
     /// Returns the leader frame to be used at `stamp_ns` and to be relayed: that of the best rank that is not
     /// lost, or otherwise the last one received.
-    pub fn frame(&self, stamp_ns: u64) -> Option<&ReceivedFrame> {
-        self.frames.in_force(stamp_ns)
+    pub fn frame_in_force(&self, stamp_ns: u64) -> Option<&ReceivedFrame> {
+        self.received_frames.frame_in_force(stamp_ns)
     }
 
     /// Returns `true` while a restarted leader has not taken back the lead: a deputy leads and the robot is not
     /// on its path yet.
     pub fn is_resuming_lead(&self) -> bool {
-        self.resumes
+        self.is_restarted_leader
     }
 
     /// Records that a restarted leader has reached its path. The robot takes back the lead if the frame of a deputy,
     /// which it continues, has been received.
     pub fn record_leader_on_path(&mut self) {
-        self.resumes &= self.frame_contact.contact == Contact::Unheard;
+        self.is_restarted_leader &=
+            self.leader_frame_reception.state == ReceptionState::NothingReceived;
     }
 
     /// Returns the leader's frame at `stamp_ns`, extrapolated by its age. If no newer frame has been received
     /// for the timeout of a neighbor, it is frozen, so that no robot keeps rotating around a dead leader. The
     /// time since reception counts, not the age: a frame relayed over many hops is old but valid.
     pub fn frame_at(&self, stamp_ns: u64) -> Option<LeaderFrame> {
-        let &ReceivedFrame { stamp_ns: told_ns, frame, heard_ns, .. } = self.frame(stamp_ns)?;
+        let &ReceivedFrame { stamp_ns: told_ns, frame, received_ns: heard_ns, .. } =
+            self.frame_in_force(stamp_ns)?;
         let lost_after_ns = self.silence.lost_after_ns;
         let lost = stamp_ns.saturating_sub(heard_ns) > lost_after_ns;
         // All robots that received the same last frame of the leader use the same frozen frame, regardless of
         // when they received it. With slightly different frames, mutual neighbors would drift away together.
         let age_ns = if lost { lost_after_ns } else { stamp_ns.saturating_sub(told_ns) };
-        let later = frame.extrapolated(age_ns as f64 / 1e9);
-        Some(if lost { later.frozen() } else { later })
+        let later = frame.extrapolate(age_ns as f64 / 1e9);
+        Some(if lost { later.with_zero_rates() } else { later })
     }
 
     /// Determines the leader's frame if some in-neighbors may be Byzantine: the frame received from the leader
     /// itself, or otherwise the W-MSR result of the relayed frames, at a stamp that `liars_max` of them exceed.
-    fn agree_on_a_frame(&mut self, now_ns: u64) {
-        let heard = self.neighbors.iter().filter(|one| one.contact.contact != Contact::Lost);
-        let heard =
-            heard.filter_map(|one| Some((one.trusted, one.newest_beacon.as_ref()?.frame()?)));
+    fn update_resilient_frame(&mut self, now_ns: u64) {
+        let heard = self.neighbors.iter().filter(|one| one.reception.state != ReceptionState::Lost);
+        let heard = heard
+            .filter_map(|one| Some((one.is_trusted, one.newest_beacon.as_ref()?.leader_frame()?)));
         let (trusted, others): (Vec<_>, Vec<_>) = heard.partition(|(trusted, _)| *trusted);
         let mut stamps: Vec<u64> = others.iter().map(|(_, (stamp_ns, _))| *stamp_ns).collect();
         stamps.sort_unstable_by(|a, b| b.cmp(a));
-        let own = self.frames.main_leader_frame().copied();
+        let own = self.received_frames.main_leader_frame().copied();
         let is_news = |stamp_ns: &u64| own.is_none_or(|own| *stamp_ns > own.stamp_ns);
         let own_at = |stamp_ns| own.map(|own| extrapolate_frame(own.stamp_ns, own.frame, stamp_ns));
         let newest = trusted.iter().map(|(_, told)| *told).max_by_key(|(stamp_ns, _)| *stamp_ns);
@@ -356,13 +452,13 @@ impl Neighborhood {
             (None, None) => None,
         };
         if let Some((stamp_ns, frame)) = agreed {
-            self.frames.store_frame(0, stamp_ns, frame, now_ns);
+            self.received_frames.store_frame(0, stamp_ns, frame, now_ns);
         }
     }
 
     /// Returns the communication state of the leader's frame, and the time of its last change.
-    pub fn frame_contact(&self) -> Since {
-        self.frame_contact
+    pub fn leader_frame_reception(&self) -> TimedReceptionState {
+        self.leader_frame_reception
     }
 
     /// Fills `heard` with the estimates at `stamp_ns` of all neighbors ever received, with offsets C_ji =
@@ -372,47 +468,53 @@ impl Neighborhood {
         &self,
         stamp_ns: u64,
         offset: impl Fn(Vec2) -> Target,
-        heard: &mut Vec<Heard>,
+        heard: &mut Vec<NeighborEstimate>,
     ) {
         heard.clear();
         heard.extend(self.neighbors.iter().filter_map(|neighbor| {
             let beacon = neighbor.newest_beacon.as_ref()?;
             let age_s = age_s(stamp_ns, beacon.stamp_ns);
             let said = Target { position: beacon.position(), velocity: beacon.velocity() };
-            let contact = neighbor.contact.contact;
+            let contact = neighbor.reception.state;
             let alpha_j = match contact {
-                Contact::Lost => Target::at_rest(
-                    said.extrapolated(self.silence.lost_after_ns as f64 / 1e9).position,
+                ReceptionState::Lost => Target::at_rest(
+                    said.extrapolate(self.silence.lost_after_ns as f64 / 1e9).position,
                 ),
-                _ => said.extrapolated(age_s),
+                _ => said.extrapolate(age_s),
             };
-            Some(Heard {
+            Some(NeighborEstimate {
                 index: neighbor.index as usize,
                 position: alpha_j.position,
                 velocity: alpha_j.velocity,
                 offset: offset(neighbor.offset),
                 age_s,
-                contact,
+                reception_state: contact,
                 incarnation: beacon.incarnation,
-                message: neighbor.heard_message(stamp_ns),
+                message: (neighbor.newest_message.as_ref())
+                    .and_then(|message| neighbor.describe_message(stamp_ns, message)),
+                queued_messages: (neighbor.queued_messages.iter())
+                    .filter_map(|message| neighbor.describe_message(stamp_ns, message))
+                    .collect(),
             })
         }));
     }
 
     /// Returns whether any failure changes the references: with backup neighbors, planned replacements or failover.
-    pub fn is_repaired(&self) -> bool {
-        self.receiver.is_repaired()
+    pub fn has_repair_plan(&self) -> bool {
+        self.receiver.has_repair_plan()
     }
 
     /// Returns `true` if a planned in-neighbor is declared failed, so that it may be replaced.
     pub fn has_failed_in_neighbor(&self) -> bool {
-        self.neighbors[..self.spares_from].iter().any(|neighbor| neighbor.given_up.yes)
+        self.neighbors[..self.first_spare_index]
+            .iter()
+            .any(|neighbor| neighbor.failure_declaration.is_declared_failed)
     }
 
     /// Returns `true` if the robot succeeds a failed leader, and keeps that leader's slot with the neighbors
     /// named for this purpose.
-    pub fn takes_place(&self) -> bool {
-        self.references.takes_slot
+    pub fn keeps_leader_slot(&self) -> bool {
+        self.references.keeps_leader_slot
     }
 
     /// Returns the desired position and velocity (alpha*, alpha*') from the recalled estimates: the mean over
@@ -421,7 +523,7 @@ impl Neighborhood {
     ///
     /// Once the leader's frame is lost, velocities count as 0. They would only feed back among the robots, and
     /// without a path from the leader this feedback never decays.
-    pub fn desired_target(&self, heard: &[Heard]) -> Option<Target> {
+    pub fn desired_target(&self, heard: &[NeighborEstimate]) -> Option<Target> {
         self.desired_target_with(heard, |said| {
             mean_target(said.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji)))
         })
@@ -429,14 +531,18 @@ impl Neighborhood {
 
     /// Returns the desired position and velocity by W-MSR in place of the mean. `own` is the position of the
     /// robot, m, and its last desired velocity, m/s.
-    pub fn desired_despite_liars(&self, heard: &[Heard], own: Target) -> Option<Target> {
+    pub fn resilient_desired_target(
+        &self,
+        heard: &[NeighborEstimate],
+        own: Target,
+    ) -> Option<Target> {
         self.desired_target_with(heard, |said| {
             let place = |(alpha_j, c_ji, trusted): (Target, Target, bool)| ReceivedValue {
                 value: Target {
                     position: alpha_j.position + c_ji.position,
                     velocity: alpha_j.velocity + c_ji.velocity,
                 },
-                trusted,
+                is_trusted: trusted,
             };
             let said: Vec<ReceivedValue<Target>> = said.map(place).collect();
             (!said.is_empty()).then(|| resilient_target(own, &said, self.liars_max))
@@ -446,11 +552,12 @@ impl Neighborhood {
     /// Returns alpha* as computed by `mean` from alpha_j, C_ji and whether R_j is a trusted node.
     fn desired_target_with(
         &self,
-        heard: &[Heard],
+        heard: &[NeighborEstimate],
         mean: impl FnOnce(&mut dyn Iterator<Item = (Target, Target, bool)>) -> Option<Target>,
     ) -> Option<Target> {
-        let lost = |neighbor: &Neighbor| neighbor.contact.contact == Contact::Lost;
-        let mut used_references = self.neighbors.iter().filter(|neighbor| neighbor.goes_by.yes);
+        let lost = |neighbor: &Neighbor| neighbor.reception.state == ReceptionState::Lost;
+        let mut used_references =
+            self.neighbors.iter().filter(|neighbor| neighbor.reference_use.is_used);
         if self.silence.policy == SilencePolicy::Stop && used_references.any(lost) {
             return None;
         }
@@ -458,54 +565,57 @@ impl Neighborhood {
         let places = self.neighbors.iter().enumerate();
         let known = places.filter(|(_, neighbor)| neighbor.newest_beacon.is_some());
         let used_references =
-            || heard.iter().zip(known.clone()).filter(|(_, (_, one))| one.goes_by.yes);
-        let all_lost = used_references().all(|(one, _)| one.contact == Contact::Lost);
+            || heard.iter().zip(known.clone()).filter(|(_, (_, one))| one.reference_use.is_used);
+        let all_lost =
+            || used_references().all(|(one, _)| one.reception_state == ReceptionState::Lost);
         let keep = match self.silence.policy {
             SilencePolicy::Keep => true,
-            SilencePolicy::Last => all_lost,
+            SilencePolicy::Last => all_lost(),
             SilencePolicy::Ignore | SilencePolicy::Stop => false,
         };
-        let counted = used_references().filter(|(one, _)| keep || one.contact != Contact::Lost);
-        let mut said =
-            counted.flat_map(|(&Heard { position, velocity, offset, .. }, (k, known))| {
+        let counted = used_references()
+            .filter(|(one, _)| keep || one.reception_state != ReceptionState::Lost);
+        let mut said = counted.flat_map(
+            |(&NeighborEstimate { position, velocity, offset, .. }, (k, known))| {
                 let weight = self.references.weights[k];
-                repeat_n((Target { position, velocity }, offset, known.trusted), weight)
-            });
+                repeat_n((Target { position, velocity }, offset, known.is_trusted), weight)
+            },
+        );
         let target = mean(&mut said)?;
-        let echo = self.frame_contact.contact == Contact::Lost;
+        let echo = self.leader_frame_reception.state == ReceptionState::Lost;
         Some(if echo { Target::at_rest(target.position) } else { target })
     }
 
     /// Returns the age at `now_ns` of the newest beacon of each in-neighbor, ns, with the sender's index in the
     /// scenario, from 1. Neighbors never received or lost are omitted.
-    pub fn ages(&self, now_ns: u64) -> impl Iterator<Item = (usize, u64)> {
+    pub fn beacon_ages_ns(&self, now_ns: u64) -> impl Iterator<Item = (usize, u64)> {
         self.neighbors.iter().filter_map(move |neighbor| {
             let beacon = neighbor.newest_beacon.as_ref()?;
-            let used = neighbor.contact.contact != Contact::Lost;
+            let used = neighbor.reception.state != ReceptionState::Lost;
             used.then(|| (neighbor.index as usize, now_ns.saturating_sub(beacon.stamp_ns)))
         })
     }
 
     /// Returns the information ages of all neighbors since the last call, with the sender's index in the
     /// scenario, from 1. Silent neighbors are included.
-    pub fn take_ages(&mut self, now_ns: u64) -> impl Iterator<Item = (usize, AgeSums)> {
-        let (neighbors, spares) = self.neighbors.split_at_mut(self.spares_from);
-        let open = spares.iter_mut().filter(|spare| spare.opened.is_some());
+    pub fn take_information_ages(&mut self, now_ns: u64) -> impl Iterator<Item = (usize, AgeSums)> {
+        let (neighbors, spares) = self.neighbors.split_at_mut(self.first_spare_index);
+        let open = spares.iter_mut().filter(|spare| spare.opening_time.is_some());
         neighbors
             .iter_mut()
             .chain(open)
-            .map(move |sender| (sender.index as usize, sender.age.take_sums(now_ns)))
+            .map(move |sender| (sender.index as usize, sender.age_integrator.take_sums(now_ns)))
     }
 
     /// Returns the communication states for the supervisor.
     pub fn status(&self) -> impl ExactSizeIterator<Item = NeighborStatus> {
         self.neighbors.iter().map(|neighbor| NeighborStatus {
             robot: neighbor.index,
-            contact: neighbor.contact.contact as u64,
-            since_tick: neighbor.contact.tick,
-            since_t_ns: neighbor.contact.t_ns,
-            goes_by: u64::from(neighbor.goes_by.yes),
-            goes_by_since_t_ns: neighbor.goes_by.since_t_ns,
+            contact: neighbor.reception.state as u64,
+            since_tick: neighbor.reception.tick,
+            since_t_ns: neighbor.reception.t_ns,
+            goes_by: u64::from(neighbor.reference_use.is_used),
+            goes_by_since_t_ns: neighbor.reference_use.last_change_t_ns,
         })
     }
 }

@@ -17,62 +17,62 @@ use protocol::process::{self, exit};
 
 use crate::control_loop;
 use crate::controller::Parts;
-use crate::laws::{Law, LawOutput, Outgoing, SignalValues, Situation};
+use crate::laws::{Law, LawOutput, SendDecision, SignalValues, Situation};
 
 /// Exit code of a process whose law failed. Python uses the same code for an uncaught exception.
-pub const LAW_FAILED: u8 = 1;
+pub const LAW_FAILED_EXIT_CODE: u8 = 1;
 
 /// Meaning of the numbers of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Level {
+pub enum AnswerKind {
     /// Velocity of the front point (gamma): (x, y), m/s, in `map`.
-    Law,
+    FrontPointVelocity,
     /// Twist of the body: (v, w), m/s and rad/s.
-    Controller,
+    BodyTwist,
     /// Twist of an omnidirectional body: (v, side, w), m/s, m/s to the left, and rad/s.
-    OmniController,
+    OmniBodyTwist,
 }
 
-impl Level {
-    /// Returns the level of a controller for a robot with this drive.
-    pub fn controller(drive: DriveKind) -> Level {
+impl AnswerKind {
+    /// Returns the kind of answer of a controller for a robot with this drive.
+    pub fn twist_kind_for_drive(drive: DriveKind) -> AnswerKind {
         match drive {
-            DriveKind::Differential => Level::Controller,
-            DriveKind::Omni => Level::OmniController,
+            DriveKind::Differential | DriveKind::Ackermann => AnswerKind::BodyTwist,
+            DriveKind::Omni => AnswerKind::OmniBodyTwist,
         }
     }
 
     /// Returns the name of the method that computes the answer.
-    pub fn method(self) -> &'static str {
+    pub fn method_name(self) -> &'static str {
         match self {
-            Level::Law => "gamma",
-            Level::Controller | Level::OmniController => "twist",
+            AnswerKind::FrontPointVelocity => "gamma",
+            AnswerKind::BodyTwist | AnswerKind::OmniBodyTwist => "twist",
         }
     }
 
     /// Returns a description of the expected answer.
     pub fn expected_answer(self) -> &'static str {
         match self {
-            Level::Law => "two finite numbers (x, y) in m/s",
-            Level::Controller => "two finite numbers (v, w) in m/s and rad/s",
-            Level::OmniController => {
+            AnswerKind::FrontPointVelocity => "two finite numbers (x, y) in m/s",
+            AnswerKind::BodyTwist => "two finite numbers (v, w) in m/s and rad/s",
+            AnswerKind::OmniBodyTwist => {
                 "three finite numbers (v, side, w) in m/s, m/s and rad/s, because the robot has `drive = \"omni\"`"
             }
         }
     }
 
-    /// Converts an answer to the output of a control law. Returns `None` for a wrong count of numbers, and for numbers that
-    /// are not finite.
-    pub fn law_output(self, answer: &[f64]) -> Option<LawOutput> {
+    /// Converts an answer to the output of a control law. Returns `None` for a wrong count of numbers, and for numbers
+    /// that are not finite.
+    pub fn parse_law_output(self, answer: &[f64]) -> Option<LawOutput> {
         if !answer.iter().all(|number| number.is_finite()) {
             return None;
         }
         match (self, answer) {
-            (Level::Law, &[x, y]) => Some(LawOutput::Velocity(Vec2::new(x, y))),
-            (Level::Controller, &[v_m_s, w_rad_s]) => {
+            (AnswerKind::FrontPointVelocity, &[x, y]) => Some(LawOutput::Velocity(Vec2::new(x, y))),
+            (AnswerKind::BodyTwist, &[v_m_s, w_rad_s]) => {
                 Some(LawOutput::Twist(Twist::new(v_m_s, w_rad_s)))
             }
-            (Level::OmniController, &[v_m_s, side_m_s, w_rad_s]) => {
+            (AnswerKind::OmniBodyTwist, &[v_m_s, side_m_s, w_rad_s]) => {
                 Some(LawOutput::Twist(Twist { v_m_s, side_m_s, w_rad_s }))
             }
             _ => None,
@@ -91,9 +91,9 @@ pub trait ForeignLaw: Send {
     }
 
     /// Returns what leaves to the out-neighbors with the last answer; checked against the brief. See
-    /// [`Law::outgoing`].
-    fn outgoing(&mut self) -> Outgoing {
-        Outgoing::Beacon
+    /// [`Law::send_decision`].
+    fn send_decision(&mut self) -> SendDecision {
+        SendDecision::Beacon
     }
 
     /// Returns the signals that the law has recorded with the last answer. See [`Law::signals`].
@@ -112,15 +112,17 @@ pub fn main<L: ForeignLaw + 'static>(
     make: impl FnOnce(&AgentBrief) -> Result<L, String>,
 ) -> u8 {
     if is_version_mismatch(brief, of) {
-        return exit::INFRASTRUCTURE;
+        return exit::INFRASTRUCTURE_FAILURE;
     }
-    control_loop::main_with(brief, incarnation, realtime_priority, |brief| parts(brief, make))
+    control_loop::main_with_parts(brief, incarnation, realtime_priority, |brief| {
+        parts_with_foreign_law(brief, make)
+    })
 }
 
 /// Reads the brief of a robot whose law is a program. Returns an error message for the user if it cannot be
 /// read or is of another version. `of` is as in [`main`].
-pub fn read(brief: &Path, of: &str) -> Result<AgentBrief, String> {
-    match version_mismatch(brief, of) {
+pub fn read_brief(brief: &Path, of: &str) -> Result<AgentBrief, String> {
+    match version_mismatch_message(brief, of) {
         Some(why) => Err(why),
         None => brief::read(brief).map_err(|error| error.to_string()),
     }
@@ -128,22 +130,22 @@ pub fn read(brief: &Path, of: &str) -> Result<AgentBrief, String> {
 
 /// Returns whether another version of phalanx wrote the brief, and logs an error if so. `of` is as in [`main`].
 pub fn is_version_mismatch(brief: &Path, of: &str) -> bool {
-    let Some(why) = version_mismatch(brief, of) else { return false };
+    let Some(why) = version_mismatch_message(brief, of) else { return false };
     process::log_to_stderr();
     tracing::error!("{why}");
     true
 }
 
 /// Returns an error message if another version wrote the brief, of which nothing more can be read then.
-fn version_mismatch(brief: &Path, of: &str) -> Option<String> {
-    let writer = brief::writer(brief).filter(|writer| writer != VERSION)?;
+fn version_mismatch_message(brief: &Path, of: &str) -> Option<String> {
+    let writer = brief::read_writer_version(brief).filter(|writer| writer != VERSION)?;
     Some(format!(
         "phalanx {writer} starts this program, but {of} is phalanx {VERSION}: install both from the \
          same release"
     ))
 }
 
-fn parts<L: ForeignLaw + 'static>(
+fn parts_with_foreign_law<L: ForeignLaw + 'static>(
     brief: &AgentBrief,
     make: impl FnOnce(&AgentBrief) -> Result<L, String>,
 ) -> Result<Parts, String> {
@@ -175,7 +177,7 @@ impl<L: ForeignLaw> Law for ForeignLawAdapter<L> {
     fn output(&mut self, situation: &Situation<'_>) -> LawOutput {
         self.0.evaluate(situation).unwrap_or_else(|why| {
             tracing::error!("{why}");
-            std::process::exit(LAW_FAILED.into())
+            std::process::exit(LAW_FAILED_EXIT_CODE.into())
         })
     }
 
@@ -183,8 +185,8 @@ impl<L: ForeignLaw> Law for ForeignLawAdapter<L> {
         self.0.target()
     }
 
-    fn outgoing(&mut self) -> Outgoing {
-        self.0.outgoing()
+    fn send_decision(&mut self) -> SendDecision {
+        self.0.send_decision()
     }
 
     fn signals(&mut self) -> SignalValues {

@@ -21,8 +21,8 @@ use protocol::run_root::barrier_path;
 
 use crate::memory::{CacheAligned, Mapping};
 use crate::peers::{self, PeerAddress, Peers};
-use crate::rounds::Setting;
-use crate::{HUNG_AFTER, WorkDir};
+use crate::rounds::BenchSettings;
+use crate::{RESPONSE_TIMEOUT, WorkDir};
 
 /// Result of a run without iceoryx2.
 pub(crate) struct BareRun {
@@ -52,15 +52,16 @@ fn map_messages(dir: &Path, robots: usize) -> anyhow::Result<Mapping<RobotMessag
 ///
 /// # Errors
 /// If a peer cannot start, exits early or sends an invalid command, or if a signal interrupts the bench.
-pub(crate) fn run(setting: &Setting<'_>, scenario: &Scenario) -> anyhow::Result<BareRun> {
+pub(crate) fn run(setting: &BenchSettings<'_>, scenario: &Scenario) -> anyhow::Result<BareRun> {
     let work_dir = WorkDir::new(setting.root, "bare")?;
     let dir = work_dir.path();
     let robots = scenario.robots.len();
-    let plant = briefs::plant(scenario, Pace::Lockstep, dir);
+    let plant = briefs::plant_brief(scenario, Pace::Lockstep, dir);
     let ticks = plant.duration_ns / plant.period_ns;
-    let briefs = (0..robots).map(|i| briefs::agent(scenario, i, Pace::Lockstep, dir));
+    let agents = briefs::AgentBriefs::new(scenario);
+    let briefs = (0..robots).map(|i| agents.brief(i, Pace::Lockstep, dir));
     peers::write_briefs(dir, briefs)?;
-    let barrier = Barrier::create(&barrier_path(dir), robots, 1, HUNG_AFTER)?;
+    let barrier = Barrier::create(&barrier_path(dir), robots, 1, RESPONSE_TIMEOUT)?;
     (0..robots).for_each(|slot| barrier.set_member(slot, 0));
     let messages = map_messages(dir, robots)?;
     let launched = Instant::now();
@@ -76,15 +77,17 @@ pub(crate) fn run(setting: &Setting<'_>, scenario: &Scenario) -> anyhow::Result<
         for (robot, message) in messages.iter().enumerate() {
             message.odometry.write(world.odometry(robot));
         }
-        barrier.begin(tick);
-        barrier.release(0);
-        barrier.wait_arrivals(tick, || !peers.have_failed()).map_err(|_| peers.failure())?;
+        barrier.begin_tick(tick);
+        barrier.release_group(0);
+        barrier
+            .wait_for_arrivals(tick, || !peers.have_failed())
+            .map_err(|_| peers.wait_for_failure())?;
         for (robot, message) in messages.iter().enumerate() {
             let refused = |refusal| anyhow!("robot {robot} at tick {tick}: {refusal}");
-            world.accept(robot, &message.command.read()).map_err(refused)?;
+            world.accept_command(robot, &message.command.read()).map_err(refused)?;
         }
         world.advance((tick + 1) * plant.period_ns);
-        world.next_tick();
+        world.increment_tick();
     }
     truths.extend(world.truth());
     let wall = began.elapsed();
@@ -110,7 +113,7 @@ pub(crate) fn run_peer(address: &PeerAddress) -> anyhow::Result<()> {
     let mut epoch = barrier.epoch(slot);
     address.report_ready()?;
     loop {
-        let Some((next, _)) = barrier.wait_tick(slot, epoch, || true) else { continue };
+        let Some((next, _)) = barrier.wait_for_tick(slot, epoch, || true) else { continue };
         epoch = next;
         let odometry = messages[slot].odometry.read();
         if let Some(before) = odometry.tick.checked_sub(1) {

@@ -8,22 +8,24 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use protocol::process::{Stop, exit, quiet_iceoryx2, set_name, try_realtime_priority};
+use protocol::process::{
+    StopFlag, check_realtime_priority, exit, limit_iceoryx2_log, set_thread_name,
+};
 use protocol::run_root::{self, RunRoot};
 
 use crate::machine::Machine;
 use crate::peers::{self, PeerAddress};
-use crate::rounds::Setting;
-use crate::table::{Report, Table};
-use crate::timers::Task;
+use crate::rounds::BenchSettings;
+use crate::table::{MeasurementTable, Report};
+use crate::timers::TimerTask;
 use crate::transport::Transport;
 use crate::{
-    Interrupted, bare_lockstep, growth, lockstep, neighbor, realtime, repair, replacement,
-    round_trip, timers,
+    Interrupted, bare_lockstep, growth, in_process, lockstep, messages, neighbor, realtime, repair,
+    replacement, round_trip, timers,
 };
 
 /// First argument of a peer process, which takes part in a measurement.
-pub const PEER: &str = peers::PEER;
+pub const PEER_SUBCOMMAND: &str = peers::PEER_SUBCOMMAND;
 
 /// Measure runs against baselines of this machine
 #[derive(Debug, Parser)]
@@ -61,9 +63,10 @@ struct BenchArgs {
     quick: bool,
     /// Measure only these parts.
     #[arg(long, value_enum, value_name = "PART", value_delimiter = ',')]
-    only: Vec<Part>,
+    only: Vec<BenchPart>,
     /// Numbers of robots [default: 3, 8, 16, 32, 64 for lockstep; 3, 8, 32, 64 for realtime;
-    /// 2, 8 for neighbor; 8, 64 for startup; 3, 8, 16, 32, 64, 128, 256 for growth].
+    /// 2, 8 for neighbor; 8, 64 for startup and messages; 3, 8, 16, 32, 64, 128, 256 for growth;
+    /// 8, 64, 256, 1024 for in-process].
     #[arg(long, value_name = "N", value_delimiter = ',')]
     #[arg(value_parser = clap::value_parser!(u16).range(2..=1024))]
     robots: Vec<u16>,
@@ -83,13 +86,13 @@ struct BenchArgs {
     #[arg(long, hide = true, value_parser = parse_seconds)]
     seconds: Option<f64>,
     /// Output format.
-    #[arg(long, value_enum, default_value_t = Output::Text)]
-    output: Output,
+    #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
+    output: OutputFormat,
 }
 
 /// A part of the bench.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Part {
+enum BenchPart {
     /// Round trip of a robot, compared with bare transports.
     #[value(alias = "floors")]
     Baselines,
@@ -101,6 +104,11 @@ enum Part {
     Neighbor,
     /// Processor time per tick for up to 256 robots; measured only if named here.
     Growth,
+    /// Processor time per tick of runs within one process, for up to 1,024 robots; measured only if named here.
+    InProcess,
+    /// Processor time per tick with a message of 256 bytes in each beacon, compared with none; measured only if named
+    /// here.
+    Messages,
     /// Time until all processes are ready.
     Startup,
     /// Time from a kill to the replacement's first command.
@@ -110,7 +118,7 @@ enum Part {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Output {
+enum OutputFormat {
     /// Text table.
     Text,
     /// JSON, with the values of every round.
@@ -127,7 +135,7 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
 
 /// Runs `phalanx bench` or one of its peer processes, and returns the exit code.
 pub fn main(command_line: &CommandLine) -> u8 {
-    quiet_iceoryx2();
+    limit_iceoryx2_log();
     match &command_line.peer {
         Some(PeerCommand::Peer { address, verb }) => run_peer(address, verb),
         None => run_bench(&command_line.args),
@@ -136,7 +144,7 @@ pub fn main(command_line: &CommandLine) -> u8 {
 
 /// Measures all selected parts, prints the report and returns the exit code.
 fn run_bench(args: &BenchArgs) -> u8 {
-    let stop = Stop::stop_on_signals().context("cannot handle signals");
+    let stop = StopFlag::for_run_ending_signals().context("cannot handle signals");
     let measured = stop.and_then(|stop| measure(args, &stop));
     if io::stderr().is_terminal() {
         let _ = write!(io::stderr(), "\r\x1b[K");
@@ -149,8 +157,8 @@ fn run_bench(args: &BenchArgs) -> u8 {
         }
     };
     let text = match args.output {
-        Output::Text => report.screen(),
-        Output::Json => report.to_json(),
+        OutputFormat::Text => report.to_text(),
+        OutputFormat::Json => report.to_json(),
     };
     match io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => print_error(&error.to_string()),
@@ -160,7 +168,7 @@ fn run_bench(args: &BenchArgs) -> u8 {
     }
 }
 
-fn measure(args: &BenchArgs, stop: &Stop) -> anyhow::Result<Report> {
+fn measure(args: &BenchArgs, stop: &StopFlag) -> anyhow::Result<Report> {
     let mut machine = Machine::probe();
     let warnings = machine.warnings();
     let shows_progress = io::stderr().is_terminal();
@@ -168,27 +176,29 @@ fn measure(args: &BenchArgs, stop: &Stop) -> anyhow::Result<Report> {
     for warning in warnings.iter().filter(|_| shows_progress) {
         let _ = writeln!(io::stderr(), "warning: {warning}");
     }
-    let base = run_root::base();
-    run_root::sweep(&base);
+    let base = run_root::base_directory();
+    run_root::remove_dead_roots(&base);
     let root = RunRoot::create(&base)?;
-    let setting = Setting {
+    let setting = BenchSettings {
         root: &root,
         stop,
         rounds: args.rounds.map_or(if args.quick { 3 } else { 5 }, usize::from),
-        seconds: args.seconds.unwrap_or(if args.quick { 0.2 } else { 1.0 }),
+        duration_s: args.seconds.unwrap_or(if args.quick { 0.2 } else { 1.0 }),
         realtime_priority: args.realtime_priority,
         shows_progress,
     };
     if args.realtime_priority {
-        try_realtime_priority().context("--realtime-priority")?;
+        check_realtime_priority().context("--realtime-priority")?;
     }
-    let (mut table, mut notes) = (Table::default(), Vec::new());
-    for &part in Part::value_variants() {
-        let is_default = part != Part::Growth && args.only.is_empty();
+    let (mut table, mut notes) = (MeasurementTable::default(), Vec::new());
+    for &part in BenchPart::value_variants() {
+        let on_demand =
+            [BenchPart::Growth, BenchPart::InProcess, BenchPart::Messages].contains(&part);
+        let is_default = !on_demand && args.only.is_empty();
         if !is_default && !args.only.contains(&part) {
             continue;
         }
-        if part == Part::Growth {
+        if part == BenchPart::Growth {
             notes.extend(growth::NOTES.map(str::to_owned));
         }
         measure_part(part, args, &setting, &mut table)?;
@@ -201,10 +211,10 @@ fn measure(args: &BenchArgs, stop: &Stop) -> anyhow::Result<Report> {
 }
 
 fn measure_part(
-    part: Part,
+    part: BenchPart,
     args: &BenchArgs,
-    setting: &Setting<'_>,
-    table: &mut Table,
+    setting: &BenchSettings<'_>,
+    table: &mut MeasurementTable,
 ) -> anyhow::Result<()> {
     let robots = |default: &[usize]| match &args.robots[..] {
         [] => default.to_vec(),
@@ -212,28 +222,34 @@ fn measure_part(
     };
     let (name, cases) = match part {
         // The established name of this part in the JSON output.
-        Part::Baselines => ("floors", round_trip::cases(setting)?),
-        Part::Lockstep => {
+        BenchPart::Baselines => ("floors", round_trip::cases(setting)?),
+        BenchPart::Lockstep => {
             ("lockstep", lockstep::speed_cases(setting, &robots(&[3, 8, 16, 32, 64]))?)
         }
-        Part::Realtime => ("realtime", realtime::cases(setting, &robots(&[3, 8, 32, 64]))),
-        Part::Neighbor => ("neighbor", neighbor::cases(setting, &robots(&[2, 8]))?),
-        Part::Growth => ("growth", growth::cases(setting, &robots(&[3, 8, 16, 32, 64, 128, 256]))),
-        Part::Startup => {
+        BenchPart::Realtime => ("realtime", realtime::cases(setting, &robots(&[3, 8, 32, 64]))),
+        BenchPart::Neighbor => ("neighbor", neighbor::cases(setting, &robots(&[2, 8]))?),
+        BenchPart::Growth => {
+            ("growth", growth::cases(setting, &robots(&[3, 8, 16, 32, 64, 128, 256])))
+        }
+        BenchPart::InProcess => {
+            ("in-process", in_process::cases(setting, &robots(&[8, 64, 256, 1024])))
+        }
+        BenchPart::Messages => ("messages", messages::cases(setting, &robots(&[8, 64]))),
+        BenchPart::Startup => {
             let mut robots = robots(&[8, 64]);
             robots.extend(args.large.then_some(256));
             ("startup", lockstep::startup_cases(setting, &robots)?)
         }
-        Part::Replacement => ("replacement", replacement::cases(setting, args.kills.into())),
-        Part::Repair => ("repair", repair::cases(setting, args.kills.into())),
+        BenchPart::Replacement => ("replacement", replacement::cases(setting, args.kills.into())),
+        BenchPart::Repair => ("repair", repair::cases(setting, args.kills.into())),
     };
-    setting.measure(table, name, cases)
+    setting.measure_cases(table, name, cases)
 }
 
 /// Prints an error to stderr and returns the exit code for it.
 fn print_error(error: &str) -> u8 {
     let _ = writeln!(io::stderr(), "error: {error}");
-    exit::INFRASTRUCTURE
+    exit::INFRASTRUCTURE_FAILURE
 }
 
 /// Task of a peer process.
@@ -253,7 +269,7 @@ enum PeerVerb {
         ticks: u64,
     },
     /// Wake at a robot's timer and use the processor, without other work.
-    Timer(Task),
+    Timer(TimerTask),
     /// Kill a robot repeatedly and wait for each replacement.
     Kill {
         /// Path of the robot's process configuration (brief).
@@ -265,7 +281,7 @@ enum PeerVerb {
 
 /// Runs a peer process (`phalanx-bench peer`) and returns its exit code.
 fn run_peer(address: &PeerAddress, verb: &PeerVerb) -> u8 {
-    set_name("phalanx-bench");
+    set_thread_name("phalanx-bench");
     peers::limit_lifetime();
     let done = match verb {
         PeerVerb::RoundTrip { transport } => round_trip::run_peer(address, *transport),

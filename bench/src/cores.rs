@@ -6,9 +6,9 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 /// First and last core of this process's affinity mask; with more than two cores they are usually not hyper-threading
 /// siblings. Dropping it restores the mask of the calling thread.
 pub(crate) struct PinnedCores {
-    all: CpuSet,
-    first: CpuSet,
-    last: CpuSet,
+    all_cores: CpuSet,
+    first_core: CpuSet,
+    last_core: CpuSet,
 }
 
 impl PinnedCores {
@@ -23,15 +23,17 @@ impl PinnedCores {
             set.set(core);
             set
         });
-        let cores = PinnedCores { all, first, last };
-        pin_to(&cores.first).then_some(cores)
+        let cores = PinnedCores { all_cores: all, first_core: first, last_core: last };
+        pin_to(&cores.first_core).then_some(cores)
     }
 }
 
 /// Calls `start` with the calling thread on the last core, which the started processes inherit, then moves the thread
 /// back to the first core. Without pinned cores it only calls `start`.
 pub(crate) fn start_on_last_core<T>(cores: Option<&PinnedCores>, start: impl FnOnce() -> T) -> T {
-    let Some(PinnedCores { first, last, .. }) = cores else { return start() };
+    let Some(PinnedCores { first_core: first, last_core: last, .. }) = cores else {
+        return start();
+    };
     pin_to(last);
     let started = start();
     pin_to(first);
@@ -45,6 +47,6 @@ fn pin_to(set: &CpuSet) -> bool {
 
 impl Drop for PinnedCores {
     fn drop(&mut self) {
-        pin_to(&self.all);
+        pin_to(&self.all_cores);
     }
 }

@@ -10,8 +10,8 @@ use formation::portable_math;
 
 use crate::lockstep::{self, PERIOD_S, START_TICKS};
 use crate::ring;
-use crate::rounds::{Case, Setting};
-use crate::run::{CPU_CONSUMERS, Run, Summary};
+use crate::rounds::{BenchCase, BenchSettings};
+use crate::run::{CPU_CONSUMERS, RunProcess, Summary};
 
 /// Explanation of the rows, printed below the table.
 pub(crate) const NOTES: [&str; 4] = [
@@ -27,31 +27,31 @@ const DURATION_FACTOR: f64 = 3.0;
 const TICKS_MIN: u64 = 500;
 
 /// Returns a case for each number of robots, in increasing order.
-pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<'a>> {
+pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, robots: &[usize]) -> Vec<BenchCase<'a>> {
     let mut robots = robots.to_vec();
     robots.sort_unstable();
     robots.dedup();
     let predecessors = std::iter::once(None).chain(robots.iter().copied().map(Some));
     let case = |(&robots, predecessor): (&usize, Option<usize>)| {
-        let ticks = lockstep::tick_count(robots, DURATION_FACTOR * setting.seconds).max(TICKS_MIN);
-        Case::new(format!("{robots} robots"), move |table| {
+        let ticks = tick_count(robots, setting);
+        BenchCase::new(format!("{robots} robots"), move |table| {
             let run = |ticks| {
-                let text = ring::text(robots, ticks, PERIOD_S);
-                Run::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()
+                let text = ring::ring_scenario_text(robots, ticks, PERIOD_S);
+                RunProcess::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()
             };
             let (start, whole) = (run(START_TICKS)?, run(ticks)?);
             let parts_us = processor_time_per_tick_us(&start, &whole)?.map(|us| us / robots as f64);
             let all_us: f64 = parts_us.iter().sum();
             let what = "processor time per robot and tick, us";
-            table.record_run("ticks/s", whole.number("/wall/ticks_per_s")?);
+            table.record_run("ticks/s", whole.number_at("/wall/ticks_per_s")?);
             table.record_run(what, all_us);
             for (name, us) in CPU_CONSUMERS.iter().zip(parts_us) {
                 table.record_run(&format!("processor time of {name} per robot and tick, us"), us);
             }
-            table.record_run("ready, s", whole.number("/wall/startup_s")?);
+            table.record_run("ready, s", whole.number_at("/wall/startup_s")?);
             if let Some(few) = predecessor
                 && let Some(few_us) = table.last_value(&format!("{few} robots, {what}"))
-                && let Some(power) = exponent((few, few_us), (robots, all_us))
+                && let Some(power) = growth_exponent((few, few_us), (robots, all_us))
             {
                 table.record_run(&format!("exponent of the time per tick, from {few}"), power);
             }
@@ -61,10 +61,15 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<
     robots.iter().zip(predecessors).map(case).collect()
 }
 
+/// Returns the number of ticks of a run whose processor time per tick is measured.
+pub(crate) fn tick_count(robots: usize, setting: &BenchSettings<'_>) -> u64 {
+    lockstep::tick_count(robots, DURATION_FACTOR * setting.duration_s).max(TICKS_MIN)
+}
+
 /// Returns the exponent p of the growth of the processor time per tick, proportional to N^p for N robots. Takes the
 /// number of robots and the time per robot and tick of two runs. `None` if a time is not positive, which happens when
 /// a short run cannot be distinguished from its start-up.
-fn exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> Option<f64> {
+fn growth_exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> Option<f64> {
     let (few, many) = (few as f64, many as f64);
     let power = portable_math::ln(many * many_us / (few * few_us)) / portable_math::ln(many / few);
     Some(power).filter(|power| power.is_finite())
@@ -72,11 +77,11 @@ fn exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> Optio
 
 /// Returns the processor time per tick of each of [`CPU_CONSUMERS`], us, from the differences of the two runs in
 /// processor time and in ticks.
-fn processor_time_per_tick_us(
+pub(crate) fn processor_time_per_tick_us(
     start: &Summary,
     whole: &Summary,
 ) -> anyhow::Result<[f64; CPU_CONSUMERS.len()]> {
-    let ticks = whole.number("/ticks")? - start.number("/ticks")?;
+    let ticks = whole.number_at("/ticks")? - start.number_at("/ticks")?;
     let (start_s, whole_s) = (start.cpu_time_s()?, whole.cpu_time_s()?);
     Ok(std::array::from_fn(|consumer| 1e6 * (whole_s[consumer] - start_s[consumer]) / ticks))
 }
@@ -97,10 +102,11 @@ mod tests {
 
     #[test]
     fn exponent_of_linear_growth_is_1_and_of_pairs_is_2() {
-        let close = |few, many, wanted: f64| (exponent(few, many).unwrap() - wanted).abs() < 1e-12;
+        let close =
+            |few, many, wanted: f64| (growth_exponent(few, many).unwrap() - wanted).abs() < 1e-12;
         assert!(close((3, 7.0), (8, 7.0), 1.0));
         assert!(close((16, 7.0), (32, 14.0), 2.0));
         assert!(close((64, 8.0), (128, 4.0), 0.0));
-        assert_eq!(exponent((3, -1.0), (8, 7.0)), None);
+        assert_eq!(growth_exponent((3, -1.0), (8, 7.0)), None);
     }
 }

@@ -17,6 +17,8 @@
 //! | `realtime` | deadline misses by rate and number of robots |
 //! | `neighbor` | time from a neighbor's publication of a beacon to its use |
 //! | `growth` | processor time per tick and its growth, up to 256 robots |
+//! | `messages` | processor time per tick with a message of 256 bytes in each beacon, compared with none |
+//! | `in_process` | processor time per tick of a run within one process, up to 1,024 robots |
 //! | `repair` | time from the timeout of an in-neighbor to the first sample that uses a backup neighbor |
 //! | `replacement` | time from a kill to the replacement's first command |
 //! | **baselines** | |
@@ -35,9 +37,11 @@ mod bare_lockstep;
 pub mod cli;
 mod cores;
 mod growth;
+mod in_process;
 mod lockstep;
 mod machine;
 mod memory;
+pub mod messages;
 mod neighbor;
 mod peers;
 mod quantiles;
@@ -59,11 +63,11 @@ use anyhow::Context as _;
 use protocol::run_root::RunRoot;
 
 /// Maximum time for a pending response between two processes of a measurement; after it the process counts as hung.
-const HUNG_AFTER: Duration = Duration::from_secs(60);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
 /// Maximum duration of one measurement, also on a busy machine. A longer one fails.
-const MEASUREMENT_MAX: Duration = Duration::from_secs(240);
+const MEASUREMENT_DURATION_MAX: Duration = Duration::from_secs(240);
 /// Number of log lines that an error about an exited process shows.
-const LOG_LINES: usize = 8;
+const SHOWN_LOG_LINES: usize = 8;
 
 /// Error of a bench that was interrupted by a signal.
 #[derive(Debug, thiserror::Error)]
@@ -94,6 +98,6 @@ impl Drop for WorkDir {
 }
 
 /// Writes a file. An error names its path.
-fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+fn write_file(path: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -6,8 +6,8 @@
 
 use protocol::brief::Pace;
 
-use crate::rounds::{Case, Setting};
-use crate::run::Run;
+use crate::rounds::{BenchCase, BenchSettings};
+use crate::run::RunProcess;
 use crate::{bare_lockstep, ring};
 
 /// Control period (T) in simulated time, s.
@@ -20,7 +20,7 @@ const TICKS_MIN: u64 = 50;
 /// Number of ticks of a run that measures the start-up only.
 pub(crate) const START_TICKS: u64 = 10;
 /// Name of the baseline without iceoryx2.
-const MAPPING: &str = "mapping + futex";
+const MAPPING_BASELINE: &str = "mapping + futex";
 
 /// Returns the number of ticks that a small idle machine computes for `robots` in about `seconds`; at least
 /// [`TICKS_MIN`].
@@ -30,25 +30,26 @@ pub(crate) fn tick_count(robots: usize, seconds: f64) -> u64 {
 
 /// Returns a case for each number of robots that measures ticks per second.
 pub(crate) fn speed_cases<'a>(
-    setting: &'a Setting<'_>,
+    setting: &'a BenchSettings<'_>,
     robots: &[usize],
-) -> anyhow::Result<Vec<Case<'a>>> {
+) -> anyhow::Result<Vec<BenchCase<'a>>> {
     let case = |&robots: &usize| {
-        let ticks = tick_count(robots, setting.seconds);
-        let text = ring::text(robots, ticks, PERIOD_S);
-        let scenario = ring::read(&text)?;
-        Ok(Case::new(format!("{robots} robots"), move |table| {
+        let ticks = tick_count(robots, setting.duration_s);
+        let text = ring::ring_scenario_text(robots, ticks, PERIOD_S);
+        let scenario = ring::parse_scenario(&text)?;
+        Ok(BenchCase::new(format!("{robots} robots"), move |table| {
             let what = "ticks/s";
-            let summary = Run::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()?;
-            table.record_run(what, summary.number("/wall/ticks_per_s")?);
+            let summary =
+                RunProcess::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()?;
+            table.record_run(what, summary.number_at("/wall/ticks_per_s")?);
             let hash = summary.0["trajectory_hash"].as_str().unwrap_or("none");
             table.record_trajectory(robots, ticks, "phalanx run", hash);
             let bare = bare_lockstep::run(setting, &scenario)?;
-            table.record_baseline(what, MAPPING, bare.ticks_per_s);
-            table.record_trajectory(robots, ticks, MAPPING, &bare.hash);
-            let unmeasured = Run::start(setting, &text, Pace::Lockstep, &["--unmeasured"])?
+            table.record_baseline(what, MAPPING_BASELINE, bare.ticks_per_s);
+            table.record_trajectory(robots, ticks, MAPPING_BASELINE, &bare.hash);
+            let unmeasured = RunProcess::start(setting, &text, Pace::Lockstep, &["--unmeasured"])?
                 .wait_for_summary()?;
-            let ticks_per_s = unmeasured.number("/wall/ticks_per_s")?;
+            let ticks_per_s = unmeasured.number_at("/wall/ticks_per_s")?;
             table.record_baseline(what, "Phalanx, no metrics or recording", ticks_per_s);
             Ok(())
         }))
@@ -58,15 +59,16 @@ pub(crate) fn speed_cases<'a>(
 
 /// Returns a case for each number of robots that measures the start-up time.
 pub(crate) fn startup_cases<'a>(
-    setting: &'a Setting<'_>,
+    setting: &'a BenchSettings<'_>,
     robots: &[usize],
-) -> anyhow::Result<Vec<Case<'a>>> {
+) -> anyhow::Result<Vec<BenchCase<'a>>> {
     let case = |&robots: &usize| {
-        let text = ring::text(robots, START_TICKS, PERIOD_S);
-        let scenario = ring::read(&text)?;
-        Ok(Case::new(format!("{robots} robots"), move |table| {
-            let summary = Run::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()?;
-            table.record_run("ready, s", summary.number("/wall/startup_s")?);
+        let text = ring::ring_scenario_text(robots, START_TICKS, PERIOD_S);
+        let scenario = ring::parse_scenario(&text)?;
+        Ok(BenchCase::new(format!("{robots} robots"), move |table| {
+            let summary =
+                RunProcess::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()?;
+            table.record_run("ready, s", summary.number_at("/wall/startup_s")?);
             let bare = bare_lockstep::run(setting, &scenario)?;
             table.record_baseline("ready, s", "bare processes", bare.startup_s);
             Ok(())

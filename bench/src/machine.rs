@@ -38,8 +38,8 @@ impl Machine {
             std::fs::read_to_string("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
         let unknown = || "unknown".to_owned();
         Machine {
-            date: date::format_for_name(seconds),
-            processor: manifest::processor().unwrap_or_else(unknown),
+            date: date::format_for_file_name(seconds),
+            processor: manifest::processor_model().unwrap_or_else(unknown),
             kernel: [system.sysname(), system.release(), system.machine()]
                 .map(|part| part.to_string_lossy())
                 .join(" "),
@@ -82,7 +82,7 @@ impl Machine {
     }
 
     /// Returns the description as text for the report.
-    pub(crate) fn screen(&self) -> String {
+    pub(crate) fn to_text(&self) -> String {
         let mut text = String::new();
         let Machine { date, processor, kernel, cores, governor, load_before, .. } = self;
         let after = self.load_after.as_deref().unwrap_or("-");

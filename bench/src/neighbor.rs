@@ -18,11 +18,11 @@ use protocol::stage::Stage;
 use serde::{Deserialize, Serialize};
 
 use crate::peers::{self, PeerAddress, Peers};
-use crate::quantiles::{QUANTILES, Quantiles, mean, quantiles_us};
+use crate::quantiles::{QUANTILES, Quantiles, mean_quantiles, quantiles_us};
 use crate::realtime::{DURATION_FACTOR, RATES_HZ};
-use crate::rounds::{Case, Setting};
-use crate::run::Run;
-use crate::table::Table;
+use crate::rounds::{BenchCase, BenchSettings};
+use crate::run::RunProcess;
+use crate::table::MeasurementTable;
 use crate::{WorkDir, ring};
 
 /// Minimum number of wake-ups. With fewer the start-up would dominate the measurement.
@@ -46,7 +46,7 @@ impl NeighborTimes {
     /// If a measurement has no values.
     fn mean_times(&self) -> anyhow::Result<Vec<(String, f64)>> {
         let mean = |all: &[Quantiles]| {
-            mean(all).context("a measurement has no values: no beacon was received")
+            mean_quantiles(all).context("a measurement has no values: no beacon was received")
         };
         let used = QUANTILES.iter().zip(mean(&self.send_to_use)?);
         let used = used.map(|((_, name, _), us)| (format!("published to used {name}, us"), us));
@@ -59,21 +59,22 @@ impl NeighborTimes {
 
 /// Returns a case for each rate and number of robots.
 pub(crate) fn cases<'a>(
-    setting: &'a Setting<'_>,
+    setting: &'a BenchSettings<'_>,
     robots: &[usize],
-) -> anyhow::Result<Vec<Case<'a>>> {
+) -> anyhow::Result<Vec<BenchCase<'a>>> {
     run_root::join(setting.root.path())?;
     let case = |rate_hz: u64, robots: usize| {
-        let seconds = DURATION_FACTOR * setting.seconds;
+        let seconds = DURATION_FACTOR * setting.duration_s;
         let ticks = ((seconds * rate_hz as f64) as u64).max(TICKS_MIN);
-        let text = ring::text(robots, ticks, 1.0 / rate_hz as f64);
-        let scenario = ring::read(&text)?;
-        let node = service::node("bench")?;
+        let text = ring::ring_scenario_text(robots, ticks, 1.0 / rate_hz as f64);
+        let scenario = ring::parse_scenario(&text)?;
+        let node = service::create_node("bench")?;
         let name = format!("{robots} robots at {rate_hz} Hz");
-        Ok(Case::new(name, move |table: &mut Table| {
-            let summary = Run::start(setting, &text, Pace::Realtime, &[])?.wait_for_summary()?;
+        Ok(BenchCase::new(name, move |table: &mut MeasurementTable| {
+            let summary =
+                RunProcess::start(setting, &text, Pace::Realtime, &[])?.wait_for_summary()?;
             let [used, answer, wake] = [Stage::BeaconDelivery, Stage::Compute, Stage::Wake]
-                .map(|stage| summary.stage(stage));
+                .map(|stage| summary.stage_quantiles(stage));
             for (what, us) in
                 (NeighborTimes { send_to_use: used, poll_to_send: answer, wake }).mean_times()?
             {
@@ -100,7 +101,7 @@ fn mean_timer_phase_us(scenario: &Scenario) -> f64 {
 
 /// Measures beacons over iceoryx2 between processes without controllers, plant and supervisor.
 fn measure_iceoryx2(
-    setting: &Setting<'_>,
+    setting: &BenchSettings<'_>,
     node: &Node,
     scenario: &Scenario,
     ticks: u64,
@@ -111,10 +112,10 @@ fn measure_iceoryx2(
     let mut services: Vec<Factory<[u8], Beacon>> = Vec::new();
     for (i, robot) in scenario.robots.iter().enumerate() {
         let qos = Qos::for_robot(Pace::Realtime, scenario.graph.outgoing_edges(i).count());
-        services.push(service::beacon(&robot.name).create(node, qos)?);
+        services.push(service::beacon_topic(&robot.name).create(node, qos)?);
     }
     let root = setting.root.path();
-    let briefs = (0..robots).map(|i| briefs::agent(scenario, i, Pace::Realtime, root));
+    let briefs = (0..robots).map(|i| briefs::agent_brief(scenario, i, Pace::Realtime, root));
     peers::write_briefs(dir, briefs)?;
     let peers = Peers::start(dir, setting.stop, robots, "neighbor", &[ticks.to_string().into()])?;
     let mut all = NeighborTimes::default();
@@ -132,8 +133,8 @@ pub(crate) fn run_peer(address: &PeerAddress, ticks: u64) -> anyhow::Result<()> 
     let brief: AgentBrief = brief::read(&address.brief_path())?;
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
-    let node = service::node(&format!("neighbor-{}", brief.name))?;
-    let opened = |name: &str| service::beacon(name).open(&node);
+    let node = service::create_node(&format!("neighbor-{}", brief.name))?;
+    let opened = |name: &str| service::beacon_topic(name).open(&node);
     let out = opened(&brief.name)?.publisher(0)?;
     let heard = brief.neighbors.iter().map(|neighbor| opened(&neighbor.name)?.subscriber());
     let heard: Vec<_> = heard.collect::<Result<_, _>>()?;
@@ -172,7 +173,7 @@ mod tests {
 
     #[test]
     fn mean_timer_phase_of_two_robots_is_half_a_period() {
-        let scenario = ring::read(&ring::text(2, 10, 0.001)).unwrap();
+        let scenario = ring::parse_scenario(&ring::ring_scenario_text(2, 10, 0.001)).unwrap();
         assert!((mean_timer_phase_us(&scenario) - 500.0).abs() < 1e-6);
     }
 

@@ -15,26 +15,26 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow, bail};
 use protocol::brief;
-use protocol::process::Stop;
+use protocol::process::StopFlag;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use supervisor::child::{Child, describe_exit};
-use supervisor::spawn::{Launcher, Role};
+use supervisor::spawn::{Launcher, ProcessRole};
 
 use crate::run::exit_error;
-use crate::{Interrupted, MEASUREMENT_MAX, write};
+use crate::{Interrupted, MEASUREMENT_DURATION_MAX, write_file};
 
 /// Maximum lifetime of a peer, s. The kernel ends it then, whatever it waits for.
-const LIFE_S_MAX: u32 = 300;
+const LIFETIME_S_MAX: u32 = 300;
 /// Polling interval of the monitor thread.
-const MONITOR_EVERY: Duration = Duration::from_millis(50);
+const MONITOR_INTERVAL: Duration = Duration::from_millis(50);
 /// Polling interval for ready and result files.
-const READY_EVERY: Duration = Duration::from_millis(1);
+const READY_POLL_INTERVAL: Duration = Duration::from_millis(1);
 /// Maximum time of a peer to wait until all others are ready, and for its end after it has reported.
-const PEER_WAIT_MAX: Duration = Duration::from_secs(20);
+const PEER_WAIT_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// First argument of a peer process.
-pub(crate) const PEER: &str = "peer";
+pub(crate) const PEER_SUBCOMMAND: &str = "peer";
 
 /// Directory and index of a peer, from which the paths of its files follow.
 #[derive(Debug, Clone, clap::Args)]
@@ -66,10 +66,10 @@ impl PeerAddress {
 
     /// Reports that this peer is ready.
     pub(crate) fn report_ready(&self) -> anyhow::Result<()> {
-        write(&self.ready_path(), "")
+        write_file(&self.ready_path(), "")
     }
 
-    /// Reports that this peer is ready and waits for the start file, at most [`PEER_WAIT_MAX`].
+    /// Reports that this peer is ready and waits for the start file, at most [`PEER_WAIT_TIMEOUT`].
     ///
     /// # Errors
     /// If the other peers are not ready in time.
@@ -77,10 +77,10 @@ impl PeerAddress {
         self.report_ready()?;
         let began = Instant::now();
         while !self.start_path().exists() {
-            if began.elapsed() > PEER_WAIT_MAX {
-                bail!("the other peers were not ready within {} s", PEER_WAIT_MAX.as_secs());
+            if began.elapsed() > PEER_WAIT_TIMEOUT {
+                bail!("the other peers were not ready within {} s", PEER_WAIT_TIMEOUT.as_secs());
             }
-            std::thread::sleep(READY_EVERY);
+            std::thread::sleep(READY_POLL_INTERVAL);
         }
         Ok(())
     }
@@ -88,18 +88,18 @@ impl PeerAddress {
     /// Writes the result of this peer, then waits to be killed: an exit of its own would count as too early.
     pub(crate) fn report_result<T: Serialize>(&self, value: &T) -> anyhow::Result<()> {
         let (result, temporary) = (self.result_path(), self.result_path().with_extension("new"));
-        write(&temporary, &serde_json::to_string(value)?)?;
+        write_file(&temporary, &serde_json::to_string(value)?)?;
         std::fs::rename(&temporary, &result)
             .with_context(|| format!("cannot write {}", result.display()))?;
-        std::thread::sleep(PEER_WAIT_MAX);
+        std::thread::sleep(PEER_WAIT_TIMEOUT);
         Ok(())
     }
 }
 
-/// Limits the lifetime of this peer to [`LIFE_S_MAX`]: the kernel then ends it, so its waits need no deadline.
+/// Limits the lifetime of this peer to [`LIFETIME_S_MAX`]: the kernel then ends it, so its waits need no deadline.
 pub(crate) fn limit_lifetime() {
     // SAFETY: a system call without pointers.
-    unsafe { libc::alarm(LIFE_S_MAX) };
+    unsafe { libc::alarm(LIFETIME_S_MAX) };
 }
 
 /// Writes the briefs of peers that act as robots.
@@ -108,7 +108,7 @@ pub(crate) fn write_briefs<B: Serialize>(
     briefs: impl Iterator<Item = B>,
 ) -> anyhow::Result<()> {
     for (index, brief) in briefs.enumerate() {
-        write(&PeerAddress { dir: dir.into(), index }.brief_path(), &brief::to_text(&brief))?;
+        write_file(&PeerAddress { dir: dir.into(), index }.brief_path(), &brief::to_text(&brief))?;
     }
     Ok(())
 }
@@ -124,18 +124,18 @@ pub(crate) struct Peers {
 struct MonitorState {
     children: Mutex<Vec<Child>>,
     /// `true` once the monitor has found a failure and begins to kill the peers.
-    failed: AtomicBool,
+    has_failed: AtomicBool,
     /// `true` once the peers are no longer needed; the monitor thread then ends.
-    done: AtomicBool,
+    is_done: AtomicBool,
     failure: Mutex<Option<anyhow::Error>>,
-    stop: Stop,
+    stop: StopFlag,
 }
 
 impl Peers {
     /// Starts `count` peer processes of this executable with the same `verb` and arguments, and the monitor thread.
     pub(crate) fn start(
         dir: &Path,
-        stop: &Stop,
+        stop: &StopFlag,
         count: usize,
         verb: &str,
         arguments: &[OsString],
@@ -145,16 +145,16 @@ impl Peers {
         let (mut children, launcher) = (Vec::new(), Launcher::for_this_executable());
         for PeerAddress { dir, index } in &addresses {
             let mut command_line: Vec<OsString> =
-                vec![PEER.into(), dir.into(), index.to_string().into()];
+                vec![PEER_SUBCOMMAND.into(), dir.into(), index.to_string().into()];
             command_line.push(verb.into());
             command_line.extend_from_slice(arguments);
             let log = dir.join(format!("peer-{index}.log"));
-            children.push(launcher.spawn(Role::Bench { words: &command_line }, &log)?);
+            children.push(launcher.spawn(ProcessRole::Bench { words: &command_line }, &log)?);
         }
         let state = Arc::new(MonitorState {
             children: Mutex::new(children),
-            failed: AtomicBool::new(false),
-            done: AtomicBool::new(false),
+            has_failed: AtomicBool::new(false),
+            is_done: AtomicBool::new(false),
             failure: Mutex::new(None),
             stop: stop.clone(),
         });
@@ -181,7 +181,7 @@ impl Peers {
     pub(crate) fn wait_for_results<T: DeserializeOwned>(&self) -> anyhow::Result<Vec<T>> {
         self.wait_ready()?;
         if let Some(address) = self.addresses.first() {
-            write(&address.start_path(), "")?;
+            write_file(&address.start_path(), "")?;
         }
         let result = |address: &PeerAddress| {
             let path = address.result_path();
@@ -195,7 +195,7 @@ impl Peers {
     fn wait_for_file(&self, file: &Path) -> anyhow::Result<()> {
         while !file.exists() {
             self.check_running()?;
-            std::thread::sleep(READY_EVERY);
+            std::thread::sleep(READY_POLL_INTERVAL);
         }
         Ok(())
     }
@@ -207,20 +207,20 @@ impl Peers {
 
     /// Returns the failure of the peers as an error if they have failed.
     pub(crate) fn check_running(&self) -> anyhow::Result<()> {
-        if self.have_failed() { Err(self.failure()) } else { Ok(()) }
+        if self.have_failed() { Err(self.wait_for_failure()) } else { Ok(()) }
     }
 
     /// Returns whether the monitor has found a failure; it then kills the peers.
     pub(crate) fn have_failed(&self) -> bool {
-        self.state.failed.load(Ordering::Acquire)
+        self.state.has_failed.load(Ordering::Acquire)
     }
 
     /// Returns the reason of the failure. Waits for the monitor for at most ten polling intervals, because a caller
     /// that reads the end of a pipe may be faster than the monitor.
-    pub(crate) fn failure(&self) -> anyhow::Error {
+    pub(crate) fn wait_for_failure(&self) -> anyhow::Error {
         let began = Instant::now();
-        while !self.have_failed() && began.elapsed() < 10 * MONITOR_EVERY {
-            std::thread::sleep(READY_EVERY);
+        while !self.have_failed() && began.elapsed() < 10 * MONITOR_INTERVAL {
+            std::thread::sleep(READY_POLL_INTERVAL);
         }
         let failure = self.state.failure.lock().expect("the monitor does not panic").take();
         failure
@@ -232,18 +232,18 @@ impl MonitorState {
     /// Polls the peers until they are done or a failure occurs. After a failure it kills them.
     fn monitor(&self) {
         let began = Instant::now();
-        while !self.done.load(Ordering::Acquire) {
+        while !self.is_done.load(Ordering::Acquire) {
             let mut children =
                 self.children.lock().expect("no thread panics while it holds this lock");
             if let Some(failure) = self.find_failure(&mut children, began) {
                 *self.failure.lock().expect("no thread panics while it holds this lock") =
                     Some(failure);
-                self.failed.store(true, Ordering::Release);
+                self.has_failed.store(true, Ordering::Release);
                 children.iter().for_each(|child| drop(child.kill()));
                 return;
             }
             drop(children);
-            std::thread::park_timeout(MONITOR_EVERY);
+            std::thread::park_timeout(MONITOR_INTERVAL);
         }
     }
 
@@ -253,8 +253,11 @@ impl MonitorState {
         if self.stop.is_requested() {
             return Some(Interrupted.into());
         }
-        if began.elapsed() > MEASUREMENT_MAX {
-            return Some(anyhow!("the measurement took more than {} s", MEASUREMENT_MAX.as_secs()));
+        if began.elapsed() > MEASUREMENT_DURATION_MAX {
+            return Some(anyhow!(
+                "the measurement took more than {} s",
+                MEASUREMENT_DURATION_MAX.as_secs()
+            ));
         }
         children.iter_mut().find_map(|child| {
             let what = format!("a peer exited early ({})", describe_exit(child.try_reap()?));
@@ -265,7 +268,7 @@ impl MonitorState {
 
 impl Drop for Peers {
     fn drop(&mut self) {
-        self.state.done.store(true, Ordering::Release);
+        self.state.is_done.store(true, Ordering::Release);
         if let Some(monitor) = self.monitor.take() {
             monitor.thread().unpark();
             let _ = monitor.join();

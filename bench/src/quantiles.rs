@@ -27,7 +27,7 @@ pub(crate) fn reduce_quantiles(
 }
 
 /// Returns the mean of several distributions, separately for each quantile; `None` if there are none.
-pub(crate) fn mean(all: &[Quantiles]) -> Option<Quantiles> {
+pub(crate) fn mean_quantiles(all: &[Quantiles]) -> Option<Quantiles> {
     Some(reduce_quantiles(all, |a, b| a + b)?.map(|sum| sum / all.len() as f64))
 }
 
@@ -41,7 +41,7 @@ mod tests {
         assert_eq!(quantiles_us(us), Some([51.0, 100.0, 101.0]));
         assert_eq!(quantiles_us::<u64>(Vec::new()), None);
         let all = [[1.0, 5.0, 6.0], [3.0, 4.0, 10.0]];
-        assert_eq!(mean(&all), Some([2.0, 4.5, 8.0]));
+        assert_eq!(mean_quantiles(&all), Some([2.0, 4.5, 8.0]));
         assert_eq!(reduce_quantiles(&all, f64::max), Some([3.0, 5.0, 10.0]));
     }
 }

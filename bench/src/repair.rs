@@ -10,39 +10,45 @@ use outcome::results::tables::EventLine;
 use protocol::brief::Pace;
 
 use crate::quantiles::{QUANTILES, quantiles_us};
-use crate::rounds::{Case, Setting};
-use crate::run::Run;
+use crate::rounds::{BenchCase, BenchSettings};
+use crate::run::RunProcess;
 
 /// Number of robots in a line: each receives from its predecessor, and the first one is the leader.
-const ROBOTS: usize = 8;
+const ROBOT_COUNT: usize = 8;
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [200, 1000];
 /// Time from the timeout of an in-neighbor until the robot opens a backup neighbor (`repair_after_s`), s.
 const REPAIR_AFTER_S: f64 = 0.2;
 /// Interval between kills, s; long enough that each kill finds the original graph restored.
-const KILL_EVERY_S: f64 = 1.5;
+const KILL_INTERVAL_S: f64 = 1.5;
 /// Time from a kill to the restart of the robot, s.
-const RESTART_AFTER_S: f64 = 0.6;
+const RESTART_DELAY_S: f64 = 0.6;
 /// Number of quantiles shown: p50 and p99. A p99.9 would need more kills than fit into a measurement.
-const SHOWN_QUANTILES: usize = 2;
+const SHOWN_QUANTILE_COUNT: usize = 2;
 
 /// Returns a case for each rate, with `kills` kills.
-pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>> {
+pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, kills: usize) -> Vec<BenchCase<'a>> {
     let case = |rate_hz: u64| {
-        Case::new(format!("{rate_hz} Hz"), move |table| {
+        BenchCase::new(format!("{rate_hz} Hz"), move |table| {
             let faults = (0..kills).map(|kill| {
                 // Spreads the kills over the phases of the robots' timers.
-                let at_s =
-                    1.0 + KILL_EVERY_S * kill as f64 + agent::golden_phase(kill) / rate_hz as f64;
-                format!("--fault=kill r2 @{at_s:.6} restart {RESTART_AFTER_S}")
+                let at_s = 1.0
+                    + KILL_INTERVAL_S * kill as f64
+                    + agent::golden_phase(kill) / rate_hz as f64;
+                format!("--fault=kill r2 @{at_s:.6} restart {RESTART_DELAY_S}")
             });
             let faults: Vec<String> = faults.collect();
             let faults: Vec<&str> = faults.iter().map(String::as_str).collect();
-            let mut run = Run::start(setting, &line_text(kills, rate_hz), Pace::Realtime, &faults)?;
-            run.wait()?;
-            let taken_us = quantiles_us(repair_times_ns(&run.events()))
+            let mut run = RunProcess::start(
+                setting,
+                &line_scenario_text(kills, rate_hz),
+                Pace::Realtime,
+                &faults,
+            )?;
+            run.wait_for_exit()?;
+            let taken_us = quantiles_us(repair_times_ns(&run.read_events()))
                 .context("events.csv has no repair of r3 after a timeout of r2")?;
-            for ((_, name, _), us) in QUANTILES.iter().zip(taken_us).take(SHOWN_QUANTILES) {
+            for ((_, name, _), us) in QUANTILES.iter().zip(taken_us).take(SHOWN_QUANTILE_COUNT) {
                 let what = format!(
                     "timeout to backup neighbor minus repair_after_s, {name} of {kills}, ms"
                 );
@@ -55,14 +61,14 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>>
 }
 
 /// Returns the scenario text of a line of robots behind a leader at rest.
-fn line_text(kills: usize, rate_hz: u64) -> String {
+fn line_scenario_text(kills: usize, rate_hz: u64) -> String {
     let mut text = format!(
-        "name = \"line-{ROBOTS}\"\nduration_s = {}\nperiod_s = {}\nrepair = \"spares\"\n\
+        "name = \"line-{ROBOT_COUNT}\"\nduration_s = {}\nperiod_s = {}\nrepair = \"spares\"\n\
          repair_after_s = {REPAIR_AFTER_S}\ntrajectory = {{ kind = \"still\", center_m = [0.0, 0.0] }}\n",
-        2.0 + KILL_EVERY_S * kills as f64,
+        2.0 + KILL_INTERVAL_S * kills as f64,
         1.0 / rate_hz as f64,
     );
-    for i in 0..ROBOTS {
+    for i in 0..ROBOT_COUNT {
         let x_m = -0.6 * i as f64;
         let law = match i {
             0 => "law = \"leader-tanh\"\nk_m_m_s = 1.0\n".to_owned(),
@@ -105,8 +111,8 @@ mod tests {
 
     #[test]
     fn line_scenario_gives_r3_the_leader_as_backup_neighbor() {
-        let scenario = ring::read(&line_text(3, 200)).unwrap();
-        let spares = scenario.repair.spares.iter().filter(|edge| edge.to == 2);
+        let scenario = ring::parse_scenario(&line_scenario_text(3, 200)).unwrap();
+        let spares = scenario.repair_plan.spares.iter().filter(|edge| edge.to == 2);
         assert_eq!(spares.map(|edge| edge.from).collect::<Vec<_>>(), [0]);
     }
 

@@ -16,35 +16,35 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::peers::{PeerAddress, Peers};
 use crate::quantiles::{QUANTILES, quantiles_us};
-use crate::rounds::{Case, Setting};
-use crate::run::Run;
+use crate::rounds::{BenchCase, BenchSettings};
+use crate::run::RunProcess;
 use crate::{WorkDir, ring};
 
 /// Number of robots in the run.
-const ROBOTS: usize = 8;
+const ROBOT_COUNT: usize = 8;
 /// Rates of the robots, Hz. A replacement waits for the plant's next sample and then for its own next wake-up: at most
 /// two periods, one on average.
 const RATES_HZ: [u64; 2] = [200, 1000];
 /// Number of ticks of the run, longer than any measurement; the bench ends the run after the measurement.
-const TICKS: u64 = 1_000_000;
+const TICK_COUNT: u64 = 1_000_000;
 /// Name of the robot that is killed.
-const VICTIM: &str = "r1";
+const KILLED_ROBOT_NAME: &str = "r1";
 /// Maximum time to wait for the start of the run and for each replacement. The measurement fails after it.
-const REPLACEMENT_MAX: Duration = Duration::from_secs(20);
+const REPLACEMENT_DURATION_MAX: Duration = Duration::from_secs(20);
 /// Minimum time between a replacement and the next kill, so that the run settles.
 const SETTLING_TIME: Duration = Duration::from_millis(50);
 /// Number of quantiles shown: p50 and p99. A p99.9 would need more kills than fit into a measurement.
-const SHOWN_QUANTILES: usize = 2;
+const SHOWN_QUANTILE_COUNT: usize = 2;
 /// Polling interval for commands.
-const POLL_EVERY: Duration = Duration::from_micros(100);
+const POLL_INTERVAL: Duration = Duration::from_micros(100);
 
 /// Returns a case for each rate, with `kills` kills.
-pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>> {
+pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, kills: usize) -> Vec<BenchCase<'a>> {
     let case = |rate_hz: u64| {
-        Case::new(format!("{rate_hz} Hz"), move |table| {
+        BenchCase::new(format!("{rate_hz} Hz"), move |table| {
             let taken_us = quantiles_us(measure_replacements(setting, rate_hz, kills)?);
             let taken_us = taken_us.context("the observer reported no replacement")?;
-            for ((_, name, _), us) in QUANTILES.iter().zip(taken_us).take(SHOWN_QUANTILES) {
+            for ((_, name, _), us) in QUANTILES.iter().zip(taken_us).take(SHOWN_QUANTILE_COUNT) {
                 let what = format!("kill to first command, {name} of {kills}, ms");
                 table.record_run(&what, us / 1e3);
             }
@@ -56,22 +56,22 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>>
 
 /// Starts a run and the observer, and returns the time that each replacement took, ns.
 fn measure_replacements(
-    setting: &Setting<'_>,
+    setting: &BenchSettings<'_>,
     rate_hz: u64,
     kills: usize,
 ) -> anyhow::Result<Vec<u64>> {
-    let text = ring::text(ROBOTS, TICKS, 1.0 / rate_hz as f64);
+    let text = ring::ring_scenario_text(ROBOT_COUNT, TICK_COUNT, 1.0 / rate_hz as f64);
     let work_dir = WorkDir::new(setting.root, "observer")?;
-    let mut run = Run::start(setting, &text, Pace::Realtime, &[])?;
+    let mut run = RunProcess::start(setting, &text, Pace::Realtime, &[])?;
     let began = Instant::now();
-    while !run.has_events("ready", ROBOTS) {
+    while !run.has_events("ready", ROBOT_COUNT) {
         run.check_running()?;
-        if began.elapsed() > REPLACEMENT_MAX {
-            bail!("the run was not ready within {} s", REPLACEMENT_MAX.as_secs());
+        if began.elapsed() > REPLACEMENT_DURATION_MAX {
+            bail!("the run was not ready within {} s", REPLACEMENT_DURATION_MAX.as_secs());
         }
         std::thread::sleep(Duration::from_millis(5));
     }
-    let arguments = [run.brief_path(VICTIM).into(), kills.to_string().into()];
+    let arguments = [run.brief_path(KILLED_ROBOT_NAME).into(), kills.to_string().into()];
     let peers = Peers::start(work_dir.path(), setting.stop, 1, "kill", &arguments)?;
     while !peers.has_result() {
         run.check_running()?;
@@ -90,8 +90,8 @@ pub(crate) fn run_peer(
 ) -> anyhow::Result<()> {
     let brief: AgentBrief = brief::read(brief_path)?;
     run_root::join(&brief.run_root)?;
-    let node = service::node("observer")?;
-    let commands = service::command(&brief.name).open(&node)?.subscriber()?;
+    let node = service::create_node("observer")?;
+    let commands = service::command_topic(&brief.name).open(&node)?.subscriber()?;
     address.report_ready()?;
     let mut incarnation = wait_for_incarnation(&commands, 0)?;
     let period_s = brief.period_ns as f64 / 1e9;
@@ -113,20 +113,20 @@ pub(crate) fn run_peer(
 /// Waits for a command of incarnation `minimum` or later, and returns its incarnation number.
 ///
 /// # Errors
-/// If none arrives within [`REPLACEMENT_MAX`].
+/// If none arrives within [`REPLACEMENT_DURATION_MAX`].
 fn wait_for_incarnation(commands: &Subscriber<Command>, minimum: u64) -> anyhow::Result<u64> {
     let began = Instant::now();
     loop {
         match commands.receive()? {
             Some(command) if command.incarnation >= minimum => return Ok(command.incarnation),
             Some(_) => {}
-            None if began.elapsed() > REPLACEMENT_MAX => {
+            None if began.elapsed() > REPLACEMENT_DURATION_MAX => {
                 bail!(
                     "no command of incarnation {minimum} or later within {} s",
-                    REPLACEMENT_MAX.as_secs()
+                    REPLACEMENT_DURATION_MAX.as_secs()
                 )
             }
-            None => std::thread::sleep(POLL_EVERY),
+            None => std::thread::sleep(POLL_INTERVAL),
         }
     }
 }

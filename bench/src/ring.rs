@@ -13,6 +13,8 @@ use formation::portable_math;
 const GAP_M: f64 = 0.6;
 /// Distance from a robot's slot to its start position, m.
 const START_OFFSET_M: f64 = 0.1;
+/// Control law of the robots of a ring.
+pub(crate) const RING_LAW: &str = "formation-unit";
 /// Maximum number of in-neighbors of each robot.
 const NEIGHBORS_MAX: usize = 4;
 
@@ -33,8 +35,18 @@ restart_window_s = 1.0
 /// Returns the scenario text of a ring with a duration of `ticks` periods of `period_s`. Requires at least 2 `robots`.
 /// Each robot receives from the next four robots, or from all others in smaller rings, and starts at a small distance
 /// from its slot; the directions of these offsets are spread over the circle.
-pub fn text(robots: usize, ticks: u64, period_s: f64) -> String {
-    let mut text = head(&format!("ring-{robots}"), ticks, period_s);
+pub fn ring_scenario_text(robots: usize, ticks: u64, period_s: f64) -> String {
+    ring_scenario_text_with_law(robots, ticks, period_s, RING_LAW)
+}
+
+/// Returns the scenario text of [`ring_scenario_text`] with another control law, which has the same gains.
+pub(crate) fn ring_scenario_text_with_law(
+    robots: usize,
+    ticks: u64,
+    period_s: f64,
+    law: &str,
+) -> String {
+    let mut text = scenario_header_text(&format!("ring-{robots}"), ticks, period_s);
     let radius_m = GAP_M / (2.0 * portable_math::sin(PI / robots as f64));
     for i in 0..robots {
         let (sin, cos) = portable_math::sin_cos(TAU * i as f64 / robots as f64);
@@ -46,7 +58,7 @@ pub fn text(robots: usize, ticks: u64, period_s: f64) -> String {
             .collect();
         let _ = write!(
             text,
-            "[[robot]]\nname = \"r{}\"\nlaw = \"formation-unit\"\nspeed_m_s = 0.1\n\
+            "[[robot]]\nname = \"r{}\"\nlaw = \"{law}\"\nspeed_m_s = 0.1\n\
              hears = [{}]\nplace_m = [{x_m}, {y_m}]\n\
              pose = {{ x_m = {}, y_m = {}, heading_rad = {toward_rad} }}\n",
             i + 1,
@@ -59,14 +71,14 @@ pub fn text(robots: usize, ticks: u64, period_s: f64) -> String {
 }
 
 /// Returns the number of ticks, at least 1, and the scenario text of a ring with this rate and duration.
-pub(crate) fn text_for_duration(robots: usize, rate_hz: u64, seconds: f64) -> (u64, String) {
+pub(crate) fn ring_text_for_duration(robots: usize, rate_hz: u64, seconds: f64) -> (u64, String) {
     let ticks = ((seconds * rate_hz as f64) as u64).max(1);
-    (ticks, text(robots, ticks, 1.0 / rate_hz as f64))
+    (ticks, ring_scenario_text(robots, ticks, 1.0 / rate_hz as f64))
 }
 
 /// Returns the scenario text of a single robot: a leader named `name` that follows a circle.
 pub(crate) fn single_robot_text(name: &str, ticks: u64, period_s: f64) -> String {
-    let mut text = head("alone", ticks, period_s);
+    let mut text = scenario_header_text("alone", ticks, period_s);
     let _ = write!(
         text,
         "trajectory = {{ kind = \"circle\", radius_m = 1.0, period_s = 60.0 }}\n\
@@ -76,7 +88,7 @@ pub(crate) fn single_robot_text(name: &str, ticks: u64, period_s: f64) -> String
     text + COMMON_TABLES
 }
 
-fn head(name: &str, ticks: u64, period_s: f64) -> String {
+fn scenario_header_text(name: &str, ticks: u64, period_s: f64) -> String {
     let duration_s = ticks as f64 * period_s;
     format!("name = \"{name}\"\nduration_s = {duration_s:.6}\nperiod_s = {period_s:.6}\n")
 }
@@ -85,8 +97,8 @@ fn head(name: &str, ticks: u64, period_s: f64) -> String {
 ///
 /// # Errors
 /// If the scenario is invalid.
-pub fn read(text: &str) -> anyhow::Result<Scenario> {
-    let overrides = Overrides { set: Vec::new(), faults: Vec::new(), seed: None };
+pub fn parse_scenario(text: &str) -> anyhow::Result<Scenario> {
+    let overrides = Overrides { assignments: Vec::new(), faults: Vec::new(), seed: None };
     match read_text(Path::new("bench.toml"), text, &overrides, &agent::catalog()) {
         Ok((scenario, ..)) => Ok(scenario),
         Err(diagnostic) => Err(anyhow::anyhow!(diagnostic.render(false))),
@@ -101,7 +113,7 @@ mod tests {
     fn ring_of_any_size_and_rate_is_valid_and_has_the_duration() {
         for robots in [2, 3, 4, 5, 8, 64, 256] {
             for period_s in [0.001, 0.005, 0.01] {
-                let scenario = read(&text(robots, 7, period_s)).unwrap();
+                let scenario = parse_scenario(&ring_scenario_text(robots, 7, period_s)).unwrap();
                 assert_eq!(scenario.robots.len(), robots);
                 assert_eq!(scenario.duration_ns, 7 * scenario.period_ns);
                 let in_degree =
@@ -113,6 +125,6 @@ mod tests {
 
     #[test]
     fn single_robot_scenario_is_valid() {
-        assert_eq!(read(&single_robot_text("solo", 7, 0.005)).unwrap().robots.len(), 1);
+        assert_eq!(parse_scenario(&single_robot_text("solo", 7, 0.005)).unwrap().robots.len(), 1);
     }
 }

@@ -16,15 +16,15 @@ use protocol::clock;
 use protocol::message::{Command, Odometry};
 use protocol::run_root;
 use protocol::service::{self, Factory, Node, Publisher, Qos, Subscriber};
-use supervisor::spawn::{Launcher, Role};
+use supervisor::spawn::{Launcher, ProcessRole};
 
 use crate::cores::{PinnedCores, start_on_last_core};
 use crate::peers::{PeerAddress, Peers};
 use crate::quantiles::{QUANTILES, quantiles_us};
-use crate::rounds::{Case, Setting};
+use crate::rounds::{BenchCase, BenchSettings};
 use crate::run::exit_error;
 use crate::transport::{Channel, Transport, make_pipe};
-use crate::{HUNG_AFTER, Interrupted, WorkDir, ring, write};
+use crate::{Interrupted, RESPONSE_TIMEOUT, WorkDir, ring, write_file};
 
 /// Number of round trips over each transport per second of the nominal duration; the five rounds of a full bench make
 /// 100,000.
@@ -32,27 +32,28 @@ const TRIPS_PER_S: f64 = 20_000.0;
 /// Maximum duration of the trips over one transport, as a multiple of the nominal duration. Slower ones are cut off.
 const DURATION_FACTOR_MAX: f64 = 10.0;
 /// Maximum time until the agent is ready, and for each tick. The measurement fails after it.
-const READY_MAX: Duration = Duration::from_secs(10);
+const READY_DURATION_MAX: Duration = Duration::from_secs(10);
 /// Polling interval for the readiness of the agent.
-const READY_EVERY: Duration = Duration::from_millis(1);
+const READY_POLL_INTERVAL: Duration = Duration::from_millis(1);
 /// Number of trips before the measurement, which fill the caches and pass the one-time work of the robot.
 const WARM_UP_TRIPS: usize = 200;
 /// Control period (T) of the single robot in simulated time, s.
 const PERIOD_S: f64 = 0.005;
 /// Number of quantiles shown: p50 and p99.
-const SHOWN_QUANTILES: usize = 2;
+const SHOWN_QUANTILE_COUNT: usize = 2;
 
 /// Returns one case, with the round trip of a robot and of each transport.
-pub(crate) fn cases<'a>(setting: &'a Setting<'_>) -> anyhow::Result<Vec<Case<'a>>> {
+pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>) -> anyhow::Result<Vec<BenchCase<'a>>> {
     run_root::join(setting.root.path())?;
-    let node = service::node("bench")?;
+    let node = service::create_node("bench")?;
     let mut round = 0;
-    Ok(vec![Case::new("round trip", move |table| {
+    Ok(vec![BenchCase::new("round trip", move |table| {
         round += 1;
         let cores = PinnedCores::pin_to_first();
-        let trips = Trips { setting, cores: cores.as_ref(), node: &node, round };
-        let names =
-            || QUANTILES.iter().map(|(_, name, _)| format!("{name}, us")).take(SHOWN_QUANTILES);
+        let trips = RoundTrips { setting, cores: cores.as_ref(), node: &node, round };
+        let names = || {
+            QUANTILES.iter().map(|(_, name, _)| format!("{name}, us")).take(SHOWN_QUANTILE_COUNT)
+        };
         for (name, us) in names().zip(trips.measure_agent()?) {
             table.record_run(&name, us);
         }
@@ -66,16 +67,16 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>) -> anyhow::Result<Vec<Case<'a>
 }
 
 /// Setting of the round trips of one round.
-struct Trips<'a> {
-    setting: &'a Setting<'a>,
+struct RoundTrips<'a> {
+    setting: &'a BenchSettings<'a>,
     cores: Option<&'a PinnedCores>,
     node: &'a Node,
     round: usize,
 }
 
-impl Trips<'_> {
+impl RoundTrips<'_> {
     fn count(&self) -> usize {
-        ((TRIPS_PER_S * self.setting.seconds) as usize).max(1)
+        ((TRIPS_PER_S * self.setting.duration_s) as usize).max(1)
     }
 
     /// Measures trips until their number or the maximum duration is reached, and returns their quantiles, us.
@@ -86,7 +87,7 @@ impl Trips<'_> {
         for tick in 0..WARM_UP_TRIPS {
             trip(tick as u64)?;
         }
-        let limit = Duration::from_secs_f64(DURATION_FACTOR_MAX * self.setting.seconds);
+        let limit = Duration::from_secs_f64(DURATION_FACTOR_MAX * self.setting.duration_s);
         let mut trips_ns = Vec::with_capacity(self.count());
         let began = Instant::now();
         let mut last = began;
@@ -105,27 +106,27 @@ impl Trips<'_> {
 
     /// Measures Phalanx: the bench acts as the plant of a real agent.
     fn measure_agent(&self) -> anyhow::Result<[f64; QUANTILES.len()]> {
-        let Trips { setting, cores, node, round } = self;
+        let RoundTrips { setting, cores, node, round } = self;
         let root = setting.root;
         let name = format!("alone-{round}");
         let ticks = (WARM_UP_TRIPS + self.count()) as u64;
-        let scenario = ring::read(&ring::single_robot_text(&name, ticks, PERIOD_S))?;
-        let brief = briefs::agent(&scenario, 0, Pace::Lockstep, root.path());
-        let plant = briefs::plant(&scenario, Pace::Lockstep, root.path());
+        let scenario = ring::parse_scenario(&ring::single_robot_text(&name, ticks, PERIOD_S))?;
+        let brief = briefs::agent_brief(&scenario, 0, Pace::Lockstep, root.path());
+        let plant = briefs::plant_brief(&scenario, Pace::Lockstep, root.path());
         let own = create_services(&name, node)?;
         // The agent needs these services, but no process receives from them.
         let _others = (
-            service::beacon(&name).create(node, Qos::for_robot(Pace::Lockstep, 0))?,
-            service::status(&name).create(node, Qos::for_status(1))?,
-            service::latency(&name).create(node, Qos::for_latency(1))?,
+            service::beacon_topic(&name).create(node, Qos::for_robot(Pace::Lockstep, 0))?,
+            service::status_topic(&name).create(node, Qos::for_status(1))?,
+            service::latency_topic(&name).create(node, Qos::for_latency(1))?,
         );
-        let barrier = Barrier::create(&root.barrier_path(), 1, 1, HUNG_AFTER)?;
+        let barrier = Barrier::create(&root.barrier_path(), 1, 1, RESPONSE_TIMEOUT)?;
         barrier.set_member(0, 0);
         let work_dir = WorkDir::new(root, &name)?;
         let path = work_dir.path().join("brief.toml");
-        write(&path, &brief::to_text(&brief))?;
+        write_file(&path, &brief::to_text(&brief))?;
         let (odometry, command) = open_ports(&own)?;
-        let role = Role::Agent { brief: &path, program: None, incarnation: 0 };
+        let role = ProcessRole::Agent { brief: &path, program: None, incarnation: 0 };
         let log = work_dir.path().join("agent.log");
         let mut agent =
             start_on_last_core(*cores, || Launcher::for_this_executable().spawn(role, &log))?;
@@ -137,38 +138,38 @@ impl Trips<'_> {
         let began = Instant::now();
         while own.1.number_of_publishers() == 0 {
             check_agent()?;
-            if began.elapsed() > READY_MAX {
-                bail!("the agent was not ready within {} s", READY_MAX.as_secs());
+            if began.elapsed() > READY_DURATION_MAX {
+                bail!("the agent was not ready within {} s", READY_DURATION_MAX.as_secs());
             }
-            std::thread::sleep(READY_EVERY);
+            std::thread::sleep(READY_POLL_INTERVAL);
         }
         let mut world = World::new(&plant);
         self.measure(|tick| {
             odometry.send_copy(Odometry { sent_ns: clock::now_ns(), ..world.odometry(0) })?;
-            barrier.begin(tick);
-            barrier.release(0);
+            barrier.begin_tick(tick);
+            barrier.release_group(0);
             let (began, mut agent_state) = (Instant::now(), Ok(()));
-            let arrived = barrier.wait_arrivals(tick, || {
+            let arrived = barrier.wait_for_arrivals(tick, || {
                 agent_state = check_agent();
-                agent_state.is_ok() && began.elapsed() < READY_MAX
+                agent_state.is_ok() && began.elapsed() < READY_DURATION_MAX
             });
             agent_state?;
             arrived.map_err(|_| {
-                anyhow!("the agent did not answer within {} s", READY_MAX.as_secs())
+                anyhow!("the agent did not answer within {} s", READY_DURATION_MAX.as_secs())
             })?;
             let answer = command.receive()?.filter(|answer| answer.tick == tick);
             let answer = answer.with_context(|| format!("no command at tick {tick}"))?;
-            world.accept(0, &answer).map_err(|refusal| anyhow!("{refusal}"))?;
+            world.accept_command(0, &answer).map_err(|refusal| anyhow!("{refusal}"))?;
             world.advance((tick + 1) * plant.period_ns);
-            world.next_tick();
+            world.increment_tick();
             Ok(())
         })
     }
 
     /// Measures a baseline: a peer answers each sample immediately.
     fn measure_transport(&self, transport: Transport) -> anyhow::Result<[f64; QUANTILES.len()]> {
-        let Trips { setting, cores, node, round } = self;
-        let work_dir = WorkDir::new(setting.root, &format!("{}-{round}", transport.argument()))?;
+        let RoundTrips { setting, cores, node, round } = self;
+        let work_dir = WorkDir::new(setting.root, &format!("{}-{round}", transport.to_argument()))?;
         let dir = work_dir.path();
         let services =
             transport.is_iceoryx2().then(|| create_services(&robot_name(dir), node)).transpose()?;
@@ -179,17 +180,18 @@ impl Trips<'_> {
         let (publisher, subscriber) = services.as_ref().map(open_ports).transpose()?.unzip();
         let odometry = Channel::open_sender(transport, &dir.join("odometry"), true, publisher)?;
         let mut command =
-            Channel::<Command>::receiving(transport, &dir.join("command"), subscriber)?;
-        let arguments = [transport.argument().into()];
+            Channel::<Command>::open_receiver(transport, &dir.join("command"), subscriber)?;
+        let arguments = [transport.to_argument().into()];
         let peers = start_on_last_core(*cores, || {
             Peers::start(dir, setting.stop, 1, "round-trip", &arguments)
         })?;
         peers.wait_ready()?;
         self.measure(|tick| {
             let sent = odometry.send(&Odometry { tick, ..Odometry::default() });
-            sent.map_err(|_| peers.failure())?;
-            let answer = command.receive(|| peers.have_failed()).map_err(|_| peers.failure())?;
-            match answer.ok_or_else(|| peers.failure())? {
+            sent.map_err(|_| peers.wait_for_failure())?;
+            let answer =
+                command.receive(|| peers.have_failed()).map_err(|_| peers.wait_for_failure())?;
+            match answer.ok_or_else(|| peers.wait_for_failure())? {
                 answer if answer.tick == tick => Ok(()),
                 other => bail!(
                     "{}: the answer is for tick {}, must be for tick {tick}",
@@ -208,13 +210,13 @@ pub(crate) fn run_peer(address: &PeerAddress, transport: Transport) -> anyhow::R
         run_root::join(
             dir.parent().context("the directory of a peer must be below the run root")?,
         )?;
-        let (node, robot) = (service::node("echo")?, robot_name(dir));
-        let publisher = service::command(&robot).open(&node)?.publisher()?;
-        anyhow::Ok((publisher, service::odometry(&robot).open(&node)?.subscriber()?))
+        let (node, robot) = (service::create_node("echo")?, robot_name(dir));
+        let publisher = service::command_topic(&robot).open(&node)?.publisher()?;
+        anyhow::Ok((publisher, service::odometry_topic(&robot).open(&node)?.subscriber()?))
     };
     let (publisher, subscriber) = transport.is_iceoryx2().then(ports).transpose()?.unzip();
     let mut odometry =
-        Channel::<Odometry>::receiving(transport, &dir.join("odometry"), subscriber)?;
+        Channel::<Odometry>::open_receiver(transport, &dir.join("odometry"), subscriber)?;
     let command = Channel::open_sender(transport, &dir.join("command"), false, publisher)?;
     address.report_ready()?;
     while let Some(Odometry { tick, .. }) = odometry.receive(|| false)? {
@@ -229,7 +231,10 @@ fn create_services(
     node: &Node,
 ) -> anyhow::Result<(Factory<Odometry>, Factory<Command>)> {
     let one = Qos::for_robot(Pace::Lockstep, 1);
-    Ok((service::odometry(name).create(node, one)?, service::command(name).create(node, one)?))
+    Ok((
+        service::odometry_topic(name).create(node, one)?,
+        service::command_topic(name).create(node, one)?,
+    ))
 }
 
 /// Opens the ports of the plant's end: an odometry publisher and a command subscriber.

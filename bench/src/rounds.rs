@@ -2,22 +2,22 @@
 
 use std::io::{self, Write as _};
 
-use protocol::process::Stop;
+use protocol::process::StopFlag;
 use protocol::run_root::RunRoot;
 
 use crate::Interrupted;
-use crate::table::Table;
+use crate::table::MeasurementTable;
 
 /// Settings that all measurements share.
-pub(crate) struct Setting<'a> {
+pub(crate) struct BenchSettings<'a> {
     /// Run root of the bench.
     pub(crate) root: &'a RunRoot,
     /// State of the signal handlers.
-    pub(crate) stop: &'a Stop,
+    pub(crate) stop: &'a StopFlag,
     /// Number of rounds.
     pub(crate) rounds: usize,
     /// Approximate duration of each measurement, s.
-    pub(crate) seconds: f64,
+    pub(crate) duration_s: f64,
     /// `true` to run robots, plant and timers of the part realtime with SCHED_FIFO priority.
     pub(crate) realtime_priority: bool,
     /// `true` to show the progress on stderr, which is then a terminal.
@@ -25,33 +25,33 @@ pub(crate) struct Setting<'a> {
 }
 
 /// Function that measures once and records the values in the table.
-type Measure<'a> = Box<dyn FnMut(&mut Table) -> anyhow::Result<()> + 'a>;
+type MeasureFn<'a> = Box<dyn FnMut(&mut MeasurementTable) -> anyhow::Result<()> + 'a>;
 
 /// A case: one or several rows of the table, measured together in each round.
-pub(crate) struct Case<'a> {
+pub(crate) struct BenchCase<'a> {
     name: String,
-    measure: Measure<'a>,
+    measure: MeasureFn<'a>,
 }
 
-impl<'a> Case<'a> {
+impl<'a> BenchCase<'a> {
     pub(crate) fn new(
         name: impl Into<String>,
-        measure: impl FnMut(&mut Table) -> anyhow::Result<()> + 'a,
-    ) -> Case<'a> {
-        Case { name: name.into(), measure: Box::new(measure) }
+        measure: impl FnMut(&mut MeasurementTable) -> anyhow::Result<()> + 'a,
+    ) -> BenchCase<'a> {
+        BenchCase { name: name.into(), measure: Box::new(measure) }
     }
 }
 
-impl Setting<'_> {
+impl BenchSettings<'_> {
     /// Measures the cases of a part in all rounds.
     ///
     /// # Errors
     /// The first error of a measurement, or [`Interrupted`].
-    pub(crate) fn measure(
+    pub(crate) fn measure_cases(
         &self,
-        table: &mut Table,
+        table: &mut MeasurementTable,
         part: &'static str,
-        cases: Vec<Case<'_>>,
+        cases: Vec<BenchCase<'_>>,
     ) -> anyhow::Result<()> {
         let mut cases = cases;
         for round in 1..=self.rounds {

@@ -9,45 +9,45 @@ use protocol::brief::Pace;
 use protocol::stage::Stage;
 use serde_json::Value;
 use supervisor::child::{Child, describe_exit};
-use supervisor::spawn::{Launcher, Role};
+use supervisor::spawn::{Launcher, ProcessRole};
 
 use crate::quantiles::{QUANTILES, Quantiles};
-use crate::rounds::Setting;
-use crate::{LOG_LINES, MEASUREMENT_MAX, WorkDir, write};
+use crate::rounds::BenchSettings;
+use crate::{MEASUREMENT_DURATION_MAX, SHOWN_LOG_LINES, WorkDir, write_file};
 
 /// Maximum time for a run to end its child processes and remove its files after a termination request.
-const END_MAX: Duration = Duration::from_secs(15);
+const SHUTDOWN_DURATION_MAX: Duration = Duration::from_secs(15);
 /// Polling interval for signals.
-const POLL_EVERY: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Names of the consumers of processor time in the table.
 pub(crate) const CPU_CONSUMERS: [&str; 3] = ["robots", "plant", "supervisor"];
 
 /// A run in progress. Dropping it ends the run.
-pub(crate) struct Run<'a> {
-    setting: &'a Setting<'a>,
+pub(crate) struct RunProcess<'a> {
+    setting: &'a BenchSettings<'a>,
     child: Child,
     work_dir: WorkDir,
 }
 
-impl<'a> Run<'a> {
+impl<'a> RunProcess<'a> {
     /// Starts `phalanx run` of this scenario text, with additional arguments.
     pub(crate) fn start(
-        setting: &'a Setting<'_>,
+        setting: &'a BenchSettings<'_>,
         scenario: &str,
         pace: Pace,
         arguments: &[&str],
-    ) -> anyhow::Result<Run<'a>> {
+    ) -> anyhow::Result<RunProcess<'a>> {
         let work_dir = WorkDir::new(setting.root, "run")?;
         let (file, out) = (work_dir.path().join("scenario.toml"), work_dir.path().join("out"));
-        write(&file, scenario)?;
+        write_file(&file, scenario)?;
         let mut command_line: Vec<OsString> =
             vec!["run".into(), file.into(), "--out".into(), out.into()];
         let common = ["--pace", pace.keyword(), "--output=json", "--no-report"];
         command_line.extend(common.iter().chain(arguments).map(OsString::from));
         let child = Launcher::for_this_executable()
-            .spawn(Role::Bench { words: &command_line }, &work_dir.path().join("log"))?;
-        Ok(Run { setting, child, work_dir })
+            .spawn(ProcessRole::Bench { words: &command_line }, &work_dir.path().join("log"))?;
+        Ok(RunProcess { setting, child, work_dir })
     }
 
     /// Returns the path of a robot's brief.
@@ -57,11 +57,12 @@ impl<'a> Run<'a> {
 
     /// Returns whether `events.csv` has at least `count` events of this kind.
     pub(crate) fn has_events(&self, kind: &str, count: usize) -> bool {
-        self.events().lines().filter(|line| line.split(',').nth(1) == Some(kind)).count() >= count
+        self.read_events().lines().filter(|line| line.split(',').nth(1) == Some(kind)).count()
+            >= count
     }
 
     /// Returns the text of `events.csv` written so far; empty if the file cannot be read.
-    pub(crate) fn events(&self) -> String {
+    pub(crate) fn read_events(&self) -> String {
         std::fs::read_to_string(self.out_dir().join("events.csv")).unwrap_or_default()
     }
 
@@ -76,7 +77,7 @@ impl<'a> Run<'a> {
         match self.child.try_reap() {
             None => Ok(()),
             Some(status) => {
-                Err(self.failure(format!("the run ended early ({})", describe_exit(status))))
+                Err(self.error_with_log(format!("the run ended early ({})", describe_exit(status))))
             }
         }
     }
@@ -86,7 +87,7 @@ impl<'a> Run<'a> {
     /// # Errors
     /// If the run fails or its `summary.json` cannot be read.
     pub(crate) fn wait_for_summary(mut self) -> anyhow::Result<Summary> {
-        self.wait()?;
+        self.wait_for_exit()?;
         let path = self.out_dir().join("summary.json");
         let cannot = || format!("cannot read {}", path.display());
         let bytes = std::fs::read(&path).with_context(cannot)?;
@@ -96,28 +97,28 @@ impl<'a> Run<'a> {
     /// Waits for the end of the run.
     ///
     /// # Errors
-    /// If the run fails or takes more than [`MEASUREMENT_MAX`], or if a signal interrupts the bench.
-    pub(crate) fn wait(&mut self) -> anyhow::Result<()> {
+    /// If the run fails or takes more than [`MEASUREMENT_DURATION_MAX`], or if a signal interrupts the bench.
+    pub(crate) fn wait_for_exit(&mut self) -> anyhow::Result<()> {
         let began = Instant::now();
         let status = loop {
-            if let Some(status) = self.child.wait_timeout(POLL_EVERY) {
+            if let Some(status) = self.child.wait_timeout(POLL_INTERVAL) {
                 break status;
             }
             self.setting.check_interrupted()?;
-            if began.elapsed() > MEASUREMENT_MAX {
-                let limit_s = MEASUREMENT_MAX.as_secs();
-                return Err(self.failure(format!("a run took more than {limit_s} s")));
+            if began.elapsed() > MEASUREMENT_DURATION_MAX {
+                let limit_s = MEASUREMENT_DURATION_MAX.as_secs();
+                return Err(self.error_with_log(format!("a run took more than {limit_s} s")));
             }
         };
         if !status.success() {
-            return Err(self.failure(format!("a run failed ({})", describe_exit(status))));
+            return Err(self.error_with_log(format!("a run failed ({})", describe_exit(status))));
         }
         Ok(())
     }
 
     /// Returns an error with the last error line of the run's log, or with the last lines of the log if it has none.
     /// The last lines alone would not do, because a run prints its summary after its error.
-    fn failure(&self, what: String) -> anyhow::Error {
+    fn error_with_log(&self, what: String) -> anyhow::Error {
         let log = std::fs::read_to_string(self.work_dir.path().join("log")).unwrap_or_default();
         match log.lines().rev().find_map(|line| line.strip_prefix("error: ")) {
             Some(error) => anyhow!("{what}: {error}"),
@@ -128,15 +129,15 @@ impl<'a> Run<'a> {
 
 /// Returns an error about a process that exited, with the last lines of its log.
 pub(crate) fn exit_error(what: &str, child: &Child) -> anyhow::Error {
-    anyhow!("{what}; the last lines of its log:\n{}", child.last_lines(LOG_LINES))
+    anyhow!("{what}; the last lines of its log:\n{}", child.last_lines(SHOWN_LOG_LINES))
 }
 
-impl Drop for Run<'_> {
+impl Drop for RunProcess<'_> {
     /// Terminates the run, so that it ends its child processes and removes their shared resources. A killed run cannot.
     fn drop(&mut self) {
         if self.child.try_reap().is_none() {
             self.child.terminate();
-            self.child.wait_timeout(END_MAX);
+            self.child.wait_timeout(SHUTDOWN_DURATION_MAX);
         }
     }
 }
@@ -149,7 +150,7 @@ impl Summary {
     ///
     /// # Errors
     /// If there is no number at the pointer.
-    pub(crate) fn number(&self, pointer: &str) -> anyhow::Result<f64> {
+    pub(crate) fn number_at(&self, pointer: &str) -> anyhow::Result<f64> {
         let found = self.0.pointer(pointer).and_then(Value::as_f64);
         found.with_context(|| format!("summary.json has no number at {pointer}"))
     }
@@ -179,7 +180,7 @@ impl Summary {
 
     /// Returns the latency quantiles of a stage, us, for each robot or each edge, without those of the plant. A missing
     /// quantile is NaN.
-    pub(crate) fn stage(&self, stage: Stage) -> Vec<Quantiles> {
+    pub(crate) fn stage_quantiles(&self, stage: Stage) -> Vec<Quantiles> {
         let rows = self.0["wall"]["latency"].as_array().into_iter().flatten();
         let rows = rows.filter(|row| row["stage"] == stage.keyword() && row["robot"] != "plant");
         let us = |row: &Value, key: &str| row[key].as_f64().unwrap_or(f64::NAN) / 1e3;
@@ -200,9 +201,9 @@ mod tests {
         let rows =
             [row("wake", "plant", 9000), row("wake", "r1", 1000), row("compute", "r1", 8000)];
         let summary = Summary(serde_json::json!({ "wall": { "latency": rows } }));
-        assert_eq!(summary.stage(Stage::Wake), [[1.0, 2.0, 3.0]]);
-        assert_eq!(summary.stage(Stage::BeaconDelivery), [] as [Quantiles; 0]);
-        assert!(summary.number("/ticks").is_err() && summary.cpu_time_s().is_err());
+        assert_eq!(summary.stage_quantiles(Stage::Wake), [[1.0, 2.0, 3.0]]);
+        assert_eq!(summary.stage_quantiles(Stage::BeaconDelivery), [] as [Quantiles; 0]);
+        assert!(summary.number_at("/ticks").is_err() && summary.cpu_time_s().is_err());
     }
 
     #[test]

@@ -6,62 +6,67 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use outcome::campaign::statistics::finite_median;
-use outcome::report::digits::digits;
+use outcome::report::digits::format_four_digits;
 
 use crate::machine::Machine;
 
 /// Measured values during the bench, in the order of their first occurrence.
 #[derive(Debug, Default)]
-pub(crate) struct Table {
+pub(crate) struct MeasurementTable {
     /// Part of the next values.
-    part: &'static str,
+    current_part: &'static str,
     /// Case of the next values.
-    case: String,
-    figures: Vec<Figure>,
-    trajectories: Vec<Trajectory>,
+    current_case: String,
+    quantities: Vec<MeasuredQuantity>,
+    trajectories: Vec<TrajectoryHashes>,
 }
 
 /// Values of one quantity in all rounds.
 #[derive(Debug)]
-struct Figure {
+struct MeasuredQuantity {
     part: &'static str,
     /// Case and name of the quantity, with its unit.
-    what: String,
+    description: String,
     /// Values of the run, one for each round.
-    run: Vec<f64>,
+    run_values: Vec<f64>,
     /// Name and values of each baseline, one value for each round.
     baselines: Vec<(String, Vec<f64>)>,
 }
 
 /// Hashes of one trajectory, computed by a run and its baselines.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Trajectory {
+pub(crate) struct TrajectoryHashes {
     robots: usize,
     ticks: u64,
     /// Name of the run or baseline, and its hash.
     hashes: Vec<(String, String)>,
 }
 
-impl Table {
+impl MeasurementTable {
     /// Sets the part and the case of the next values.
     pub(crate) fn begin_case(&mut self, part: &'static str, case: &str) {
-        (self.part, self.case) = (part, case.into());
+        (self.current_part, self.current_case) = (part, case.into());
     }
 
     /// Returns the values of a quantity of the current case, if there are any.
-    fn find_figure(&mut self, what: &str) -> Option<&mut Figure> {
-        let (part, what) = (self.part, format!("{}, {what}", self.case));
-        self.figures.iter_mut().find(|figure| figure.part == part && figure.what == what)
+    fn find_quantity(&mut self, what: &str) -> Option<&mut MeasuredQuantity> {
+        let (part, what) = (self.current_part, format!("{}, {what}", self.current_case));
+        self.quantities.iter_mut().find(|figure| figure.part == part && figure.description == what)
     }
 
     /// Records a value of the run in this round. `what` names the quantity and ends with its unit.
     pub(crate) fn record_run(&mut self, what: &str, value: f64) {
-        match self.find_figure(what) {
-            Some(figure) => figure.run.push(value),
+        match self.find_quantity(what) {
+            Some(figure) => figure.run_values.push(value),
             None => {
-                let (part, what) = (self.part, format!("{}, {what}", self.case));
+                let (part, what) = (self.current_part, format!("{}, {what}", self.current_case));
                 let (run, baselines) = (vec![value], Vec::new());
-                self.figures.push(Figure { part, what, run, baselines });
+                self.quantities.push(MeasuredQuantity {
+                    part,
+                    description: what,
+                    run_values: run,
+                    baselines,
+                });
             }
         }
     }
@@ -71,7 +76,7 @@ impl Table {
     /// # Panics
     /// If the run has no value of this quantity.
     pub(crate) fn record_baseline(&mut self, what: &str, name: &str, value: f64) {
-        let figure = self.find_figure(what).expect("a run is measured before its baselines");
+        let figure = self.find_quantity(what).expect("a run is measured before its baselines");
         match figure.baselines.iter_mut().find(|(known, _)| known == name) {
             Some((_, rounds)) => rounds.push(value),
             None => figure.baselines.push((name.into(), vec![value])),
@@ -80,12 +85,14 @@ impl Table {
 
     /// Returns the latest value of a run in the current part. `what` is the case and the quantity, joined by a comma.
     pub(crate) fn last_value(&self, what: &str) -> Option<f64> {
-        let same = |figure: &&Figure| figure.part == self.part && figure.what == what;
-        self.figures.iter().find(same)?.run.last().copied()
+        let same = |figure: &&MeasuredQuantity| {
+            figure.part == self.current_part && figure.description == what
+        };
+        self.quantities.iter().find(same)?.run_values.last().copied()
     }
 
-    /// Records the trajectory hash of a run or baseline (`source`). All hashes for a number of robots must be equal;
-    /// [`Report::find_trajectory_mismatch`] checks it.
+    /// Records the trajectory hash of a run or baseline (`source`). All hashes for a number of robots and of ticks must
+    /// be equal; [`Report::find_trajectory_mismatch`] checks it.
     pub(crate) fn record_trajectory(
         &mut self,
         robots: usize,
@@ -94,10 +101,14 @@ impl Table {
         hash: &str,
     ) {
         let hashed = (source.to_owned(), hash.to_owned());
-        match self.trajectories.iter_mut().find(|trajectory| trajectory.robots == robots) {
+        let is_same =
+            |known: &&mut TrajectoryHashes| (known.robots, known.ticks) == (robots, ticks);
+        match self.trajectories.iter_mut().find(is_same) {
             Some(trajectory) if trajectory.hashes.contains(&hashed) => {}
             Some(trajectory) => trajectory.hashes.push(hashed),
-            None => self.trajectories.push(Trajectory { robots, ticks, hashes: vec![hashed] }),
+            None => {
+                self.trajectories.push(TrajectoryHashes { robots, ticks, hashes: vec![hashed] })
+            }
         }
     }
 
@@ -108,26 +119,30 @@ impl Table {
         warnings: Vec<String>,
         notes: Vec<String>,
     ) -> Report {
-        let rows = self.figures.iter().flat_map(Figure::to_rows).collect();
+        let rows = self.quantities.iter().flat_map(MeasuredQuantity::to_rows).collect();
         Report { machine, warnings, trajectories: self.trajectories, rows, notes }
     }
 }
 
-impl Figure {
+impl MeasuredQuantity {
     /// Returns a row for each baseline, or one row without a baseline if there is none.
-    fn to_rows(&self) -> Vec<Row> {
-        let alone = Row {
+    fn to_rows(&self) -> Vec<ReportRow> {
+        let alone = ReportRow {
             part: self.part,
-            what: self.what.clone(),
-            ours: Spread::from_rounds(&self.run),
+            what: self.description.clone(),
+            ours: Spread::from_rounds(&self.run_values),
             floor_name: None,
             floor: None,
             ratio: None,
         };
         let against = self.baselines.iter().map(|(name, baseline)| {
-            let ratios: Vec<f64> =
-                self.run.iter().zip(baseline).map(|(run, baseline)| run / baseline).collect();
-            Row {
+            let ratios: Vec<f64> = self
+                .run_values
+                .iter()
+                .zip(baseline)
+                .map(|(run, baseline)| run / baseline)
+                .collect();
+            ReportRow {
                 floor_name: Some(name.clone()),
                 floor: Some(Spread::from_rounds(baseline)),
                 // A baseline value of 0 has no ratio.
@@ -138,7 +153,7 @@ impl Figure {
                 ..alone.clone()
             }
         });
-        let against: Vec<Row> = against.collect();
+        let against: Vec<ReportRow> = against.collect();
         if against.is_empty() { vec![alone] } else { against }
     }
 }
@@ -168,15 +183,20 @@ impl Spread {
     fn format(&self) -> String {
         let Spread { median, min, max, rounds } = self;
         match rounds.len() {
-            1 => digits(*median),
-            _ => format!("{} ({}-{})", digits(*median), digits(*min), digits(*max)),
+            1 => format_four_digits(*median),
+            _ => format!(
+                "{} ({}-{})",
+                format_four_digits(*median),
+                format_four_digits(*min),
+                format_four_digits(*max)
+            ),
         }
     }
 }
 
 /// A row of the table. Its field names are JSON keys.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-struct Row {
+struct ReportRow {
     part: &'static str,
     /// Case and name of the measured quantity, with its unit.
     what: String,
@@ -197,8 +217,8 @@ pub(crate) struct Report {
     /// Conditions that make the results doubtful.
     warnings: Vec<String>,
     /// Trajectory hashes for each number of robots.
-    trajectories: Vec<Trajectory>,
-    rows: Vec<Row>,
+    trajectories: Vec<TrajectoryHashes>,
+    rows: Vec<ReportRow>,
     /// Explanations of the rows.
     notes: Vec<String>,
 }
@@ -209,23 +229,25 @@ impl Report {
         serde_json::to_string_pretty(self).expect("string keys and finite numbers only") + "\n"
     }
 
-    /// Returns an error message about the first number of robots for which the hashes differ; `None` if all are equal.
+    /// Returns an error message about the first number of robots and ticks for which the hashes differ; `None` if all
+    /// are equal.
     pub(crate) fn find_trajectory_mismatch(&self) -> Option<String> {
-        let differs = |t: &&Trajectory| t.hashes.iter().any(|(_, hash)| *hash != t.hashes[0].1);
-        let Trajectory { robots, hashes, .. } = self.trajectories.iter().find(differs)?;
+        let differs =
+            |t: &&TrajectoryHashes| t.hashes.iter().any(|(_, hash)| *hash != t.hashes[0].1);
+        let TrajectoryHashes { robots, hashes, .. } = self.trajectories.iter().find(differs)?;
         Some(format!(
             "trajectories of {robots} robots differ, so their speeds cannot be compared: {hashes:?}"
         ))
     }
 
     /// Formats the report as text.
-    pub(crate) fn screen(&self) -> String {
-        let mut text = self.machine.screen() + &self.format_rows();
+    pub(crate) fn to_text(&self) -> String {
+        let mut text = self.machine.to_text() + &self.format_rows();
         let verdict = match self.find_trajectory_mismatch() {
             None => "bit-identical trajectories",
             Some(_) => "DIFFERENT trajectories",
         };
-        for Trajectory { robots, ticks, hashes } in &self.trajectories {
+        for TrajectoryHashes { robots, ticks, hashes } in &self.trajectories {
             let _ = writeln!(text, "{robots} robots, {ticks} ticks: {verdict}: {}", hashes[0].1);
         }
         text += "median (minimum-maximum) of the rounds; each round measured Phalanx and its baselines once\n";
@@ -241,7 +263,7 @@ impl Report {
     /// Formats the rows in columns, with the name of each part above its rows.
     fn format_rows(&self) -> String {
         let format = |spread: &Option<Spread>| spread.as_ref().map(Spread::format);
-        let cells = |row: &Row| {
+        let cells = |row: &ReportRow| {
             [
                 row.what.clone(),
                 row.ours.format(),
@@ -278,7 +300,7 @@ mod tests {
 
     #[test]
     fn ratio_is_the_median_of_the_ratios_within_rounds() {
-        let mut table = Table::default();
+        let mut table = MeasurementTable::default();
         table.begin_case("floors", "round trip");
         for (run, baseline) in [(10.0, 1.0), (40.0, 8.0), (30.0, 0.5)] {
             table.record_run("p50, us", run);
@@ -289,13 +311,13 @@ mod tests {
         let row = &report.rows[0];
         let ratio = row.ratio.as_ref().unwrap();
         assert_eq!((ratio.median, ratio.min, ratio.max, row.ours.median), (10.0, 5.0, 60.0, 30.0));
-        assert!(report.screen().contains("30.00 (10.00-40.00)"), "{}", report.screen());
+        assert!(report.to_text().contains("30.00 (10.00-40.00)"), "{}", report.to_text());
         assert_eq!(Spread::from_rounds(&[9.0, 1.0, 2.0, 4.0]).median, 3.0);
     }
 
     #[test]
     fn differing_trajectory_hashes_are_reported() {
-        let mut table = Table::default();
+        let mut table = MeasurementTable::default();
         for (source, hash) in [("run", "a"), ("mapping", "a"), ("run", "b")] {
             table.record_trajectory(3, 5, source, hash);
         }

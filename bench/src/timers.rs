@@ -14,11 +14,11 @@ use serde::{Deserialize, Serialize};
 use crate::WorkDir;
 use crate::peers::{PeerAddress, Peers};
 use crate::quantiles::{Quantiles, quantiles_us, reduce_quantiles};
-use crate::rounds::Setting;
+use crate::rounds::BenchSettings;
 
 /// Task of each process.
 #[derive(Debug, Clone, Copy, clap::Args)]
-pub(crate) struct Task {
+pub(crate) struct TimerTask {
     /// Period (T), ns.
     pub(crate) period_ns: u64,
     /// Number of periods.
@@ -42,9 +42,9 @@ pub(crate) struct TimerResult {
 
 /// Runs one process for each robot at the same time and returns their combined result.
 pub(crate) fn measure(
-    setting: &Setting<'_>,
+    setting: &BenchSettings<'_>,
     robots: usize,
-    task: Task,
+    task: TimerTask,
 ) -> anyhow::Result<TimerResult> {
     let work_dir = WorkDir::new(setting.root, "timers")?;
     let numbers =
@@ -60,7 +60,7 @@ pub(crate) fn measure(
 }
 
 /// Runs the timer process of one robot and reports its result.
-pub(crate) fn run_peer(address: &PeerAddress, task: Task) -> anyhow::Result<()> {
+pub(crate) fn run_peer(address: &PeerAddress, task: TimerTask) -> anyhow::Result<()> {
     if task.realtime_priority {
         process::apply_realtime_priority();
     }
@@ -69,7 +69,7 @@ pub(crate) fn run_peer(address: &PeerAddress, task: Task) -> anyhow::Result<()> 
     address.wait_for_start()?;
     let period_ns = task.period_ns;
     let mut late_ns = Vec::with_capacity(task.ticks as usize);
-    let (mut missed, mut busy_until_ns) = (0, busy_ns());
+    let (mut missed, mut busy_until_ns) = (0, thread_cpu_time_ns());
     let phase_ns = (golden_phase(address.index + 1) * period_ns as f64) as u64;
     let mut timer = Timer::new(period_ns, phase_ns);
     while (late_ns.len() as u64) < task.ticks {
@@ -79,7 +79,7 @@ pub(crate) fn run_peer(address: &PeerAddress, task: Task) -> anyhow::Result<()> 
         }
         // The processor time is cumulative: a period that used more leaves less for the next ones.
         busy_until_ns += task.busy_ns;
-        while busy_ns() < busy_until_ns {}
+        while thread_cpu_time_ns() < busy_until_ns {}
         missed += (clock::now_ns() - wake.due_ns) / period_ns;
     }
     let latency_us = quantiles_us(late_ns).unwrap_or_default();
@@ -87,7 +87,7 @@ pub(crate) fn run_peer(address: &PeerAddress, task: Task) -> anyhow::Result<()> 
 }
 
 /// Returns the processor time of the calling thread, ns.
-fn busy_ns() -> u64 {
+fn thread_cpu_time_ns() -> u64 {
     let busy = rustix::time::clock_gettime(ClockId::ThreadCPUTime);
     busy.tv_sec as u64 * 1_000_000_000 + busy.tv_nsec as u64
 }

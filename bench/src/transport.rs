@@ -18,10 +18,10 @@ use rustix::time::Timespec;
 use crate::memory::{CacheAligned, FutexWord, Mapping};
 
 /// Timeout of a futex wait, after which the receiver checks whether the sender still runs.
-const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
+const FUTEX_WAIT_TIMEOUT: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
 
 /// Maximum size of a message, in bytes.
-const MESSAGE_MAX: usize = 1024;
+const MESSAGE_BYTES_MAX: usize = 1024;
 
 /// Transport of the two messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -51,7 +51,7 @@ impl Transport {
     }
 
     /// Returns the command-line argument that selects this transport.
-    pub(crate) fn argument(self) -> String {
+    pub(crate) fn to_argument(self) -> String {
         let value = self.to_possible_value().expect("no transport is hidden");
         value.get_name().to_owned()
     }
@@ -71,11 +71,11 @@ impl Transport {
 pub(crate) struct Channel<M: ZeroCopySend + std::fmt::Debug + 'static> {
     carrier: Carrier<M>,
     /// Shared counter of the messages, with the message itself; `None` for transports that do not use it.
-    counted: Option<Mapping<CountedMessage<M>>>,
+    counted_message: Option<Mapping<CountedMessage<M>>>,
     /// Value of the counter at the last received message.
-    received: u32,
+    received_count: u32,
     /// `true` if the receiver sleeps on the counter.
-    sleeps: bool,
+    sleeps_on_counter: bool,
 }
 
 /// Carrier of the messages, without the shared counter.
@@ -115,7 +115,7 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
     }
 
     /// Opens the receiving end at `path`. `port` is the iceoryx2 port, if the transport uses iceoryx2.
-    pub(crate) fn receiving(
+    pub(crate) fn open_receiver(
         transport: Transport,
         path: &Path,
         port: Option<Subscriber<M>>,
@@ -134,7 +134,12 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
         let counted = (sleeps || transport == Transport::Spin)
             // SAFETY: messages and counters are numbers, for which all-zero bytes are valid.
             .then(|| unsafe { Mapping::new(&path, 1) });
-        Ok(Channel { carrier, counted: counted.transpose()?, received: 0, sleeps })
+        Ok(Channel {
+            carrier,
+            counted_message: counted.transpose()?,
+            received_count: 0,
+            sleeps_on_counter: sleeps,
+        })
     }
 
     /// Sends a message and wakes a receiver that sleeps on the counter.
@@ -147,12 +152,12 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
             }
             Carrier::Memory | Carrier::Subscriber(_) => {}
         }
-        if let Some(counted) = self.counted.as_ref().map(|counted| &counted[0]) {
+        if let Some(counted) = self.counted_message.as_ref().map(|counted| &counted[0]) {
             if matches!(self.carrier, Carrier::Memory) {
                 counted.message.write(*message);
             }
             counted.counter.0.fetch_add(1, SeqCst);
-            if self.sleeps {
+            if self.sleeps_on_counter {
                 // Fails only if the futex word is not mapped.
                 let _ = futex::wake(&counted.counter.0, futex::Flags::empty(), 1);
             }
@@ -165,27 +170,32 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
     /// # Errors
     /// If a pipe is closed or iceoryx2 fails.
     pub(crate) fn receive(&mut self, sender_gone: impl Fn() -> bool) -> anyhow::Result<Option<M>> {
-        if let Some(counted) = self.counted.as_ref().map(|counted| &counted[0]) {
+        if let Some(counted) = self.counted_message.as_ref().map(|counted| &counted[0]) {
             let word = &counted.counter.0;
-            while word.load(SeqCst) == self.received {
+            while word.load(SeqCst) == self.received_count {
                 if sender_gone() {
                     return Ok(None);
                 }
-                if self.sleeps {
+                if self.sleeps_on_counter {
                     // The counter tells whether the wait was woken, timed out or was interrupted.
-                    let _ = futex::wait(word, futex::Flags::empty(), self.received, Some(&WAIT));
+                    let _ = futex::wait(
+                        word,
+                        futex::Flags::empty(),
+                        self.received_count,
+                        Some(&FUTEX_WAIT_TIMEOUT),
+                    );
                 } else {
                     std::hint::spin_loop();
                 }
             }
-            self.received = word.load(SeqCst);
+            self.received_count = word.load(SeqCst);
             if matches!(self.carrier, Carrier::Memory) {
                 return Ok(Some(counted.message.read()));
             }
         }
         match &self.carrier {
             Carrier::Pipe(file) => {
-                let mut buffer = [0; MESSAGE_MAX];
+                let mut buffer = [0; MESSAGE_BYTES_MAX];
                 let bytes = &mut buffer[..size_of::<M>()];
                 { file }.read_exact(bytes)?;
                 Ok(M::from_bytes(bytes))

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use protocol::process::try_realtime_priority;
+use protocol::process::check_realtime_priority;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -15,13 +15,13 @@ const BENCH: &str = env!("CARGO_BIN_EXE_phalanx-bench");
 /// Maximum duration of a bench. A longer one counts as hung and is killed.
 const DURATION_MAX: Duration = Duration::from_secs(60);
 
-struct Bench {
+struct BenchProcess {
     run_root: TempDir,
     command: Command,
 }
 
 /// Returns a quick bench with these additional arguments. A shell runs the commands `before` and then starts it.
-fn bench(before: &str, args: &[&str]) -> Bench {
+fn bench_process(before: &str, args: &[&str]) -> BenchProcess {
     let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
     let mut command = Command::new("sh");
     command
@@ -32,19 +32,19 @@ fn bench(before: &str, args: &[&str]) -> Bench {
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
-    Bench { run_root, command }
+    BenchProcess { run_root, command }
 }
 
-impl Bench {
+impl BenchProcess {
     /// Runs the bench and returns its report. Panics unless it succeeds.
-    fn report(self) -> Value {
+    fn run_to_report(self) -> Value {
         let output = self.finish(|_| false);
         assert_eq!(output.status.code(), Some(0), "{output:?}");
         serde_json::from_slice(&output.stdout).expect("JSON")
     }
 
     /// Runs the bench and returns its stderr. Panics unless it exits with this code.
-    fn stderr(self, code: i32) -> String {
+    fn run_to_stderr(self, code: i32) -> String {
         let output = self.finish(|_| false);
         assert_eq!(output.status.code(), Some(code), "{output:?}");
         String::from_utf8(output.stderr).unwrap()
@@ -103,7 +103,8 @@ fn command_lines_with_path(directory: &Path) -> Vec<String> {
 
 #[test]
 fn every_part_has_rows_and_trajectories_are_identical() {
-    let report = bench("", &["--robots", "3", "--seconds", "0.02", "--kills", "2"]).report();
+    let report =
+        bench_process("", &["--robots", "3", "--seconds", "0.02", "--kills", "2"]).run_to_report();
     let [trajectory] = &report["trajectories"].as_array().unwrap()[..] else {
         panic!("the report must have one trajectory: {report:#}");
     };
@@ -133,12 +134,12 @@ fn every_part_has_rows_and_trajectories_are_identical() {
 #[test]
 fn real_time_priority_is_in_each_row_or_fails_with_a_reason() {
     let args = ["--only", "realtime", "--robots", "2", "--seconds", "0.05", "--realtime-priority"];
-    if let Err(error) = try_realtime_priority() {
-        let stderr = bench("", &args).stderr(4);
+    if let Err(error) = check_realtime_priority() {
+        let stderr = bench_process("", &args).run_to_stderr(4);
         assert!(stderr.contains(&format!("error: --realtime-priority: {error}")), "{stderr}");
         return;
     }
-    let report = bench("", &args).report();
+    let report = bench_process("", &args).run_to_report();
     let rows = report["rows"].as_array().unwrap();
     assert_eq!(rows.len(), 10, "{report:#}");
     for row in rows {
@@ -148,7 +149,8 @@ fn real_time_priority_is_in_each_row_or_fails_with_a_reason() {
 
 #[test]
 fn growth_reports_time_per_tick_and_exponent() {
-    let report = bench("", &["--only", "growth", "--robots", "5,2", "--seconds", "0.05"]).report();
+    let report = bench_process("", &["--only", "growth", "--robots", "5,2", "--seconds", "0.05"])
+        .run_to_report();
     let rows = report["rows"].as_array().unwrap();
     assert_eq!(rows.len(), 2 * 6 + 1, "{report:#}");
     let median = |what: &str| {
@@ -175,9 +177,21 @@ fn growth_reports_time_per_tick_and_exponent() {
 }
 
 #[test]
+fn messages_are_compared_with_none_on_one_trajectory() {
+    let report = bench_process("", &["--only", "messages", "--robots", "3", "--seconds", "0.05"])
+        .run_to_report();
+    let rows = report["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 2, "{report:#}");
+    assert!(rows.iter().all(|row| row["floor_name"] == "no messages"), "{report:#}");
+    let hashes = report["trajectories"][0]["hashes"].as_array().unwrap();
+    let sources: Vec<&str> = hashes.iter().map(|hash| hash[0].as_str().unwrap()).collect();
+    assert_eq!(sources, ["256 bytes per beacon", "no messages"]);
+}
+
+#[test]
 fn failed_run_has_its_error_in_the_bench_error() {
     let args = ["--only", "growth", "--robots", "64"];
-    let stderr = bench("ulimit -n 300;", &args).stderr(4);
+    let stderr = bench_process("ulimit -n 300;", &args).run_to_stderr(4);
     let expected = "a run failed (exit code 4): 64 robots need 1192 open files";
     assert!(stderr.contains(expected), "{stderr}");
 }
@@ -198,7 +212,7 @@ fn interrupted_bench_leaves_no_process_or_file() {
         let args = ["--only", part, "--robots", "3", "--seconds", seconds, "--kills", "10000"];
         let is_there =
             |root: &Path| files_below(root).iter().any(|file| file.ends_with(awaited_file));
-        let output = bench("", &args).finish(is_there);
+        let output = bench_process("", &args).finish(is_there);
         assert_eq!(output.status.code(), Some(130), "{part}: {output:?}");
         assert!(output.stdout.is_empty(), "{part}: {output:?}");
     }

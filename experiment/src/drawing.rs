@@ -12,7 +12,7 @@ use crate::scenario::{Robot, Scenario};
 
 /// Language in which the graph is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Drawing {
+pub enum DrawingLanguage {
     /// Mermaid, which GitHub and many editors render.
     Mermaid,
     /// Graphviz, for `| dot -Tsvg`.
@@ -20,10 +20,10 @@ pub enum Drawing {
 }
 
 /// Returns the graph of the scenario in the language of `drawing`.
-pub fn draw_graph(scenario: &Scenario, drawing: Drawing) -> String {
+pub fn draw_graph(scenario: &Scenario, drawing: DrawingLanguage) -> String {
     match drawing {
-        Drawing::Mermaid => mermaid(scenario),
-        Drawing::Dot => dot(scenario),
+        DrawingLanguage::Mermaid => draw_mermaid(scenario),
+        DrawingLanguage::Dot => draw_dot(scenario),
     }
 }
 
@@ -32,13 +32,13 @@ fn node_shape(robot: &Robot) -> ([&'static str; 2], &'static str) {
     match robot.role.reference {
         Reference::Trajectory => (["(((", ")))"], "doublecircle"),
         Reference::Offsets => (["((", "))"], "circle"),
-        Reference::Middle => (["[", "]"], "box"),
+        Reference::NeighborMean => (["[", "]"], "box"),
         Reference::Goal => (["{{", "}}"], "hexagon"),
-        Reference::Free => (["([", "])"], "ellipse"),
+        Reference::LawTarget => (["([", "])"], "ellipse"),
     }
 }
 
-fn mermaid(scenario: &Scenario) -> String {
+fn draw_mermaid(scenario: &Scenario) -> String {
     // Writing to a string cannot fail. A JSON string is a YAML string.
     let title = serde_json::Value::from(scenario.name.as_str());
     let mut text = format!("---\ntitle: {title}\n---\nflowchart LR\n");
@@ -49,13 +49,14 @@ fn mermaid(scenario: &Scenario) -> String {
         let _ = writeln!(text, "    robot{}{open}\"{name}\"{close}", i + 1);
     }
     for edge in scenario.graph.edges() {
-        let label = label(scenario, edge).map_or(String::new(), |label| format!("|\"{label}\"|"));
+        let label =
+            edge_label(scenario, edge).map_or(String::new(), |label| format!("|\"{label}\"|"));
         let _ = writeln!(text, "    robot{} -->{label} robot{}", edge.from + 1, edge.to + 1);
     }
     text
 }
 
-fn dot(scenario: &Scenario) -> String {
+fn draw_dot(scenario: &Scenario) -> String {
     let mut text = format!("digraph {} {{\n    rankdir = LR\n", quote_for_dot(&scenario.name));
     for robot in &scenario.robots {
         let (_, shape) = node_shape(robot);
@@ -63,7 +64,7 @@ fn dot(scenario: &Scenario) -> String {
     }
     for edge in scenario.graph.edges() {
         let [from, to] = [edge.from, edge.to].map(|end| quote_for_dot(&scenario.robots[end].name));
-        let label = label(scenario, edge)
+        let label = edge_label(scenario, edge)
             .map_or(String::new(), |label| format!(" [label = {}]", quote_for_dot(&label)));
         let _ = writeln!(text, "    {from} -> {to}{label}");
     }
@@ -77,7 +78,7 @@ fn quote_for_dot(text: &str) -> String {
 }
 
 /// Returns the offset of an edge, or `None` if the receiver's law uses no offsets.
-fn label(scenario: &Scenario, edge: &Edge) -> Option<String> {
+fn edge_label(scenario: &Scenario, edge: &Edge) -> Option<String> {
     let at = edge.offset_m;
     (scenario.robots[edge.to].role.reference == Reference::Offsets)
         .then(|| format!("({:.3}, {:.3}) m", at.x, at.y))
@@ -107,7 +108,7 @@ flowchart LR
     robot1 -->|"(-1.000, 0.000) m"| robot2
     robot2 --> robot3
 "#;
-        assert_eq!(draw_graph(&scenario, Drawing::Mermaid), mermaid);
+        assert_eq!(draw_graph(&scenario, DrawingLanguage::Mermaid), mermaid);
         let dot = r#"digraph "a \"quoted\" \\ name" {
     rankdir = LR
     "end" [shape = doublecircle]
@@ -117,6 +118,6 @@ flowchart LR
     "r2" -> "r3"
 }
 "#;
-        assert_eq!(draw_graph(&scenario, Drawing::Dot), dot);
+        assert_eq!(draw_graph(&scenario, DrawingLanguage::Dot), dot);
     }
 }

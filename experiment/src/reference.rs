@@ -6,8 +6,8 @@ use std::fmt::Write;
 use protocol::catalog::Catalog;
 use toml::de::DeValue;
 
-use crate::scenario::fault::FORMS;
-use crate::scenario::keys::{Format, IfMissing, Key, Range, Section, ValueType};
+use crate::scenario::fault::FAULT_SYNTAXES;
+use crate::scenario::keys::{FileFormat, IfMissing, KeySpec, NumberRange, Section, ValueType};
 use crate::scenario::models::MODELS;
 use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX, format_as_toml};
 
@@ -21,29 +21,30 @@ takes keys from `robot_defaults` and from its node in an imported graph.
 ";
 
 /// Returns the reference page for the control laws and avoidance methods of `catalog`, in Markdown.
-pub fn reference(catalog: &Catalog) -> String {
-    let mut page = PAGE_HEAD.to_owned() + &sections(&Format::new(catalog), "Top level of the file");
-    models(&mut page);
-    laws(&mut page, catalog);
-    methods(&mut page, catalog);
-    faults(&mut page);
+pub fn reference_page(catalog: &Catalog) -> String {
+    let mut page =
+        PAGE_HEAD.to_owned() + &format_sections(&FileFormat::new(catalog), "Top level of the file");
+    write_models(&mut page);
+    write_laws(&mut page, catalog);
+    write_methods(&mut page, catalog);
+    write_fault_syntaxes(&mut page);
     page
 }
 
 /// Returns a table of keys for each section, in Markdown. `whole` is the heading of the first section.
-pub fn sections(format: &Format, whole: &str) -> String {
+pub fn format_sections(format: &FileFormat, whole: &str) -> String {
     let mut page = String::new();
     for section in &format.sections {
         let heading = match std::ptr::eq(section, format.root()) {
             true => whole.to_owned(),
             false => format!("`{}`", section.name),
         };
-        table(&mut page, section, &heading, format);
+        write_table(&mut page, section, &heading, format);
     }
     page
 }
 
-fn table(page: &mut String, section: &Section, heading: &str, format: &Format) {
+fn write_table(page: &mut String, section: &Section, heading: &str, format: &FileFormat) {
     // Writing to a string cannot fail, here and below.
     let _ = writeln!(page, "\n## {heading}\n\n{}\n", section.description);
     if section.keys.is_empty() {
@@ -54,14 +55,14 @@ fn table(page: &mut String, section: &Section, heading: &str, format: &Format) {
     );
     for key in &section.keys {
         let (kind, range) = type_and_range_text(key, section, format);
-        let range = if key.bounds.is_empty() { &range } else { key.bounds };
+        let range = if key.range_text.is_empty() { &range } else { key.range_text };
         let _ = writeln!(
             page,
             "| `{}` | {kind} | {} | {} | {range} | {} |",
             key.name,
             key.unit().replace("^2", "²"),
-            default(key, section),
-            description(key),
+            format_default(key, section),
+            format_description(key),
         );
     }
     if !section.kinds.is_empty() {
@@ -70,19 +71,20 @@ fn table(page: &mut String, section: &Section, heading: &str, format: &Format) {
             "\n| `kind` | description | required keys | optional keys |\n|---|---|---|---|"
         );
         for kind in &section.kinds {
-            let (needs, may) = (names(&kind.needs), names(&kind.may));
-            let _ = writeln!(page, "| `{}` | {} | {needs} | {may} |", kind.word, kind.description);
+            let (needs, may) =
+                (format_names(&kind.required_keys), format_names(&kind.optional_keys));
+            let _ = writeln!(page, "| `{}` | {} | {needs} | {may} |", kind.name, kind.description);
         }
     }
 }
 
 /// Returns the type and the range of the value of `key`, as text.
-fn type_and_range_text(key: &Key, section: &Section, format: &Format) -> (String, String) {
-    let within = |range: Range, max: f64| match range {
-        Range::Any => format!("-{max:e} to {max:e}"),
-        Range::NotNegative => format!("0 to {max:e}"),
-        Range::Positive => format!("above 0, to {max:e}"),
-        Range::NotZero => format!("-{max:e} to {max:e}, not 0"),
+fn type_and_range_text(key: &KeySpec, section: &Section, format: &FileFormat) -> (String, String) {
+    let within = |range: NumberRange, max: f64| match range {
+        NumberRange::Any => format!("-{max:e} to {max:e}"),
+        NumberRange::NotNegative => format!("0 to {max:e}"),
+        NumberRange::Positive => format!("above 0, to {max:e}"),
+        NumberRange::NotZero => format!("-{max:e} to {max:e}, not 0"),
     };
     let link = |section: &str| format!("[`{section}`](#{section})");
     let plain = |kind: &str| (kind.to_owned(), String::new());
@@ -90,29 +92,33 @@ fn type_and_range_text(key: &Key, section: &Section, format: &Format) -> (String
         ValueType::Text => plain("string"),
         ValueType::Word(words) => {
             let words: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
-            ("word".into(), names(&words))
+            ("word".into(), format_names(&words))
         }
-        ValueType::Kind => ("word".into(), names(&section.kind_names())),
-        ValueType::Law => ("word".into(), format!("a [law](#laws): {}", names(&format.laws))),
-        ValueType::Method => {
-            ("word".into(), format!("a [method](#avoidance-methods): {}", names(&format.methods)))
+        ValueType::Kind => ("word".into(), format_names(&section.kind_names())),
+        ValueType::Law => {
+            ("word".into(), format!("a [law](#laws): {}", format_names(&format.law_names)))
         }
-        ValueType::Truth => plain("boolean"),
+        ValueType::Method => (
+            "word".into(),
+            format!("a [method](#avoidance-methods): {}", format_names(&format.method_names)),
+        ),
+        ValueType::Boolean => plain("boolean"),
         ValueType::Number(range) => ("number".into(), within(range, NUMBER_MAX)),
         ValueType::Time(range) => ("number, whole nanoseconds".into(), within(range, SECONDS_MAX)),
         ValueType::Times => {
-            let range = within(Range::NotNegative, SECONDS_MAX);
+            let range = within(NumberRange::NotNegative, SECONDS_MAX);
             ("list of numbers, whole nanoseconds".into(), range)
         }
-        ValueType::Whole(min, max) if max == i64::MAX as u64 => {
+        ValueType::Integer(min, max) if max == i64::MAX as u64 => {
             ("integer".into(), format!("{min} to 2<sup>63</sup> - 1"))
         }
-        ValueType::Whole(min, max) => ("integer".into(), format!("{min} to {max}")),
-        ValueType::Pair => ("[x, y]".into(), within(Range::Any, NUMBER_MAX)),
-        ValueType::Points => ("list of [x, y]".into(), within(Range::Any, NUMBER_MAX)),
+        ValueType::Integer(min, max) => ("integer".into(), format!("{min} to {max}")),
+        ValueType::Pair => ("[x, y]".into(), within(NumberRange::Any, NUMBER_MAX)),
+        ValueType::Points => ("list of [x, y]".into(), within(NumberRange::Any, NUMBER_MAX)),
         ValueType::Texts | ValueType::Names => plain("list of strings"),
         ValueType::NamesOrCount => plain("list of strings, or integer"),
         ValueType::Table(section) => plain(&format!("table {}", link(section))),
+        ValueType::FileOrTable(section) => plain(&format!("string, or table {}", link(section))),
         ValueType::Tables(section) => plain(&format!("list of tables {}", link(section))),
         ValueType::NamedTables(section) => plain(&format!("table of tables {}", link(section))),
         ValueType::Any(words) => plain(words),
@@ -120,12 +126,12 @@ fn type_and_range_text(key: &Key, section: &Section, format: &Format) -> (String
 }
 
 /// Returns the content of the column "default".
-fn default(key: &Key, section: &Section) -> String {
-    let of_some_kinds =
-        key.name != "kind" && section.kinds.iter().any(|kind| !kind.needs.contains(&key.name));
+fn format_default(key: &KeySpec, section: &Section) -> String {
+    let of_some_kinds = key.name != "kind"
+        && section.kinds.iter().any(|kind| !kind.required_keys.contains(&key.name));
     match &key.if_missing {
-        IfMissing::Needed if of_some_kinds => "needed by some kinds, see below".into(),
-        IfMissing::Needed => "**needed**".into(),
+        IfMissing::Required if of_some_kinds => "needed by some kinds, see below".into(),
+        IfMissing::Required => "**needed**".into(),
         IfMissing::Default(DeValue::String(word)) => format!("`{word}`"),
         // Shortest decimal form of the number.
         IfMissing::Default(DeValue::Float(number)) => {
@@ -138,7 +144,7 @@ fn default(key: &Key, section: &Section) -> String {
 }
 
 /// Returns the description of `key` with those of its words and its former names.
-fn description(key: &Key) -> String {
+fn format_description(key: &KeySpec) -> String {
     let mut description = key.description.replace('|', "\\|");
     if let ValueType::Word(words) = key.value_type {
         for (word, meaning) in words.iter().filter(|(_, meaning)| !meaning.is_empty()) {
@@ -146,12 +152,12 @@ fn description(key: &Key) -> String {
         }
     }
     if !key.old_names.is_empty() {
-        let _ = write!(description, "; former name: {}", names(key.old_names));
+        let _ = write!(description, "; former name: {}", format_names(key.old_names));
     }
     description
 }
 
-fn models(page: &mut String) {
+fn write_models(page: &mut String) {
     page.push_str(
         "\n## Models\n\nValues that a robot takes from its `model` for keys that are not given. The front point is a choice of \
          this project.\n\n| `model` | front point (m) | body radius (m) | wheel speed (m/s) | track width (m) | a_v (m/s²) | a_w (rad/s²) | source \
@@ -166,27 +172,27 @@ fn models(page: &mut String) {
             model.body_radius_m,
             model.wheels.speed_max_m_s,
             model.wheels.track_m,
-            model.acceleration_m_s2,
-            model.turn_acceleration_rad_s2,
+            model.acceleration_max_m_s2,
+            model.turn_acceleration_max_rad_s2,
             model.source
         );
     }
 }
 
-fn laws(page: &mut String, catalog: &Catalog) {
+fn write_laws(page: &mut String, catalog: &Catalog) {
     page.push_str(
         "\n## Laws\n\n| `law` | equation | role | gains | feed-forward |\n\
          |---|---|---|---|---|\n",
     );
     for law in &catalog.laws {
-        let gains = names(law.gains);
+        let gains = format_names(law.gain_keys);
         let used = if law.feed_forward { "yes" } else { "no" };
-        let (name, source, does) = (law.name, law.source, law.role.does);
+        let (name, source, does) = (law.name, law.source, law.role.verb_phrase);
         let _ = writeln!(page, "| `{name}` | {source} | {does} | {gains} | {used} |");
     }
 }
 
-fn methods(page: &mut String, catalog: &Catalog) {
+fn write_methods(page: &mut String, catalog: &Catalog) {
     page.push_str("\n## Avoidance methods\n\n| `kind` | source | needs `speed_max_m_s` | own keys |\n|---|---|---|---|\n");
     for method in &catalog.methods {
         let own: Vec<&str> = method.gains.iter().map(|gain| gain.key).collect();
@@ -196,22 +202,22 @@ fn methods(page: &mut String, catalog: &Catalog) {
             "| `{}` | {} | {limited} | {} |",
             method.name,
             method.source,
-            names(&own)
+            format_names(&own)
         );
     }
 }
 
-fn faults(page: &mut String) {
+fn write_fault_syntaxes(page: &mut String) {
     page.push_str(
         "\n## Faults on the command line\n\nSyntax of `--fault`. Each form is equivalent to a table `[[fault]]`:\n\n```text\n",
     );
-    for form in FORMS {
+    for form in FAULT_SYNTAXES {
         let _ = writeln!(page, "{}", form.grammar);
     }
     page.push_str("```\n");
 }
 
-fn names(names: &[&str]) -> String {
+fn format_names(names: &[&str]) -> String {
     let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
     if names.is_empty() { "-".into() } else { names.join(", ") }
 }

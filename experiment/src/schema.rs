@@ -5,19 +5,21 @@ use protocol::catalog::Catalog;
 use serde_json::{Map, Value, json};
 use toml::de::DeValue;
 
-use crate::scenario::keys::{Format, IfMissing, Key, Kind, Range, Section, ValueType};
+use crate::scenario::keys::{
+    FileFormat, IfMissing, KeySpec, KindSpec, NumberRange, Section, ValueType,
+};
 use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX, format_as_toml};
 
 /// Returns the scenario schema for the control laws and avoidance methods of `catalog`, with a newline at the end.
-pub fn schema(catalog: &Catalog) -> String {
-    let format = Format::new(catalog);
-    let (mut schema, mut definitions) = parts(&format, "A Phalanx scenario");
+pub fn scenario_schema(catalog: &Catalog) -> String {
+    let format = FileFormat::new(catalog);
+    let (mut schema, mut definitions) = schema_and_definitions(&format, "A Phalanx scenario");
     schema["anyOf"] = json!([{ "required": ["robot"] }, { "required": ["graph"] }]);
     // The scenario chooses the names and gains of its external laws.
     for name in ["robot", "robot_defaults"] {
         let mut own = definitions[name].clone();
         own["properties"]["law"] = json!({ "type": "string" });
-        own["additionalProperties"] = number(Range::Positive, NUMBER_MAX);
+        own["additionalProperties"] = number_schema(NumberRange::Positive, NUMBER_MAX);
         definitions.insert(format!("{name}_with_laws"), own);
     }
     let robots = |with: &str| {
@@ -35,79 +37,84 @@ pub fn schema(catalog: &Catalog) -> String {
     schema["if"] = json!({ "required": ["laws"] });
     schema["then"] = robots("_with_laws");
     schema["else"] = robots("");
-    text(schema, definitions)
+    schema_text(schema, definitions)
 }
 
 /// Returns the schema of `format` with this title, with a newline at the end. A section without keys accepts any key.
-pub fn for_format(format: &Format, title: &str) -> String {
-    let (schema, definitions) = parts(format, title);
-    text(schema, definitions)
+pub fn schema_for_format(format: &FileFormat, title: &str) -> String {
+    let (schema, definitions) = schema_and_definitions(format, title);
+    schema_text(schema, definitions)
 }
 
 /// Returns the schema of the top-level table and the definitions of the other sections.
-fn parts(format: &Format, title: &str) -> (Value, Map<String, Value>) {
+fn schema_and_definitions(format: &FileFormat, title: &str) -> (Value, Map<String, Value>) {
     let (root, others) = format.sections.split_first().expect("the top-level table is a section");
-    let mut schema = table(root, format);
+    let mut schema = table_schema(root, format);
     schema["$schema"] = "http://json-schema.org/draft-07/schema#".into();
     schema["title"] = title.into();
     let definitions =
-        others.iter().map(|section| (section.name.to_owned(), table(section, format)));
+        others.iter().map(|section| (section.name.to_owned(), table_schema(section, format)));
     (schema, definitions.collect())
 }
 
-fn text(mut schema: Value, definitions: Map<String, Value>) -> String {
+fn schema_text(mut schema: Value, definitions: Map<String, Value>) -> String {
     schema["definitions"] = Value::Object(definitions);
     serde_json::to_string_pretty(&schema).expect("JSON has a text") + "\n"
 }
 
-fn table(section: &Section, format: &Format) -> Value {
+fn table_schema(section: &Section, format: &FileFormat) -> Value {
     if section.kinds.is_empty() {
         let needed = section
             .keys
             .iter()
             .filter(|key| is_required_in_table(section, key))
             .map(|key| key.name);
-        return object(
+        return object_schema(
             section.description,
             &section.keys.iter().collect::<Vec<_>>(),
             needed.collect(),
             format,
         );
     }
-    let kinds = section.kinds.iter().map(|kind| kind_object(section, kind, format));
+    let kinds = section.kinds.iter().map(|kind| kind_schema(section, kind, format));
     json!({ "description": section.description, "oneOf": kinds.collect::<Vec<Value>>() })
 }
 
 /// Returns the schema of the tables of one kind.
-fn kind_object(section: &Section, kind: &Kind, format: &Format) -> Value {
-    let keys: Vec<&Key> = section.keys.iter().filter(|key| kind.allows_key(key.name)).collect();
-    let by_default = section.key("kind").is_some_and(|row| match &row.if_missing {
-        IfMissing::Default(word) => word.as_str() == Some(kind.word),
+fn kind_schema(section: &Section, kind: &KindSpec, format: &FileFormat) -> Value {
+    let keys: Vec<&KeySpec> = section.keys.iter().filter(|key| kind.allows_key(key.name)).collect();
+    let by_default = section.find_key("kind").is_some_and(|row| match &row.if_missing {
+        IfMissing::Default(word) => word.as_str() == Some(kind.name),
         _ => false,
     });
     let required = (!by_default).then_some("kind");
-    let needed = required.into_iter().chain(kind.needs.iter().copied());
-    let mut object = object(kind.description, &keys, needed.collect(), format);
-    object["properties"]["kind"] = json!({ "const": kind.word });
+    let needed = required.into_iter().chain(kind.required_keys.iter().copied());
+    let mut object = object_schema(kind.description, &keys, needed.collect(), format);
+    object["properties"]["kind"] = json!({ "const": kind.name });
     object
 }
 
-/// Returns whether `key` is required in this table itself. The keys of robots can also be in `robot_defaults` and in the
-/// nodes of an imported graph, which can supply all robots.
-fn is_required_in_table(section: &Section, key: &Key) -> bool {
+/// Returns whether `key` is required in this table itself. The keys of robots can also be in `robot_defaults` and in
+/// the nodes of an imported graph, which can supply all robots.
+fn is_required_in_table(section: &Section, key: &KeySpec) -> bool {
     let elsewhere = match section.name {
         "scenario" => key.name == "robot",
         "robot" => key.name != "name",
         "robot_defaults" => true,
         _ => false,
     };
-    matches!(key.if_missing, IfMissing::Needed) && !elsewhere
+    matches!(key.if_missing, IfMissing::Required) && !elsewhere
 }
 
-fn object(description: &str, keys: &[&Key], needed: Vec<&str>, format: &Format) -> Value {
+fn object_schema(
+    description: &str,
+    keys: &[&KeySpec],
+    needed: Vec<&str>,
+    format: &FileFormat,
+) -> Value {
     let mut properties = Map::new();
     for key in keys {
-        let value = value(key, format);
+        let value = value_schema(key, format);
         for old in key.old_names {
             let mut value = value.clone();
             value["deprecated"] = true.into();
@@ -125,7 +132,7 @@ fn object(description: &str, keys: &[&Key], needed: Vec<&str>, format: &Format) 
     })
 }
 
-fn value(key: &Key, format: &Format) -> Value {
+fn value_schema(key: &KeySpec, format: &FileFormat) -> Value {
     let pair = json!({
         "type": "array",
         "items": { "type": "number" },
@@ -139,15 +146,15 @@ fn value(key: &Key, format: &Format) -> Value {
             json!({ "enum": words.iter().map(|(word, _)| word).collect::<Vec<_>>() })
         }
         ValueType::Kind => json!({ "type": "string" }),
-        ValueType::Law => json!({ "enum": format.laws }),
-        ValueType::Method => json!({ "enum": format.methods }),
-        ValueType::Truth => json!({ "type": "boolean" }),
-        ValueType::Number(range) => number(range, NUMBER_MAX),
-        ValueType::Time(range) => number(range, SECONDS_MAX),
+        ValueType::Law => json!({ "enum": format.law_names }),
+        ValueType::Method => json!({ "enum": format.method_names }),
+        ValueType::Boolean => json!({ "type": "boolean" }),
+        ValueType::Number(range) => number_schema(range, NUMBER_MAX),
+        ValueType::Time(range) => number_schema(range, SECONDS_MAX),
         ValueType::Times => {
-            json!({ "type": "array", "items": number(Range::NotNegative, SECONDS_MAX) })
+            json!({ "type": "array", "items": number_schema(NumberRange::NotNegative, SECONDS_MAX) })
         }
-        ValueType::Whole(min, max) => {
+        ValueType::Integer(min, max) => {
             json!({ "type": "integer", "minimum": min, "maximum": max })
         }
         ValueType::Pair => pair,
@@ -162,6 +169,9 @@ fn value(key: &Key, format: &Format) -> Value {
         }),
         // A schema ignores the siblings of `$ref`, such as the description. Hence `allOf` with one element.
         ValueType::Table(section) => json!({ "allOf": [reference(section)] }),
+        ValueType::FileOrTable(section) => {
+            json!({ "anyOf": [{ "type": "string" }, reference(section)] })
+        }
         ValueType::Tables(section) => json!({ "type": "array", "items": reference(section) }),
         ValueType::NamedTables(section) => {
             json!({ "type": "object", "additionalProperties": reference(section) })
@@ -180,7 +190,7 @@ fn value(key: &Key, format: &Format) -> Value {
     match &key.if_missing {
         IfMissing::Rule(rule) => description += &format!("; if not given: {rule}"),
         IfMissing::Default(default) => value["default"] = default_to_json(default),
-        IfMissing::Needed | IfMissing::Absent => {}
+        IfMissing::Required | IfMissing::Absent => {}
     }
     value["description"] = description.into();
     value
@@ -195,12 +205,12 @@ fn default_to_json(default: &DeValue<'_>) -> Value {
     }
 }
 
-fn number(range: Range, max: f64) -> Value {
+fn number_schema(range: NumberRange, max: f64) -> Value {
     match range {
-        Range::Any => json!({ "type": "number", "minimum": -max, "maximum": max }),
-        Range::NotNegative => json!({ "type": "number", "minimum": 0, "maximum": max }),
-        Range::Positive => json!({ "type": "number", "exclusiveMinimum": 0, "maximum": max }),
-        Range::NotZero => {
+        NumberRange::Any => json!({ "type": "number", "minimum": -max, "maximum": max }),
+        NumberRange::NotNegative => json!({ "type": "number", "minimum": 0, "maximum": max }),
+        NumberRange::Positive => json!({ "type": "number", "exclusiveMinimum": 0, "maximum": max }),
+        NumberRange::NotZero => {
             json!({ "type": "number", "minimum": -max, "maximum": max, "not": { "const": 0 } })
         }
     }

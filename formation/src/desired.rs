@@ -18,7 +18,7 @@ impl Target {
     }
 
     /// Returns the target after `dt_s` seconds at its constant velocity.
-    pub fn extrapolated(self, dt_s: f64) -> Target {
+    pub fn extrapolate(self, dt_s: f64) -> Target {
         Target { position: self.position + dt_s * self.velocity, ..self }
     }
 }
@@ -53,7 +53,7 @@ mod tests {
     proptest! {
         #[test]
         fn target_later_moves_at_its_velocity(target in targets(), dt_s in -3.0..3.0f64) {
-            let later = target.extrapolated(dt_s);
+            let later = target.extrapolate(dt_s);
             prop_assert_eq!(later.velocity, target.velocity);
             let way = later.position - target.position;
             prop_assert!((way - target.velocity * dt_s).norm() < 1e-12);

@@ -2,7 +2,7 @@
 
 use crate::Vec2;
 use crate::desired::Target;
-use crate::front_point::rotate;
+use crate::front_point::Rotation;
 use crate::scale::Scale;
 
 /// Heading and scale of the formation at one instant, with their rates of change.
@@ -23,7 +23,7 @@ pub struct LeaderFrame {
 
 impl LeaderFrame {
     /// Identity frame for formations without a leader: it leaves offsets unchanged.
-    pub const STILL: LeaderFrame = LeaderFrame {
+    pub const IDENTITY: LeaderFrame = LeaderFrame {
         heading_rad: 0.0,
         turn_rate_rad_s: 0.0,
         turn_acceleration_rad_s2: 0.0,
@@ -33,13 +33,13 @@ impl LeaderFrame {
 
     /// Returns the frame of a leaderless formation: offsets do not rotate, and `scale` is evaluated at `t_s`, s
     /// since the start of the run.
-    pub fn leaderless(scale: &Scale, t_s: f64) -> LeaderFrame {
+    pub fn for_leaderless_formation(scale: &Scale, t_s: f64) -> LeaderFrame {
         let (scale, scale_rate_per_s) = scale.value_and_rate_at(t_s);
-        LeaderFrame { scale, scale_rate_per_s, ..LeaderFrame::STILL }
+        LeaderFrame { scale, scale_rate_per_s, ..LeaderFrame::IDENTITY }
     }
 
     /// Returns the frame extrapolated by `age_s`, with constant turn acceleration and constant scale rate.
-    pub fn extrapolated(self, age_s: f64) -> LeaderFrame {
+    pub fn extrapolate(self, age_s: f64) -> LeaderFrame {
         let gained = self.turn_acceleration_rad_s2 * age_s;
         LeaderFrame {
             heading_rad: self.heading_rad + (self.turn_rate_rad_s + 0.5 * gained) * age_s,
@@ -50,17 +50,38 @@ impl LeaderFrame {
     }
 
     /// Returns a frame with the current heading and scale and all rates 0.
-    pub fn frozen(self) -> LeaderFrame {
-        let still = LeaderFrame::STILL;
+    pub fn with_zero_rates(self) -> LeaderFrame {
+        let still = LeaderFrame::IDENTITY;
         LeaderFrame { heading_rad: self.heading_rad, scale: self.scale, ..still }
     }
 
     /// Returns the desired relative position C_ji and its derivative C'_ji for the static offset c_ji, m.
-    pub fn offset(&self, c_ji: Vec2) -> Target {
-        let turned = rotate(self.heading_rad, c_ji); // R c
+    pub fn transform_offset(&self, c_ji: Vec2) -> Target {
+        self.offset_transform().apply(c_ji)
+    }
+
+    /// Returns [`LeaderFrame::transform_offset`] of this instant, for several offsets.
+    pub fn offset_transform(&self) -> OffsetTransform {
+        OffsetTransform { frame: *self, rotation: Rotation::from_angle(self.heading_rad) }
+    }
+}
+
+/// Map of static offsets to desired relative positions at one instant, with the sine and cosine of the heading.
+#[derive(Debug, Clone, Copy)]
+pub struct OffsetTransform {
+    frame: LeaderFrame,
+    rotation: Rotation,
+}
+
+impl OffsetTransform {
+    /// Returns the desired relative position C_ji and its derivative C'_ji for the static offset c_ji, m.
+    #[inline]
+    pub fn apply(&self, c_ji: Vec2) -> Target {
+        let OffsetTransform { frame, rotation } = self;
+        let turned = rotation.apply(c_ji); // R c
         let quarter = Vec2::new(-turned.y, turned.x); // (23): R' c = w times this
-        let offset = self.scale * turned; // (20)
-        let rate = self.scale_rate_per_s * turned + self.scale * self.turn_rate_rad_s * quarter; // (22)
+        let offset = frame.scale * turned; // (20)
+        let rate = frame.scale_rate_per_s * turned + frame.scale * frame.turn_rate_rad_s * quarter; // (22)
         Target { position: offset, velocity: rate }
     }
 }
@@ -85,9 +106,9 @@ mod tests {
                 scale_rate_per_s,
             };
             let (c, h) = (Vec2::new(0.6, -0.3), 1e-6);
-            let slope = (frame.extrapolated(h).offset(c).position
-                - frame.extrapolated(-h).offset(c).position) / (2.0 * h);
-            prop_assert!((slope - frame.offset(c).velocity).norm() < 1e-8);
+            let slope = (frame.extrapolate(h).transform_offset(c).position
+                - frame.extrapolate(-h).transform_offset(c).position) / (2.0 * h);
+            prop_assert!((slope - frame.transform_offset(c).velocity).norm() < 1e-8);
         }
 
         #[test]
@@ -102,17 +123,17 @@ mod tests {
                 scale,
                 scale_rate_per_s: rate,
             };
-            let frozen = frame.frozen();
-            prop_assert_eq!(frozen.extrapolated(age_s), frozen);
+            let frozen = frame.with_zero_rates();
+            prop_assert_eq!(frozen.extrapolate(age_s), frozen);
             let c = Vec2::new(0.6, -0.3);
-            prop_assert_eq!(frozen.offset(c), Target::at_rest(frame.offset(c).position));
+            prop_assert_eq!(frozen.transform_offset(c), Target::at_rest(frame.transform_offset(c).position));
         }
     }
 
     #[test]
     fn still_frame_leaves_offsets_unchanged() {
         let c = Vec2::new(0.3, 0.4);
-        assert_eq!(LeaderFrame::STILL.offset(c), Target::at_rest(c));
+        assert_eq!(LeaderFrame::IDENTITY.transform_offset(c), Target::at_rest(c));
     }
 
     #[test]
@@ -124,7 +145,7 @@ mod tests {
             scale: 2.0,
             scale_rate_per_s: -0.1,
         };
-        let later = frame.extrapolated(2.0);
+        let later = frame.extrapolate(2.0);
         assert!((later.heading_rad - 1.6).abs() < 1e-12, "{later:?}");
         assert!((later.turn_rate_rad_s - 1.0).abs() < 1e-12, "{later:?}");
         assert!((later.scale - 1.8).abs() < 1e-12, "{later:?}");

@@ -9,7 +9,7 @@ use crate::pose::{Pose, Twist, wrap_angle};
 /// Returns the front point alpha = xi + ell (cos theta, sin theta), m, in `map`. (2)
 #[inline]
 pub fn front_point(pose: Pose, ell_m: f64) -> Vec2 {
-    front_motion(pose, ell_m, Twist::ZERO).0
+    front_point_and_velocity(pose, ell_m, Twist::ZERO).0
 }
 
 /// Returns the velocity of the front point, A(theta) (v, w), m/s, in `map`. (3)
@@ -20,7 +20,7 @@ pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
 
 /// Returns the front point, m, and its velocity, m/s, in `map`. (2) (3)
 #[inline]
-pub fn front_motion(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
+pub fn front_point_and_velocity(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
     let (sin, cos) = portable_math::sin_cos(pose.heading_rad);
     let alpha = Vec2::new(pose.x_m + ell_m * cos, pose.y_m + ell_m * sin);
     let (v, across) = (twist.v_m_s, twist.side_m_s + ell_m * twist.w_rad_s);
@@ -28,7 +28,7 @@ pub fn front_motion(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
 }
 
 /// Returns the twist that gives the front point the velocity `u`: A(theta)^-1 u. (17)
-pub fn twist_for(heading_rad: f64, ell_m: f64, u: Vec2) -> Twist {
+pub fn twist_for_front_velocity(heading_rad: f64, ell_m: f64, u: Vec2) -> Twist {
     let body = rotate(-heading_rad, u);
     Twist::new(body.x, body.y / ell_m)
 }
@@ -44,7 +44,7 @@ pub fn front_speed(ell_m: f64, twist: Twist) -> f64 {
 ///
 /// theta' = (-sin theta u_x + cos theta u_y) / ell (17). The angle psi between heading and u decays as tan(psi
 /// / 2) = tan(psi_0 / 2) exp(-|u| t / ell).
-pub fn drawn_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 {
+pub fn towed_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 {
     let speed_m_s = u.norm();
     if speed_m_s == 0.0 {
         return heading_rad;
@@ -65,7 +65,7 @@ pub fn drawn_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 
 /// Returns the velocity that draws the heading of a leader's frame, m/s: `u`, the velocity of the leader's front
 /// point. If the frame keeps its heading where the path reverses and `u` points behind `heading_rad`, returns `-u`: a
 /// nominal leader that drives backwards.
-pub fn drawing_velocity(heading_rad: f64, u: Vec2, keeps_heading: bool) -> Vec2 {
+pub fn towing_velocity(heading_rad: f64, u: Vec2, keeps_heading: bool) -> Vec2 {
     let (sin, cos) = portable_math::sin_cos(heading_rad);
     match keeps_heading && cos * u.x + sin * u.y < 0.0 {
         true => -u,
@@ -76,14 +76,36 @@ pub fn drawing_velocity(heading_rad: f64, u: Vec2, keeps_heading: bool) -> Vec2 
 /// Returns `vector` rotated counter-clockwise by `angle_rad`.
 #[inline]
 pub fn rotate(angle_rad: f64, vector: Vec2) -> Vec2 {
-    let (sin, cos) = portable_math::sin_cos(angle_rad);
-    Vec2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
+    Rotation::from_angle(angle_rad).apply(vector)
+}
+
+/// Rotation by a fixed angle, for several vectors.
+#[derive(Debug, Clone, Copy)]
+pub struct Rotation {
+    sin: f64,
+    cos: f64,
+}
+
+impl Rotation {
+    /// Returns the counter-clockwise rotation by `angle_rad`.
+    #[inline]
+    pub fn from_angle(angle_rad: f64) -> Rotation {
+        let (sin, cos) = portable_math::sin_cos(angle_rad);
+        Rotation { sin, cos }
+    }
+
+    /// Returns `vector`, rotated.
+    #[inline]
+    pub fn apply(self, vector: Vec2) -> Vec2 {
+        let Rotation { sin, cos } = self;
+        Vec2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::unicycle::arc;
+    use crate::unicycle::integrate_arc;
     use proptest::prelude::*;
 
     proptest! {
@@ -92,7 +114,7 @@ mod tests {
             theta in -3.0..3.0f64, ell in 0.01..0.5f64, ux in -2.0..2.0f64, uy in -2.0..2.0f64,
         ) {
             let u = Vec2::new(ux, uy);
-            let back = front_velocity(theta, ell, twist_for(theta, ell, u));
+            let back = front_velocity(theta, ell, twist_for_front_velocity(theta, ell, u));
             prop_assert!((back - u).norm() < 1e-12);
         }
 
@@ -103,8 +125,8 @@ mod tests {
             let (ell, h) = (0.1, 1e-6);
             let pose = Pose { x_m: 0.3, y_m: 0.4, heading_rad: theta };
             let twist = Twist::new(v, w);
-            let slope = (front_point(arc(pose, twist, h), ell)
-                - front_point(arc(pose, twist, -h), ell)) / (2.0 * h);
+            let slope = (front_point(integrate_arc(pose, twist, h), ell)
+                - front_point(integrate_arc(pose, twist, -h), ell)) / (2.0 * h);
             prop_assert!((slope - front_velocity(theta, ell, twist)).norm() < 1e-6);
             prop_assert!((slope.norm() - front_speed(ell, twist)).abs() < 1e-6);
         }
@@ -113,7 +135,7 @@ mod tests {
     #[test]
     fn drawn_heading_at_zero_velocity_is_unchanged() {
         for start in [-3.0, -0.1, 0.7, 3.1] {
-            assert_eq!(drawn_heading(start, 0.15, Vec2::zeros(), 0.7), start);
+            assert_eq!(towed_heading(start, 0.15, Vec2::zeros(), 0.7), start);
         }
     }
 
@@ -125,9 +147,9 @@ mod tests {
             let (mut euler, steps) = (start, 200_000);
             let step_s = 0.7 / f64::from(steps);
             for _ in 0..steps {
-                euler += step_s * twist_for(euler, ell, u).w_rad_s;
+                euler += step_s * twist_for_front_velocity(euler, ell, u).w_rad_s;
             }
-            let exact = drawn_heading(start, ell, u, 0.7);
+            let exact = towed_heading(start, ell, u, 0.7);
             assert!(wrap_angle(exact - euler).abs() < 1e-5, "from {start}: {exact}, {euler}");
         }
     }

@@ -23,31 +23,31 @@ pub struct Edge {
 /// them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FormationGraph {
-    robots: usize,
+    robot_count: usize,
     edges: Vec<Edge>,
 }
 
 /// An edge whose offset is inconsistent with the path that the other edges define.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OpenCycle {
+pub struct InconsistentOffset {
     /// Index of the edge that closes the cycle.
     pub edge: usize,
     /// Closure error: the norm of the sum of the offsets around the cycle, m.
-    pub gap_m: f64,
+    pub closure_error_m: f64,
     /// `true` if the cycle is directed, so that information can flow around it.
-    pub directed: bool,
+    pub in_directed_cycle: bool,
 }
 
 impl FormationGraph {
     /// Creates a graph with `robots` robots. Panics if an edge names a robot that does not exist.
     pub fn new(robots: usize, edges: Vec<Edge>) -> FormationGraph {
         assert!(edges.iter().all(|e| e.from < robots && e.to < robots), "edge out of range");
-        FormationGraph { robots, edges }
+        FormationGraph { robot_count: robots, edges }
     }
 
     /// Returns the number of robots.
-    pub fn robots(&self) -> usize {
-        self.robots
+    pub fn robot_count(&self) -> usize {
+        self.robot_count
     }
 
     /// Returns all edges, in the order given.
@@ -66,9 +66,9 @@ impl FormationGraph {
     }
 
     /// Returns for each robot whether the information of one of `sources` reaches it. The sources count as reached.
-    pub fn reached_from(&self, sources: &[usize]) -> Vec<bool> {
-        let hearers = self.hearers();
-        let mut reached = vec![false; self.robots];
+    pub fn robots_reached_from(&self, sources: &[usize]) -> Vec<bool> {
+        let hearers = self.out_neighbors();
+        let mut reached = vec![false; self.robot_count];
         let mut open = sources.to_vec();
         while let Some(robot) = open.pop() {
             if !std::mem::replace(&mut reached[robot], true) {
@@ -79,8 +79,8 @@ impl FormationGraph {
     }
 
     /// Returns the receivers of each robot.
-    fn hearers(&self) -> Vec<Vec<usize>> {
-        let mut hearers = vec![Vec::new(); self.robots];
+    fn out_neighbors(&self) -> Vec<Vec<usize>> {
+        let mut hearers = vec![Vec::new(); self.robot_count];
         for edge in &self.edges {
             hearers[edge.from].push(edge.to);
         }
@@ -90,15 +90,15 @@ impl FormationGraph {
     /// Returns for each robot the set of robots that its information reaches, itself included.
     pub fn reachability(&self) -> Vec<Vec<bool>> {
         let reached = |row: Vec<Option<usize>>| row.iter().map(Option::is_some).collect();
-        self.hops().into_iter().map(reached).collect()
+        self.hop_counts().into_iter().map(reached).collect()
     }
 
     /// Returns the minimum number of edges from each robot to each robot: 0 to itself, and `None` for an
     /// unreachable robot.
-    pub fn hops(&self) -> Vec<Vec<Option<usize>>> {
-        let hearers = self.hearers();
+    pub fn hop_counts(&self) -> Vec<Vec<Option<usize>>> {
+        let hearers = self.out_neighbors();
         let from = |source: usize| {
-            let mut hops = vec![None; self.robots];
+            let mut hops = vec![None; self.robot_count];
             hops[source] = Some(0);
             let mut open = VecDeque::from([source]);
             while let Some(robot) = open.pop_front() {
@@ -111,21 +111,21 @@ impl FormationGraph {
             }
             hops
         };
-        (0..self.robots).map(from).collect()
+        (0..self.robot_count).map(from).collect()
     }
 
     /// Returns the robots from which every other robot is reachable. If there are none, the formation
     /// decomposes into groups that do not agree on a common position.
     pub fn roots(&self) -> Vec<usize> {
         let reached = self.reachability();
-        (0..self.robots).filter(|&r| reached[r].iter().all(|&yes| yes)).collect()
+        (0..self.robot_count).filter(|&r| reached[r].iter().all(|&yes| yes)).collect()
     }
 
     /// Returns positions that satisfy the offsets of a spanning forest, m, with the first robot of each
     /// connected component at the origin, and the edges whose closure error exceeds `tolerance_m`.
-    pub fn positions_from_offsets(&self, tolerance_m: f64) -> (Vec<Vec2>, Vec<OpenCycle>) {
-        let mut place: Vec<Option<Vec2>> = vec![None; self.robots];
-        for first in 0..self.robots {
+    pub fn positions_from_offsets(&self, tolerance_m: f64) -> (Vec<Vec2>, Vec<InconsistentOffset>) {
+        let mut place: Vec<Option<Vec2>> = vec![None; self.robot_count];
+        for first in 0..self.robot_count {
             if place[first].is_some() {
                 continue;
             }
@@ -155,7 +155,11 @@ impl FormationGraph {
             if gap_m > tolerance_m {
                 let reached = reached.get_or_init(|| self.reachability());
                 let directed = reached[edge.to][edge.from];
-                open_cycles.push(OpenCycle { edge: index, gap_m, directed });
+                open_cycles.push(InconsistentOffset {
+                    edge: index,
+                    closure_error_m: gap_m,
+                    in_directed_cycle: directed,
+                });
             }
         }
         (place, open_cycles)
@@ -213,14 +217,14 @@ mod tests {
             let (found, open) = graph.positions_from_offsets(0.2);
             let reached = graph.reachability();
             for (source, reached) in reached.iter().enumerate() {
-                prop_assert_eq!(&graph.reached_from(&[source]), reached);
+                prop_assert_eq!(&graph.robots_reached_from(&[source]), reached);
             }
             for (index, edge) in edges.iter().enumerate() {
                 let gap_m = (found[edge.from] + edge.offset_m - found[edge.to]).norm();
                 let listed = open.iter().find(|cycle| cycle.edge == index);
                 prop_assert_eq!(listed.is_some(), gap_m > 0.2);
                 let directed = reached[edge.to][edge.from];
-                prop_assert!(listed.is_none_or(|o| o.gap_m == gap_m && o.directed == directed));
+                prop_assert!(listed.is_none_or(|o| o.closure_error_m == gap_m && o.in_directed_cycle == directed));
             }
             // It opens exactly the cycles it is part of, which exist if its ends are connected without it.
             let without = edges.iter().enumerate().filter(|(index, _)| *index != wrong);
@@ -242,7 +246,7 @@ mod tests {
             4,
             vec![edge(0, 1, 1.0, 0.0), edge(1, 2, 1.0, 0.0), edge(0, 2, 2.0, 0.0)],
         );
-        let hops = graph.hops();
+        let hops = graph.hop_counts();
         assert_eq!(hops[0], [Some(0), Some(1), Some(1), None]);
         assert_eq!(hops[1], [None, Some(0), Some(1), None]);
         assert_eq!(hops[3], [None, None, None, Some(0)]);
@@ -259,7 +263,7 @@ mod tests {
     #[test]
     fn edge_ends_are_in_neighbor_and_out_neighbor() {
         let graph = FormationGraph::new(4, vec![edge(0, 1, 1.0, 0.0), edge(2, 1, 0.0, 1.0)]);
-        assert_eq!(graph.robots(), 4);
+        assert_eq!(graph.robot_count(), 4);
         let heard = |robot| graph.incoming_edges(robot).map(|e| e.from).collect::<Vec<_>>();
         let hearers = |robot| graph.outgoing_edges(robot).map(|e| e.to).collect::<Vec<_>>();
         assert_eq!((heard(1), heard(0)), (vec![0, 2], vec![]));

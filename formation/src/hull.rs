@@ -54,7 +54,7 @@ mod tests {
     use proptest::prelude::*;
 
     /// Computes the hull distance by brute force, as the minimum over all triangles and segments.
-    fn by_brute_force(point: Vec2, points: &[Vec2]) -> f64 {
+    fn hull_distance_by_brute_force(point: Vec2, points: &[Vec2]) -> f64 {
         let mut nearest = f64::INFINITY;
         for a in points {
             for b in points {
@@ -85,7 +85,7 @@ mod tests {
         ) {
             let points: Vec<Vec2> = points.into_iter().map(|(x, y)| Vec2::new(x, y)).collect();
             let point = Vec2::new(x, y);
-            let difference = hull_distance(point, &points) - by_brute_force(point, &points);
+            let difference = hull_distance(point, &points) - hull_distance_by_brute_force(point, &points);
             prop_assert!(difference.abs() < 1e-9);
         }
 
@@ -112,7 +112,7 @@ mod tests {
                 prop_assert!(hull_distance(point, &points) < 1e-12);
             }
             let distance = hull_distance(place((x, y)), &points);
-            let expected = by_brute_force(place((x, y)), &points);
+            let expected = hull_distance_by_brute_force(place((x, y)), &points);
             prop_assert!(distance == expected || (distance - expected).abs() < 1e-9);
         }
     }

@@ -4,7 +4,7 @@
 //! radius rho is an eigenvalue, the largest in modulus and in real part. Hence the eigenvalue of A = I - W with
 //! the smallest real part is 1 - rho, and rho(A^-1) = 1 / (1 - rho).
 
-use nalgebra::DVector;
+use nalgebra::{DVector, Dyn, LU};
 
 use crate::Vec2;
 use crate::graph::FormationGraph;
@@ -16,15 +16,15 @@ pub type Matrix = nalgebra::DMatrix<f64>;
 /// Number of squarings in [`spectral_radius`]. An exponent of 2^50 leaves only rounding errors.
 const SQUARINGS: i32 = 50;
 /// Maximum number of rows of a matrix that is squared, each time with the cube of this number of operations.
-const SQUARED_MAX: usize = 256;
+const SQUARED_MATRIX_ROWS_MAX: usize = 256;
 /// Maximum number of linear systems that are solved for a spectral radius.
-const SOLVED_MAX: usize = 30;
+const LINEAR_SOLVES_MAX: usize = 30;
 /// Maximum number of steps of a power iteration.
-const POWERS_MAX: usize = 20_000;
+const POWER_ITERATION_STEPS_MAX: usize = 20_000;
 
 /// Returns the graph Laplacian L = Delta - A_d. (4) (5) (6)
 pub fn laplacian(graph: &FormationGraph) -> Matrix {
-    let mut l = Matrix::zeros(graph.robots(), graph.robots());
+    let mut l = Matrix::zeros(graph.robot_count(), graph.robot_count());
     for edge in graph.edges() {
         l[(edge.to, edge.to)] += 1.0; // (5)
         l[(edge.to, edge.from)] -= 1.0; // (6)
@@ -36,7 +36,7 @@ pub fn laplacian(graph: &FormationGraph) -> Matrix {
 /// every other robot with in-neighbors, and a row of zeros for a robot without.
 pub fn formation_matrix(graph: &FormationGraph, leader: Option<usize>) -> Matrix {
     let mut a = laplacian(graph);
-    for i in 0..graph.robots() {
+    for i in 0..graph.robot_count() {
         if leader == Some(i) {
             a.row_mut(i).fill(0.0);
             a[(i, i)] = 1.0; // Gamma
@@ -50,8 +50,8 @@ pub fn formation_matrix(graph: &FormationGraph, leader: Option<usize>) -> Matrix
 
 /// Returns the iteration matrix of the velocities from one tick to the next: the mean over the in-neighbors for
 /// each robot whose control law uses its desired velocity (`feed_forward`), and a row of zeros for the others.
-pub fn iteration(graph: &FormationGraph, feed_forward: &[bool]) -> Matrix {
-    let mut w = Matrix::zeros(graph.robots(), graph.robots());
+pub fn velocity_iteration_matrix(graph: &FormationGraph, feed_forward: &[bool]) -> Matrix {
+    let mut w = Matrix::zeros(graph.robot_count(), graph.robot_count());
     for (i, _) in feed_forward.iter().enumerate().filter(|(_, uses)| **uses) {
         let g = graph.incoming_edges(i).count() as f64;
         graph.incoming_edges(i).for_each(|edge| w[(i, edge.from)] += 1.0 / g);
@@ -60,29 +60,33 @@ pub fn iteration(graph: &FormationGraph, feed_forward: &[bool]) -> Matrix {
 }
 
 /// Returns the robots, ascending, in which velocities feed back forever: none of their ancestors in the graph
-/// depends on anything but the velocities of others. The spectral radius of [`iteration`] is 1 if there are
-/// such robots, and less than 1 otherwise.
+/// depends on anything but the velocities of others. The spectral radius of [`velocity_iteration_matrix`] is 1 if there
+/// are such robots, and less than 1 otherwise.
 pub fn velocity_feedback_robots(graph: &FormationGraph, feed_forward: &[bool]) -> Vec<usize> {
-    let mut hears = vec![false; graph.robots()];
+    let mut hears = vec![false; graph.robot_count()];
     graph.edges().iter().for_each(|edge| hears[edge.to] = true);
     let source = |&i: &usize| !feed_forward[i] || !hears[i];
-    let sources: Vec<usize> = (0..graph.robots()).filter(source).collect();
-    let damped = graph.reached_from(&sources);
-    (0..graph.robots()).filter(|&i| !damped[i]).collect()
+    let sources: Vec<usize> = (0..graph.robot_count()).filter(source).collect();
+    let damped = graph.robots_reached_from(&sources);
+    (0..graph.robot_count()).filter(|&i| !damped[i]).collect()
 }
 
 /// Returns the spectral radius rho of a non-negative square matrix (Definition 7) by Gelfand's formula, the
 /// limit of |M^m|^(1/m). Squaring a non-negative matrix causes no cancellation, so rounding errors stay small.
 /// Unlike the QR algorithm it is not slowed by cycles or repeated eigenvalues.
 ///
-/// Above `SQUARED_MAX` rows it is the largest radius of a part whose rows depend on each other, because all other
-/// elements change no eigenvalue; see `radius_of_large`.
+/// Above `SQUARED_MATRIX_ROWS_MAX` rows it is the largest radius of a part whose rows depend on each other, because all
+/// other elements change no eigenvalue; see `spectral_radius_by_components`.
 pub fn spectral_radius(matrix: &Matrix) -> f64 {
-    if matrix.nrows() <= SQUARED_MAX { radius_by_squaring(matrix) } else { radius_of_large(matrix) }
+    if matrix.nrows() <= SQUARED_MATRIX_ROWS_MAX {
+        spectral_radius_by_squaring(matrix)
+    } else {
+        spectral_radius_by_components(matrix)
+    }
 }
 
 /// Returns the spectral radius of a large non-negative matrix: 0 without cycles.
-fn radius_of_large(matrix: &Matrix) -> f64 {
+fn spectral_radius_by_components(matrix: &Matrix) -> f64 {
     let n = matrix.nrows();
     let positive = |i: usize| (0..n).filter(move |&j| matrix[(i, j)] > 0.0);
     let rows: Vec<Vec<usize>> = (0..n).map(|i| positive(i).collect()).collect();
@@ -90,10 +94,10 @@ fn radius_of_large(matrix: &Matrix) -> f64 {
         [i] => matrix[(i, i)],
         _ => {
             let part = matrix.select_rows(part).select_columns(part);
-            if part.nrows() <= SQUARED_MAX {
-                radius_by_squaring(&part)
+            if part.nrows() <= SQUARED_MATRIX_ROWS_MAX {
+                spectral_radius_by_squaring(&part)
             } else {
-                radius_by_noda(&part)
+                spectral_radius_by_noda(&part)
             }
         }
     };
@@ -102,11 +106,11 @@ fn radius_of_large(matrix: &Matrix) -> f64 {
 
 /// Returns the spectral radius of a non-negative irreducible matrix by Noda's inverse iteration: the shift is the upper
 /// bound of Collatz and Wielandt, which decreases to the radius, quadratically in the end.
-fn radius_by_noda(matrix: &Matrix) -> f64 {
+fn spectral_radius_by_noda(matrix: &Matrix) -> f64 {
     let n = matrix.nrows();
     let mut vector = DVector::from_element(n, 1.0);
     let mut upper = f64::INFINITY;
-    for _ in 0..SOLVED_MAX {
+    for _ in 0..LINEAR_SOLVES_MAX {
         let ratios = (matrix * &vector).component_div(&vector);
         upper = upper.min(ratios.max());
         if upper - ratios.min() <= 1e-12 * upper {
@@ -160,7 +164,7 @@ fn strong_components(next: &[Vec<usize>]) -> Vec<Vec<usize>> {
     components
 }
 
-fn radius_by_squaring(matrix: &Matrix) -> f64 {
+fn spectral_radius_by_squaring(matrix: &Matrix) -> f64 {
     let (mut power, mut log_radius) = (matrix.clone(), 0.0);
     for squared in 0..=SQUARINGS {
         let norm = power.row_iter().map(|row| row.sum()).fold(0.0, f64::max);
@@ -176,25 +180,97 @@ fn radius_by_squaring(matrix: &Matrix) -> f64 {
 
 /// Returns the spectral norm |M|_2 of a non-negative matrix: sqrt(rho(M^T M)).
 ///
-/// Above `SQUARED_MAX` rows it is computed by power iteration from the vector of ones, which is never orthogonal to the
-/// singular vector of a non-negative matrix.
-pub fn norm_2(matrix: &Matrix) -> f64 {
-    if matrix.nrows() <= SQUARED_MAX {
+/// Above `SQUARED_MATRIX_ROWS_MAX` rows it is computed by power iteration from the vector of ones, which is never
+/// orthogonal to the singular vector of a non-negative matrix.
+pub fn spectral_norm(matrix: &Matrix) -> f64 {
+    if matrix.nrows() <= SQUARED_MATRIX_ROWS_MAX {
         return spectral_radius(&(matrix.transpose() * matrix)).sqrt();
     }
     let transposed = matrix.transpose();
-    let (mut vector, mut norm) = (DVector::<f64>::from_element(matrix.ncols(), 1.0), 0.0f64);
-    for _ in 0..POWERS_MAX {
+    // The columns of the factors are contiguous in memory.
+    let image = |vector: &DVector<f64>| Some(transposed.tr_mul(vector));
+    norm_by_powers(matrix.ncols(), image, |vector| Some(matrix.tr_mul(vector)))
+        .expect("every product exists")
+}
+
+/// Returns |A^-1|_2 of an M-matrix A, whose inverse is non-negative, or `None` if A is singular.
+///
+/// Above `SQUARED_MATRIX_ROWS_MAX` rows no inverse is computed: the systems of the power iteration of [`spectral_norm`]
+/// are solved in groups of rows that depend on each other.
+pub fn inverse_norm_2(matrix: &Matrix) -> Option<f64> {
+    if matrix.nrows() <= SQUARED_MATRIX_ROWS_MAX {
+        return Some(spectral_norm(&matrix.clone().try_inverse()?));
+    }
+    let (system, transposed) =
+        (GroupedSystem::new(matrix), GroupedSystem::new(&matrix.transpose()));
+    let image = |vector: &DVector<f64>| system.solve(vector);
+    norm_by_powers(matrix.nrows(), image, |vector| transposed.solve(vector))
+}
+
+/// Returns |M|_2 of a non-negative matrix M by power iteration from the vector of ones. `image` returns the product of
+/// M and a vector, and `image_of_transpose` that of its transpose; without one the result is `None`.
+fn norm_by_powers(
+    columns: usize,
+    image: impl Fn(&DVector<f64>) -> Option<DVector<f64>>,
+    image_of_transpose: impl Fn(&DVector<f64>) -> Option<DVector<f64>>,
+) -> Option<f64> {
+    let (mut vector, mut norm) = (DVector::<f64>::from_element(columns, 1.0), 0.0f64);
+    for _ in 0..POWER_ITERATION_STEPS_MAX {
         vector /= vector.norm().max(f64::MIN_POSITIVE);
-        // The columns of the factors are contiguous in memory.
-        let image = transposed.tr_mul(&vector);
+        let image = image(&vector)?;
         let before = std::mem::replace(&mut norm, image.norm());
         if norm - before <= 1e-13 * norm {
             break;
         }
-        vector = matrix.tr_mul(&image);
+        vector = image_of_transpose(&image)?;
     }
-    norm
+    Some(norm)
+}
+
+/// A sparse linear system, in groups of rows that depend on each other.
+struct GroupedSystem {
+    /// Columns and values of the elements of each row.
+    rows: Vec<Vec<(usize, f64)>>,
+    /// Groups, each after those on which it depends, with the factors of its own part of the matrix.
+    groups: Vec<(Vec<usize>, LU<f64, Dyn, Dyn>)>,
+    /// Group of each row.
+    group_of_row: Vec<usize>,
+}
+
+impl GroupedSystem {
+    fn new(matrix: &Matrix) -> GroupedSystem {
+        let n = matrix.nrows();
+        let row =
+            |i: usize| (0..n).map(move |j| (j, matrix[(i, j)])).filter(|(_, value)| *value != 0.0);
+        let rows: Vec<Vec<(usize, f64)>> = (0..n).map(|i| row(i).collect()).collect();
+        let next: Vec<Vec<usize>> =
+            rows.iter().map(|row| row.iter().map(|&(j, _)| j).collect()).collect();
+        let mut group_of_row = vec![0; n];
+        let groups = strong_components(&next).into_iter().rev().enumerate();
+        let groups = groups.map(|(group, own)| {
+            own.iter().for_each(|&i| group_of_row[i] = group);
+            let part = Matrix::from_fn(own.len(), own.len(), |a, b| matrix[(own[a], own[b])]);
+            (own, part.lu())
+        });
+        let groups = groups.collect();
+        GroupedSystem { rows, groups, group_of_row }
+    }
+
+    /// Returns the solution for this right-hand side, or `None` if the system is singular.
+    fn solve(&self, right: &DVector<f64>) -> Option<DVector<f64>> {
+        let mut solution = right.clone();
+        for (group, (own, factors)) in self.groups.iter().enumerate() {
+            let known = |i: usize| {
+                let others = self.rows[i].iter().filter(|(j, _)| self.group_of_row[*j] != group);
+                others.map(|&(j, value)| value * solution[j]).sum::<f64>()
+            };
+            let right = own.iter().map(|&i| right[i] - known(i));
+            let right = DVector::from_iterator(own.len(), right);
+            let part = factors.solve(&right)?;
+            own.iter().zip(&part).for_each(|(&i, &value)| solution[i] = value);
+        }
+        Some(solution)
+    }
 }
 
 /// Returns the positions at which the robots settle relative to `pinned`, m, at heading 0 and scale 1: the
@@ -205,11 +281,11 @@ pub fn settled_positions(graph: &FormationGraph, pinned: usize) -> Option<Vec<Ve
     if !graph.reachability()[pinned].iter().all(|&reached| reached) {
         return None;
     }
-    let heard: Vec<Vec<(usize, Vec2)>> = (0..graph.robots())
+    let heard: Vec<Vec<(usize, Vec2)>> = (0..graph.robot_count())
         .map(|i| graph.incoming_edges(i).map(|edge| (edge.from, edge.offset_m)).collect())
         .collect();
-    let mut places = vec![Vec2::zeros(); graph.robots()];
-    let others: Vec<usize> = (0..graph.robots()).filter(|&i| i != pinned).collect();
+    let mut places = vec![Vec2::zeros(); graph.robot_count()];
+    let others: Vec<usize> = (0..graph.robot_count()).filter(|&i| i != pinned).collect();
     move_to_settled_positions(&heard, &others, &mut places)?;
     Some(places)
 }
@@ -220,8 +296,8 @@ pub fn settled_positions(graph: &FormationGraph, pinned: usize) -> Option<Vec<Ve
 /// Every free robot must be reachable from a robot that is not free. Returns `None` and changes no position if
 /// the linear system is numerically singular.
 ///
-/// More than `SQUARED_MAX` free robots are moved in groups that depend on each other, each after the groups on which it
-/// depends.
+/// More than `SQUARED_MATRIX_ROWS_MAX` free robots are moved in groups that depend on each other, each after the groups
+/// on which it depends.
 pub fn move_to_settled_positions(
     heard: &[Vec<(usize, Vec2)>],
     free: &[usize],
@@ -229,8 +305,8 @@ pub fn move_to_settled_positions(
 ) -> Option<()> {
     let mut row = vec![None; places.len()];
     free.iter().enumerate().for_each(|(k, &i)| row[i] = Some(k));
-    if free.len() <= SQUARED_MAX {
-        return settle_together(heard, free, &row, places);
+    if free.len() <= SQUARED_MATRIX_ROWS_MAX {
+        return solve_equilibrium_system(heard, free, &row, places);
     }
     let next = |&i: &usize| heard[i].iter().filter_map(|&(from, _)| row[from]).collect();
     let groups = strong_components(&free.iter().map(next).collect::<Vec<_>>());
@@ -240,15 +316,16 @@ pub fn move_to_settled_positions(
     for group in groups.into_iter().rev() {
         let group: Vec<usize> = group.into_iter().map(|k| free[k]).collect();
         group.iter().enumerate().for_each(|(k, &i)| row[i] = Some(k));
-        settle_together(heard, &group, &row, &mut moved)?;
+        solve_equilibrium_system(heard, &group, &row, &mut moved)?;
         group.iter().for_each(|&i| row[i] = None);
     }
     places.copy_from_slice(&moved);
     Some(())
 }
 
-/// Does the work of [`move_to_settled_positions`] by solving one linear system. `row` has the index of each free robot in `free`.
-fn settle_together(
+/// Does the work of [`move_to_settled_positions`] by solving one linear system. `row` has the index of each free robot
+/// in `free`.
+fn solve_equilibrium_system(
     heard: &[Vec<(usize, Vec2)>],
     free: &[usize],
     row: &[Option<usize>],
@@ -315,7 +392,7 @@ mod tests {
     }
 
     /// Returns the largest modulus of the eigenvalues, by the QR algorithm.
-    fn by_qr(matrix: &Matrix) -> f64 {
+    fn spectral_radius_by_qr(matrix: &Matrix) -> f64 {
         let schur = nalgebra::Schur::try_new(matrix.clone(), 1e-14, 10_000).unwrap();
         schur.complex_eigenvalues().iter().map(|z| z.re.hypot(z.im)).fold(0.0, f64::max)
     }
@@ -325,7 +402,7 @@ mod tests {
         fn laplacian_and_system_match_their_definitions(
             graph in graphs(true), leads in any::<bool>(),
         ) {
-            let n = graph.robots();
+            let n = graph.robot_count();
             let leader = leads.then_some(0);
             let (l, a) = (laplacian(&graph), formation_matrix(&graph, leader));
             for i in 0..n {
@@ -347,10 +424,10 @@ mod tests {
         fn system_is_an_m_matrix_iff_the_leader_reaches_all(
             graph in graphs(true),
         ) {
-            let n = graph.robots();
+            let n = graph.robot_count();
             let reached = Reachability::new(&graph, Some(0), &[], &[]).defects_without_faults().unled.is_empty();
             let a = formation_matrix(&graph, Some(0));
-            let radius = spectral_radius(&iteration(&graph, &vec![true; n]));
+            let radius = spectral_radius(&velocity_iteration_matrix(&graph, &vec![true; n]));
             let hearing = (1..n).all(|i| graph.incoming_edges(i).count() > 0);
             prop_assert_eq!(reached, hearing && radius < 1.0 - 1e-9);
             match a.try_inverse().filter(|_| reached) {
@@ -369,18 +446,18 @@ mod tests {
             n in 1..7usize, elements in proptest::collection::vec(0.0..1.0f64, 36),
         ) {
             let matrix = Matrix::from_fn(n, n, |i, j| elements[6 * i + j]);
-            let radius = by_qr(&matrix);
+            let radius = spectral_radius_by_qr(&matrix);
             prop_assert!((spectral_radius(&matrix) / radius - 1.0).abs() < 1e-9);
             let singular = matrix.singular_values().max();
-            prop_assert!((norm_2(&matrix) / singular - 1.0).abs() < 1e-9);
+            prop_assert!((spectral_norm(&matrix) / singular - 1.0).abs() < 1e-9);
         }
 
         #[test]
         fn velocities_echo_iff_the_spectral_radius_is_1(
             graph in graphs(false), feed_forward in proptest::collection::vec(any::<bool>(), 9),
         ) {
-            let feed_forward = &feed_forward[..graph.robots()];
-            let radius = spectral_radius(&iteration(&graph, feed_forward));
+            let feed_forward = &feed_forward[..graph.robot_count()];
+            let radius = spectral_radius(&velocity_iteration_matrix(&graph, feed_forward));
             prop_assert!(radius < 1.0 + 1e-12);
             prop_assert_eq!(velocity_feedback_robots(&graph, feed_forward).is_empty(), radius < 1.0 - 1e-9);
         }
@@ -391,7 +468,7 @@ mod tests {
             graph in graphs(true), stays in proptest::collection::vec(any::<bool>(), 9),
             at in proptest::collection::vec((-9.0..9.0f64, -9.0..9.0f64), 9),
         ) {
-            let n = graph.robots();
+            let n = graph.robot_count();
             let reached = graph.reachability();
             let stays = |i: usize| i == 0 || stays[i];
             let led = |i: usize| (0..n).any(|from| stays(from) && reached[from][i]);
@@ -417,10 +494,10 @@ mod tests {
         /// Copies of a graph, each led by a robot of the one before, are as many as are solved in groups.
         #[test]
         fn settle_moves_many_robots_to_their_neighbor_mean(one in graphs(true)) {
-            let n = one.robots();
+            let n = one.robot_count();
             let reached = Reachability::new(&one, Some(0), &[], &[]).defects_without_faults().unled.is_empty();
             prop_assume!(n > 1 && reached);
-            let copies = SQUARED_MAX / (n - 1) + 2;
+            let copies = SQUARED_MATRIX_ROWS_MAX / (n - 1) + 2;
             let mut heard: Vec<Vec<(usize, Vec2)>> = vec![Vec::new()];
             for copy in 0..copies {
                 let index = |robot: usize| if robot == 0 { copy * (n - 1) } else { copy * (n - 1) + robot };
@@ -430,7 +507,7 @@ mod tests {
                 }
             }
             let free: Vec<usize> = (1..heard.len()).collect();
-            prop_assert!(free.len() > SQUARED_MAX);
+            prop_assert!(free.len() > SQUARED_MATRIX_ROWS_MAX);
             let mut places = vec![Vec2::zeros(); heard.len()];
             prop_assert_eq!(move_to_settled_positions(&heard, &free, &mut places), Some(()));
             for &i in &free {
@@ -449,7 +526,7 @@ mod tests {
             prop_assert_eq!(places.is_some(), reached);
             let Some(places) = places else { return Ok(()) };
             prop_assert_eq!(places[0], Vec2::zeros());
-            for i in 1..graph.robots() {
+            for i in 1..graph.robot_count() {
                 let asked: Vec2 = graph.incoming_edges(i).map(|e| places[e.from] + e.offset_m).sum();
                 let asked = asked / graph.incoming_edges(i).count() as f64; // (24)
                 prop_assert!((places[i] - asked).norm() < 1e-9, "robot {i}");
@@ -468,7 +545,7 @@ mod tests {
             })
         };
         let (small, large) = (rings(1, 0.4), rings(20, 0.4));
-        assert!(large.nrows() > SQUARED_MAX);
+        assert!(large.nrows() > SQUARED_MATRIX_ROWS_MAX);
         let radius = spectral_radius(&small);
         assert!((spectral_radius(&large) / radius - 1.0).abs() < 1e-9);
         let open = Matrix::from_fn(400, 400, |i, j| f64::from(u8::from(j == i + 1)));
@@ -478,9 +555,17 @@ mod tests {
         let ring =
             Matrix::from_fn(400, 400, |i, j| if j == (i + 1) % 400 { weight(i) } else { 0.0 });
         assert!((spectral_radius(&ring) - 1.0).abs() < 1e-9);
-        let (squared, powers) =
-            (radius_by_squaring(&(large.transpose() * &large)).sqrt(), norm_2(&large));
+        let (squared, powers) = (
+            spectral_radius_by_squaring(&(large.transpose() * &large)).sqrt(),
+            spectral_norm(&large),
+        );
         assert!((powers / squared - 1.0).abs() < 1e-6, "{powers} {squared}");
+        let system = Matrix::identity(400, 400) - 0.1 * large;
+        let (solved, inverted) =
+            (inverse_norm_2(&system), spectral_norm(&system.clone().try_inverse().unwrap()));
+        let solved = solved.unwrap();
+        assert!((solved / inverted - 1.0).abs() < 1e-9, "{solved} {inverted}");
+        assert_eq!(inverse_norm_2(&Matrix::zeros(400, 400)), None);
     }
 
     #[test]
@@ -488,10 +573,10 @@ mod tests {
         for robots in [2, 3, 7, 64] {
             let ring = ring(robots);
             let all = vec![true; robots];
-            assert!((spectral_radius(&iteration(&ring, &all)) - 1.0).abs() < 1e-12);
+            assert!((spectral_radius(&velocity_iteration_matrix(&ring, &all)) - 1.0).abs() < 1e-12);
             assert_eq!(velocity_feedback_robots(&ring, &all).len(), robots);
             let none = vec![false; robots];
-            assert_eq!(spectral_radius(&iteration(&ring, &none)), 0.0);
+            assert_eq!(spectral_radius(&velocity_iteration_matrix(&ring, &none)), 0.0);
             assert!(velocity_feedback_robots(&ring, &none).is_empty());
         }
     }

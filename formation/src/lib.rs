@@ -23,6 +23,7 @@
 //! | `resilient` | what is the desired position if some in-neighbors are Byzantine (W-MSR)? |
 //! | `hull` | how far is a follower from the leaders' convex hull? (7) (49) |
 //! | `closest` | which two robots have the smallest distance? (15) |
+//! | `pair_minima` | how near did each pair of points come, and when? |
 //! | `neighbor_list` | which robots are within a cutoff radius of each other, updated incrementally? |
 //! | `obstacle` | which point of a wall is nearest, and which walls are within a radius? |
 //! | `random` | which pseudo-random numbers follow from a seed? |
@@ -47,6 +48,7 @@ pub mod hull;
 pub mod laplacian;
 pub mod neighbor_list;
 pub mod obstacle;
+pub mod pair_minima;
 pub mod path;
 pub mod portable_math;
 pub mod pose;
@@ -64,10 +66,10 @@ pub mod unicycle;
 pub type Vec2 = nalgebra::Vector2<f64>;
 
 /// Upper bound on the relative rounding error of a coordinate, a distance or a squared distance.
-pub const ROUNDING: f64 = 1e-9;
+pub const RELATIVE_ROUNDING_ERROR_MAX: f64 = 1e-9;
 
 /// Converts nanoseconds to seconds. The division, unlike a multiplication by 1e-9, makes 15 ms exactly the
 /// literal 0.015.
-pub fn seconds(ns: u64) -> f64 {
+pub fn ns_to_seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
 }

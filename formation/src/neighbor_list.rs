@@ -5,7 +5,7 @@
 //! one over all pairs, at a cost that grows with the number of listed pairs.
 
 use crate::closest::ClosestPair;
-use crate::{ROUNDING, Vec2};
+use crate::{RELATIVE_ROUNDING_ERROR_MAX, Vec2};
 
 /// Minimum margin for each of the two points of a pair, as a fraction of the cutoff radius.
 const MARGIN_FRACTION_MIN: f64 = 0.125;
@@ -25,6 +25,8 @@ pub struct NeighborList {
     updates_since_rebuild: u64,
     /// For each point, the indices of its listed neighbors, ascending.
     neighbors: Vec<Vec<usize>>,
+    /// Buffer of the indices of all points, ascending by x.
+    indices_by_x: Vec<usize>,
 }
 
 impl NeighborList {
@@ -36,6 +38,7 @@ impl NeighborList {
             displacement_squared_max: 0.0,
             updates_since_rebuild: 0,
             neighbors: Vec::new(),
+            indices_by_x: Vec::new(),
         }
     }
 
@@ -62,21 +65,38 @@ impl NeighborList {
             .max((UPDATES_PER_REBUILD * step_m).min(self.cutoff_m));
         // The permitted displacement is reduced by the rounding error, so the list radius need not be enlarged.
         let near_m = self.cutoff_m + 2.0 * margin_m;
-        self.displacement_squared_max = margin_m * margin_m * (1.0 - ROUNDING);
+        self.displacement_squared_max = margin_m * margin_m * (1.0 - RELATIVE_ROUNDING_ERROR_MAX);
         self.updates_since_rebuild = 0;
         self.reference_points.clear();
         self.reference_points.extend_from_slice(points);
         self.neighbors.iter_mut().for_each(Vec::clear);
         self.neighbors.resize(points.len(), Vec::new());
-        for i in 0..points.len() {
-            for j in i + 1..points.len() {
-                let far = (points[i] - points[j]).norm_squared() > near_m * near_m;
+        self.list_pairs(points, near_m);
+    }
+
+    /// Lists all pairs up to `near_m` apart. Visits the points by x, so that pairs far apart along x are skipped.
+    fn list_pairs(&mut self, points: &[Vec2], near_m: f64) {
+        self.indices_by_x.clear();
+        self.indices_by_x.extend(0..points.len());
+        // With a coordinate that is not finite, all pairs are compared.
+        let is_ordered = points.iter().all(|point| point.x.is_finite() && point.y.is_finite());
+        if is_ordered {
+            self.indices_by_x.sort_unstable_by(|&i, &j| points[i].x.total_cmp(&points[j].x));
+        }
+        for (place, &i) in self.indices_by_x.iter().enumerate() {
+            for &j in &self.indices_by_x[place + 1..] {
+                let apart = points[i] - points[j];
+                if is_ordered && apart.x * apart.x > near_m * near_m {
+                    break;
+                }
+                let far = apart.norm_squared() > near_m * near_m;
                 if !far {
                     self.neighbors[i].push(j);
                     self.neighbors[j].push(i);
                 }
             }
         }
+        self.neighbors.iter_mut().for_each(|neighbors| neighbors.sort_unstable());
     }
 
     /// Returns the indices of the listed neighbors of `point`, ascending.
@@ -119,7 +139,7 @@ mod tests {
         (0..40_usize, step, lattice, any::<u64>(), broken).prop_map(
             |(count, step_m, lattice_m, seed, broken)| {
                 let mut dice = SplitMix64::new(seed);
-                let mut draw = |side: f64| side * (dice.unit() - 0.5);
+                let mut draw = |side: f64| side * (dice.draw_unit() - 0.5);
                 let mut points: Vec<Vec2> = (0..count)
                     .map(|_| Vec2::new(draw(8.0), draw(8.0)))
                     .map(|p| {

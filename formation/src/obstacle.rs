@@ -10,7 +10,7 @@ use crate::Vec2;
 use crate::portable_math;
 
 /// Minimum distance between consecutive corners, m. Closer corners are refused as coincident.
-pub const CORNERS_APART_M_MIN: f64 = 1e-6;
+pub const CORNER_DISTANCE_M_MIN: f64 = 1e-6;
 /// Maximum number of corners of one obstacle.
 pub const CORNERS_MAX: usize = 64;
 
@@ -27,16 +27,16 @@ pub enum Obstacle {
 
 /// Reason why a list of corners is not a convex polygon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum NotConvex {
+pub enum ConvexityError {
     /// Number of corners, outside of 2 to [`CORNERS_MAX`].
     #[error("{0} corners")]
-    Count(usize),
+    CornerCount(usize),
     /// Index of a corner that coincides with the previous corner.
     #[error("corner {} coincides with the previous corner", .0 + 1)]
-    Coincident(usize),
+    CoincidentCorner(usize),
     /// Index of a corner at which the polygon turns in the opposite direction or starts a second revolution.
     #[error("the polygon is not convex at corner {}", .0 + 1)]
-    Corner(usize),
+    ConcaveCorner(usize),
 }
 
 impl Obstacle {
@@ -47,16 +47,16 @@ impl Obstacle {
 
     /// Checks that the obstacle is convex. A disc always is. For a polygon, returns the first violation as an
     /// error.
-    pub fn check_convex(&self) -> Result<(), NotConvex> {
+    pub fn check_convex(&self) -> Result<(), ConvexityError> {
         let Obstacle::Polygon { corners_m } = self else { return Ok(()) };
         let count = corners_m.len();
         if !(2..=CORNERS_MAX).contains(&count) {
-            return Err(NotConvex::Count(count));
+            return Err(ConvexityError::CornerCount(count));
         }
         let corner = |i: usize| Vec2::from(corners_m[i % count]);
         let side = |i: usize| corner(i + 1) - corner(i);
-        if let Some(i) = (0..count).find(|&i| side(i).norm() < CORNERS_APART_M_MIN) {
-            return Err(NotConvex::Coincident((i + 1) % count));
+        if let Some(i) = (0..count).find(|&i| side(i).norm() < CORNER_DISTANCE_M_MIN) {
+            return Err(ConvexityError::CoincidentCorner((i + 1) % count));
         }
         if count == 2 {
             return Ok(());
@@ -70,12 +70,12 @@ impl Obstacle {
             let turn = turn(i) * around.signum();
             turned += turn;
             if turn < -1e-9 || turned > std::f64::consts::TAU + 1e-6 {
-                return Err(NotConvex::Corner((i + 1) % count));
+                return Err(ConvexityError::ConcaveCorner((i + 1) % count));
             }
         }
         // A degenerate polygon that doubles back turns by half a revolution twice and has no interior.
         if around.abs() < 1.0 || (0..count).any(|i| turn(i).abs() > std::f64::consts::PI - 1e-9) {
-            return Err(NotConvex::Corner(1));
+            return Err(ConvexityError::ConcaveCorner(1));
         }
         Ok(())
     }
@@ -146,12 +146,12 @@ impl Obstacle {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Obstacles {
     /// Obstacle, center and radius of its bounding circle, m.
-    parts: Vec<(Obstacle, Vec2, f64)>,
+    obstacles_with_circles: Vec<(Obstacle, Vec2, f64)>,
 }
 
 /// The obstacle nearest to a query point.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Nearest {
+pub struct NearestObstacle {
     /// Index of the obstacle in the list.
     pub index: usize,
     /// Nearest point of the obstacle, m.
@@ -167,25 +167,29 @@ impl Obstacles {
             let (center, radius_m) = part.bounding_circle();
             (part.clone(), center, radius_m)
         };
-        Obstacles { parts: parts.iter().map(with_circle).collect() }
+        Obstacles { obstacles_with_circles: parts.iter().map(with_circle).collect() }
     }
 
     /// Returns `true` if the list is empty.
     pub fn is_empty(&self) -> bool {
-        self.parts.is_empty()
+        self.obstacles_with_circles.is_empty()
     }
 
     /// Returns the obstacles within `radius_m` of `point`, in list order.
-    pub fn obstacles_within(&self, point: Vec2, radius_m: f64) -> impl Iterator<Item = Nearest> {
-        let parts = self.parts.iter().enumerate();
+    pub fn obstacles_within(
+        &self,
+        point: Vec2,
+        radius_m: f64,
+    ) -> impl Iterator<Item = NearestObstacle> {
+        let parts = self.obstacles_with_circles.iter().enumerate();
         parts.filter_map(move |(index, part)| nearest_point_within(index, part, point, radius_m))
     }
 
     /// Returns the obstacle nearest to `point`, or `None` if the list is empty. Of obstacles at equal distance
     /// the first in the list is returned.
-    pub fn nearest_obstacle(&self, point: Vec2) -> Option<Nearest> {
-        let mut nearest: Option<Nearest> = None;
-        for (index, part) in self.parts.iter().enumerate() {
+    pub fn nearest_obstacle(&self, point: Vec2) -> Option<NearestObstacle> {
+        let mut nearest: Option<NearestObstacle> = None;
+        for (index, part) in self.obstacles_with_circles.iter().enumerate() {
             let radius_m = nearest.map_or(f64::INFINITY, |nearest| nearest.distance_m);
             let found = nearest_point_within(index, part, point, radius_m);
             nearest = found.filter(|found| found.distance_m < radius_m).or(nearest);
@@ -199,15 +203,15 @@ fn nearest_point_within(
     (part, center, around_m): &(Obstacle, Vec2, f64),
     point: Vec2,
     radius_m: f64,
-) -> Option<Nearest> {
+) -> Option<NearestObstacle> {
     // Enlarged by the rounding error. A NaN coordinate is within no radius.
-    let reach_m = (radius_m + around_m) * (1.0 + crate::ROUNDING);
+    let reach_m = (radius_m + around_m) * (1.0 + crate::RELATIVE_ROUNDING_ERROR_MAX);
     if (point - center).norm_squared() > reach_m * reach_m {
         return None;
     }
     let nearest = part.nearest_point(point);
     let distance_m = (point - nearest).norm();
-    (distance_m <= radius_m).then_some(Nearest { index, point: nearest, distance_m })
+    (distance_m <= radius_m).then_some(NearestObstacle { index, point: nearest, distance_m })
 }
 
 #[cfg(test)]
@@ -220,7 +224,7 @@ mod tests {
     }
 
     /// Generates a disc, or a polygon with its corners in order on an ellipse.
-    fn convex() -> impl Strategy<Value = Obstacle> {
+    fn convex_obstacles() -> impl Strategy<Value = Obstacle> {
         let angles = proptest::collection::btree_set(0..360u32, 2..9);
         let polygon = (angles, 0.1..3.0f64, 0.1..3.0f64, any::<bool>()).prop_map(
             |(angles, a, b, clockwise)| {
@@ -252,13 +256,13 @@ mod tests {
         clockwise.reverse();
         assert_eq!(polygon(&clockwise).check_convex(), Ok(()));
         assert_eq!(polygon(&square[..2]).check_convex(), Ok(()), "a segment");
-        assert_eq!(polygon(&square[..1]).check_convex(), Err(NotConvex::Count(1)));
+        assert_eq!(polygon(&square[..1]).check_convex(), Err(ConvexityError::CornerCount(1)));
         let corner_on_a_side = [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [0.0, 1.0]];
         assert_eq!(polygon(&corner_on_a_side).check_convex(), Ok(()));
         let dent = [[0.0, 0.0], [1.0, 0.0], [0.2, 0.2], [0.0, 1.0]];
-        assert_eq!(polygon(&dent).check_convex(), Err(NotConvex::Corner(2)));
+        assert_eq!(polygon(&dent).check_convex(), Err(ConvexityError::ConcaveCorner(2)));
         let twice = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
-        assert_eq!(polygon(&twice).check_convex(), Err(NotConvex::Coincident(2)));
+        assert_eq!(polygon(&twice).check_convex(), Err(ConvexityError::CoincidentCorner(2)));
         let forth_and_back = [[0.0, 0.0], [1.0, 0.0], [0.5, 0.0]];
         assert!(polygon(&forth_and_back).check_convex().is_err());
         let crossing = [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]];
@@ -268,7 +272,7 @@ mod tests {
             let (sin, cos) = angle.to_radians().sin_cos();
             [cos, sin]
         });
-        assert!(matches!(polygon(&star).check_convex(), Err(NotConvex::Corner(_))));
+        assert!(matches!(polygon(&star).check_convex(), Err(ConvexityError::ConcaveCorner(_))));
     }
 
     proptest! {
@@ -276,7 +280,7 @@ mod tests {
 
         #[test]
         fn nearest_point_is_nearest_of_all_points_of_the_obstacle(
-            obstacle in convex(), point in point(), shares in proptest::collection::vec(0.0..1.0f64, 9),
+            obstacle in convex_obstacles(), point in point(), shares in proptest::collection::vec(0.0..1.0f64, 9),
         ) {
             prop_assert_eq!(obstacle.check_convex(), Ok(()));
             let nearest = obstacle.nearest_point(point);
@@ -304,7 +308,7 @@ mod tests {
         /// The Lipschitz property proven as `proof/Obstacles.v::the_rest_is_not_longer`.
         #[test]
         fn vector_from_nearest_point_is_nonexpansive(
-            obstacle in convex(), from in point(), to in point(),
+            obstacle in convex_obstacles(), from in point(), to in point(),
         ) {
             let away = |point: Vec2| point - obstacle.nearest_point(point);
             prop_assert!((away(from) - away(to)).norm() <= (from - to).norm() + 1e-9);
@@ -312,7 +316,7 @@ mod tests {
 
         #[test]
         fn queries_find_obstacles_within_radius_and_the_nearest(
-            parts in proptest::collection::vec(convex(), 0..6), point in point(), radius_m in 0.0..5.0f64,
+            parts in proptest::collection::vec(convex_obstacles(), 0..6), point in point(), radius_m in 0.0..5.0f64,
         ) {
             let obstacles = Obstacles::new(&parts);
             let distance_m = |part: &Obstacle| (point - part.nearest_point(point)).norm();

@@ -16,7 +16,7 @@ use crate::Vec2;
 use crate::desired::Target;
 use crate::portable_math;
 use crate::pose::{Pose, Twist, wrap_angle};
-use crate::unicycle::arc;
+use crate::unicycle::integrate_arc;
 
 /// Maximum number of waypoints. A path of this size is compiled in microseconds, and a point on it is found in
 /// nine steps of a binary search.
@@ -44,13 +44,13 @@ pub struct Waypoints {
 pub enum PathError {
     /// Number of waypoints, if it is less than 2 or more than [`WAYPOINTS_MAX`].
     #[error("there are {0} waypoints, expected 2 to {WAYPOINTS_MAX}")]
-    Count(usize),
+    WaypointCount(usize),
     /// Two consecutive waypoints that are closer than [`WAYPOINT_DISTANCE_M_MIN`].
     #[error("waypoints {0} and {1} coincide")]
-    Coincident(usize, usize),
+    CoincidentWaypoints(usize, usize),
     /// A number that is not finite, or a speed or acceleration that is not positive.
     #[error("all numbers of the path must be finite, and its speed and acceleration above 0")]
-    Number,
+    InvalidNumber,
 }
 
 /// A compiled path.
@@ -58,15 +58,15 @@ pub enum PathError {
 #[serde(try_from = "Waypoints", into = "Waypoints")]
 pub struct Path {
     waypoints: Waypoints,
-    pieces: Vec<Piece>,
+    pieces: Vec<ArcSegment>,
     length_m: f64,
 }
 
 /// One circular arc of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Piece {
+struct ArcSegment {
     /// Arc length from the start of the path to the start of this arc, m.
-    from_m: f64,
+    start_arc_length_m: f64,
     /// Position and direction at the start of the arc.
     start: Pose,
     /// Curvature, 1/m, positive for a counter-clockwise arc.
@@ -85,7 +85,7 @@ impl TryFrom<Waypoints> for Path {
     fn try_from(waypoints: Waypoints) -> Result<Path, PathError> {
         let Waypoints { ref points_m, speed_m_s, acceleration_m_s2, closed } = waypoints;
         if !(2..=WAYPOINTS_MAX).contains(&points_m.len()) {
-            return Err(PathError::Count(points_m.len()));
+            return Err(PathError::WaypointCount(points_m.len()));
         }
         let sound = |number: f64| number.is_finite() && number > 0.0;
         let points: Vec<Vec2> = points_m.iter().map(|&point| point.into()).collect();
@@ -94,7 +94,7 @@ impl TryFrom<Waypoints> for Path {
                 .into_iter()
                 .all(sound)
         {
-            return Err(PathError::Number);
+            return Err(PathError::InvalidNumber);
         }
         let legs = if closed { points.len() } else { points.len() - 1 };
         let next = |i: usize| (i + 1) % points.len();
@@ -103,7 +103,7 @@ impl TryFrom<Waypoints> for Path {
         for i in 0..legs {
             let chord = points[next(i)] - points[i];
             if chord.norm() < WAYPOINT_DISTANCE_M_MIN {
-                return Err(PathError::Coincident(i, next(i)));
+                return Err(PathError::CoincidentWaypoints(i, next(i)));
             }
             chords.push((chord.norm(), portable_math::atan2(chord.y, chord.x)));
         }
@@ -116,7 +116,7 @@ impl TryFrom<Waypoints> for Path {
                 (0, true) => legs - 1,
                 _ => here - 1,
             };
-            let (to_here, onward) = shared_turn(chords[before], chords[here]);
+            let (to_here, onward) = divide_direction_change(chords[before], chords[here]);
             ends[before] = Some(to_here);
             starts[here] = Some(onward);
         }
@@ -136,10 +136,10 @@ impl TryFrom<Waypoints> for Path {
             let mut from = points[leg];
             for (enter, leave) in [(a, meeting), (meeting, b)] {
                 let turn = leave - enter;
-                let piece_m = half_m * arc_over_chord(turn);
+                let piece_m = half_m * arc_to_chord_ratio(turn);
                 let heading_rad = wrap_angle(direction + enter);
-                pieces.push(Piece {
-                    from_m: length_m,
+                pieces.push(ArcSegment {
+                    start_arc_length_m: length_m,
                     start: Pose { x_m: from.x, y_m: from.y, heading_rad },
                     curvature_per_m: turn / piece_m,
                 });
@@ -155,7 +155,7 @@ impl TryFrom<Waypoints> for Path {
 /// Divides the change of direction between two chords. Returns the angles of the path at their common waypoint
 /// relative to the first and to the second chord. The longer chord gets the smaller angle, and neither angle
 /// exceeds a right angle, so a path that doubles back makes a loop.
-fn shared_turn(
+fn divide_direction_change(
     (length, direction): (f64, f64),
     (next_length, next_direction): (f64, f64),
 ) -> (f64, f64) {
@@ -168,7 +168,7 @@ fn shared_turn(
 
 /// Returns the ratio of arc length to chord length for an arc that turns by `turn`, rad, at most half a
 /// revolution.
-fn arc_over_chord(turn: f64) -> f64 {
+fn arc_to_chord_ratio(turn: f64) -> f64 {
     let half = turn / 2.0;
     if half.abs() < 1e-4 { 1.0 + half * half / 6.0 } else { half / portable_math::sin(half) }
 }
@@ -188,7 +188,7 @@ impl Path {
     /// path it stops at the last waypoint and stays there.
     pub fn target_at(&self, t_s: f64) -> Target {
         let (along_m, speed_m_s) = self.arc_length_and_speed(t_s);
-        let pose = self.pose(along_m);
+        let pose = self.pose_at(along_m);
         let (sin, cos) = portable_math::sin_cos(pose.heading_rad);
         Target {
             position: Vec2::new(pose.x_m, pose.y_m),
@@ -201,11 +201,11 @@ impl Path {
         // The two ramps together add the time of one ramp.
         let ends =
             |speed_m_s| self.length_m / speed_m_s + speed_m_s / self.waypoints.acceleration_m_s2;
-        (!self.waypoints.closed).then(|| ends(self.cruise_m_s()))
+        (!self.waypoints.closed).then(|| ends(self.peak_speed_m_s()))
     }
 
     /// Returns the maximum speed reached, m/s.
-    fn cruise_m_s(&self) -> f64 {
+    fn peak_speed_m_s(&self) -> f64 {
         let Waypoints { speed_m_s, acceleration_m_s2, closed, .. } = self.waypoints;
         match closed {
             true => speed_m_s,
@@ -218,7 +218,7 @@ impl Path {
     fn arc_length_and_speed(&self, t_s: f64) -> (f64, f64) {
         let t_s = t_s.max(0.0);
         let Waypoints { acceleration_m_s2, closed, .. } = self.waypoints;
-        let speed_m_s = self.cruise_m_s();
+        let speed_m_s = self.peak_speed_m_s();
         let ramp_s = speed_m_s / acceleration_m_s2;
         let speeding_up = |t_s: f64| (0.5 * acceleration_m_s2 * t_s * t_s, acceleration_m_s2 * t_s);
         if t_s < ramp_s {
@@ -235,16 +235,19 @@ impl Path {
     }
 
     /// Returns position and direction at an arc length along the path.
-    fn pose(&self, along_m: f64) -> Pose {
+    fn pose_at(&self, along_m: f64) -> Pose {
         let along_m = if self.waypoints.closed {
             along_m.rem_euclid(self.length_m)
         } else {
             along_m.clamp(0.0, self.length_m)
         };
-        let piece = self.pieces.partition_point(|piece| piece.from_m <= along_m).saturating_sub(1);
+        let piece = self
+            .pieces
+            .partition_point(|piece| piece.start_arc_length_m <= along_m)
+            .saturating_sub(1);
         let piece = &self.pieces[piece];
         let twist = Twist::new(1.0, piece.curvature_per_m);
-        arc(piece.start, twist, along_m - piece.from_m)
+        integrate_arc(piece.start, twist, along_m - piece.start_arc_length_m)
     }
 }
 
@@ -285,10 +288,10 @@ mod tests {
         #[test]
         fn path_passes_through_every_waypoint_in_order(path in paths()) {
             for (piece, place) in path.pieces.iter().step_by(2).zip(waypoint_positions(&path)) {
-                let pose = path.pose(piece.from_m);
+                let pose = path.pose_at(piece.start_arc_length_m);
                 prop_assert!((Vec2::new(pose.x_m, pose.y_m) - place).norm() < 1e-12);
             }
-            let end = path.pose(path.length_m * (1.0 - 1e-15));
+            let end = path.pose_at(path.length_m * (1.0 - 1e-15));
             let last = if path.waypoints.closed { waypoint_positions(&path)[0] } else { waypoint_positions(&path)[waypoint_positions(&path).len() - 1] };
             prop_assert!((Vec2::new(end.x_m, end.y_m) - last).norm() < 1e-12);
         }
@@ -297,7 +300,7 @@ mod tests {
         fn position_and_direction_are_continuous_between_arcs(path in paths()) {
             for (before, after) in path.pieces.iter().zip(&path.pieces[1..]) {
                 let twist = Twist::new(1.0, before.curvature_per_m);
-                let end = arc(before.start, twist, after.from_m - before.from_m);
+                let end = integrate_arc(before.start, twist, after.start_arc_length_m - before.start_arc_length_m);
                 let gap = (end.x_m - after.start.x_m).hypot(end.y_m - after.start.y_m);
                 prop_assert!(gap < 1e-12, "{gap}");
                 let turn = wrap_angle(end.heading_rad - after.start.heading_rad);
@@ -334,7 +337,7 @@ mod tests {
         ) {
             let turn = wrap_angle(directions[1] - directions[0]);
             let (first, second) =
-                shared_turn((lengths[0], directions[0]), (lengths[1], directions[1]));
+                divide_direction_change((lengths[0], directions[0]), (lengths[1], directions[1]));
             prop_assert!((first - second - turn).abs() < 1e-12, "together they are the turn");
             prop_assert!(first * turn >= 0.0 && second * turn <= 0.0);
             prop_assert!(first.abs().max(second.abs()) <= FRAC_PI_2 + 1e-12);
@@ -350,7 +353,7 @@ mod tests {
     proptest! {
         #[test]
         fn open_path_begins_and_ends_with_single_arcs(path in paths()) {
-            let legs: Vec<&[Piece]> = path.pieces.chunks(2).collect();
+            let legs: Vec<&[ArcSegment]> = path.pieces.chunks(2).collect();
             for leg in [legs[0], legs[legs.len() - 1]] {
                 let [one, other] = [leg[0].curvature_per_m, leg[1].curvature_per_m];
                 prop_assert!(path.waypoints.closed || (one - other).abs() < 1e-9);
@@ -381,8 +384,8 @@ mod tests {
         // Accurate up to the next term of the series, 7 a^4 / 360.
         for a in [0.0f64, 1e-9, 3e-5, 9.9e-5, 1.01e-4, 3e-4, 1e-3] {
             let expected = 1.0 + a * a / 6.0 + 7.0 * a.powi(4) / 360.0;
-            assert!((arc_over_chord(2.0 * a) - expected).abs() < 5e-16, "{a}");
-            assert_eq!(arc_over_chord(-2.0 * a), arc_over_chord(2.0 * a));
+            assert!((arc_to_chord_ratio(2.0 * a) - expected).abs() < 5e-16, "{a}");
+            assert_eq!(arc_to_chord_ratio(-2.0 * a), arc_to_chord_ratio(2.0 * a));
         }
     }
 
@@ -401,15 +404,15 @@ mod tests {
 
     #[test]
     fn invalid_waypoints_are_refused() {
-        assert_eq!(path(&[[0.0, 0.0]], false), Err(PathError::Count(1)));
-        assert_eq!(path(&vec![[0.0, 0.0]; 257], false), Err(PathError::Count(257)));
+        assert_eq!(path(&[[0.0, 0.0]], false), Err(PathError::WaypointCount(1)));
+        assert_eq!(path(&vec![[0.0, 0.0]; 257], false), Err(PathError::WaypointCount(257)));
         let twice = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [2.0, 0.0]];
-        assert_eq!(path(&twice, false), Err(PathError::Coincident(1, 2)));
+        assert_eq!(path(&twice, false), Err(PathError::CoincidentWaypoints(1, 2)));
         let back = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.0]];
         assert!(path(&back, false).is_ok());
-        assert_eq!(path(&back, true), Err(PathError::Coincident(3, 0)));
-        assert_eq!(path(&[[0.0, 0.0], [f64::NAN, 0.0]], false), Err(PathError::Number));
-        assert_eq!(path(&[[0.0, 0.0], [1e200, 0.0]], false), Err(PathError::Number));
+        assert_eq!(path(&back, true), Err(PathError::CoincidentWaypoints(3, 0)));
+        assert_eq!(path(&[[0.0, 0.0], [f64::NAN, 0.0]], false), Err(PathError::InvalidNumber));
+        assert_eq!(path(&[[0.0, 0.0], [1e200, 0.0]], false), Err(PathError::InvalidNumber));
         let nearest = [[0.0, 0.0], [WAYPOINT_DISTANCE_M_MIN, 0.0]];
         assert!(path(&nearest, false).is_ok());
         // Speed and acceleration must be positive and finite, and the ramps must end.
@@ -418,7 +421,7 @@ mod tests {
         {
             let points_m = vec![[0.0, 0.0], [1.0, 0.0]];
             let waypoints = Waypoints { points_m, speed_m_s, acceleration_m_s2, closed: false };
-            assert_eq!(Path::try_from(waypoints), Err(PathError::Number), "{speed_m_s}");
+            assert_eq!(Path::try_from(waypoints), Err(PathError::InvalidNumber), "{speed_m_s}");
         }
         let path = path(&nearest, false).unwrap();
         assert_eq!(Waypoints::from(path.clone()), *path.waypoints());

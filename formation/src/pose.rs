@@ -37,7 +37,7 @@ impl Twist {
     }
 
     /// Returns the twist multiplied by `factor`: the same path at a different speed.
-    pub fn scaled(self, factor: f64) -> Twist {
+    pub fn scale_by(self, factor: f64) -> Twist {
         Twist {
             v_m_s: factor * self.v_m_s,
             side_m_s: factor * self.side_m_s,
@@ -65,7 +65,7 @@ impl Twist {
 
     /// Returns the change from `other` to this twist.
     pub fn minus(self, other: Twist) -> Twist {
-        self.plus(other.scaled(-1.0))
+        self.plus(other.scale_by(-1.0))
     }
 
     /// Returns `true` if all components are finite.
@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn twist_scales_all_parts_and_is_finite_only_with_all() {
         let twist = Twist { v_m_s: 3.0, side_m_s: 1.0, w_rad_s: -4.0 };
-        assert_eq!(twist.scaled(0.5), Twist { v_m_s: 1.5, side_m_s: 0.5, w_rad_s: -2.0 });
+        assert_eq!(twist.scale_by(0.5), Twist { v_m_s: 1.5, side_m_s: 0.5, w_rad_s: -2.0 });
         assert!(twist.is_finite());
         assert!(!Twist { v_m_s: f64::NAN, ..twist }.is_finite());
         assert!(!Twist { side_m_s: f64::NAN, ..twist }.is_finite());

@@ -9,17 +9,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::portable_math;
 use crate::pose::{Pose, Twist, wrap_angle};
-use crate::unicycle::arc;
+use crate::unicycle::integrate_arc;
 
 /// Upper bound on the position error, as a fraction of the distance driven. A test compares it with a reference
 /// integration.
 pub const POSITION_ERROR_RATIO_MAX: f64 = 1e-12;
 
 /// Maximum turn of the heading within one quadrature piece, rad.
-const PIECE_RAD: f64 = 0.1;
+const PIECE_TURN_RAD_MAX: f64 = 0.1;
 
 /// Abscissas on [0, 1] and weights of the five-point Gauss-Legendre rule.
-const NODES: [(f64, f64); 5] = [
+const GAUSS_LEGENDRE_NODES: [(f64, f64); 5] = [
     (0.046_910_077_030_668_004, 0.118_463_442_528_094_54),
     (0.230_765_344_947_158_45, 0.239_314_335_249_683_23),
     (0.5, 0.284_444_444_444_444_44),
@@ -29,7 +29,7 @@ const NODES: [(f64, f64); 5] = [
 
 /// Maximum rates of change of a robot's twist.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Accelerations {
+pub struct AccelerationLimits {
     /// Maximum longitudinal acceleration (a_v), m/s^2.
     pub forward_m_s2: f64,
     /// Maximum turn acceleration (a_w), rad/s^2.
@@ -50,24 +50,24 @@ pub enum Ramp {
 
 impl Ramp {
     /// Returns `true` if both components arrive simultaneously.
-    pub fn is_together(&self) -> bool {
+    pub fn is_coupled(&self) -> bool {
         *self == Ramp::Together
     }
 }
 
-impl Accelerations {
+impl AccelerationLimits {
     /// Returns the minimum time for a change of the twist (||change||), s.
-    pub fn time_s(self, change: Twist) -> f64 {
-        self.times_s(change).into_iter().fold(0.0, f64::max)
+    pub fn change_time_s(self, change: Twist) -> f64 {
+        self.component_times_s(change).into_iter().fold(0.0, f64::max)
     }
 
-    fn times_s(self, change: Twist) -> [f64; 2] {
+    fn component_times_s(self, change: Twist) -> [f64; 2] {
         [change.planar_speed_m_s() / self.forward_m_s2, change.w_rad_s.abs() / self.turn_rad_s2]
     }
 
     /// Returns pose and twist after `dt_s`, while the twist moves from `twist` to `target` and is then held
     /// there.
-    pub fn drive(
+    pub fn pose_and_twist_after(
         self,
         mut pose: Pose,
         mut twist: Twist,
@@ -78,7 +78,7 @@ impl Accelerations {
         // At most two ramps: with independent ramps, the first one ends when the first component arrives.
         for _ in 0..2 {
             let change = target.minus(twist);
-            let times_s = self.times_s(change);
+            let times_s = self.component_times_s(change);
             let whole_s = times_s.into_iter().fold(0.0, f64::max);
             if whole_s == 0.0 || dt_s <= 0.0 {
                 break;
@@ -106,24 +106,47 @@ impl Accelerations {
                 side_m_s: part(twist.side_m_s, target.side_m_s, v),
                 w_rad_s: part(twist.w_rad_s, target.w_rad_s, w),
             };
-            pose = glide(pose, twist, next, ramp_s);
+            pose = integrate_twist_change(pose, twist, next, ramp_s);
             twist = next;
             dt_s -= ramp_s;
         }
         if dt_s > 0.0 {
-            pose = arc(pose, twist, dt_s);
+            pose = integrate_arc(pose, twist, dt_s);
         }
         (pose, twist)
+    }
+
+    /// Returns pose and twist of a car after `dt_s`: its speed moves from that of `twist` to that of `target`, on the
+    /// curve of the target from the beginning. With the target 0 it brakes on its own curve.
+    pub fn car_pose_and_twist_after(
+        self,
+        pose: Pose,
+        twist: Twist,
+        target: Twist,
+        dt_s: f64,
+    ) -> (Pose, Twist) {
+        let curve = if target.v_m_s == 0.0 { twist } else { target };
+        let curvature = if curve.v_m_s == 0.0 { 0.0 } else { curve.w_rad_s / curve.v_m_s };
+        let on_curve = |v_m_s: f64| Twist::new(v_m_s, curvature * v_m_s);
+        let change = target.v_m_s - twist.v_m_s;
+        let whole_s = change.abs() / self.forward_m_s2;
+        let ramp_s = whole_s.min(dt_s);
+        let end = match whole_s <= dt_s {
+            true => target,
+            false => on_curve(twist.v_m_s + change * (dt_s / whole_s)),
+        };
+        let pose = integrate_twist_change(pose, on_curve(twist.v_m_s), end, ramp_s);
+        (if dt_s > ramp_s { integrate_arc(pose, end, dt_s - ramp_s) } else { pose }, end)
     }
 }
 
 /// Returns the pose after `dt_s`, during which the twist changes from `from` to `to` at constant rates.
-pub fn glide(mut pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
+pub fn integrate_twist_change(mut pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
     if from == to {
-        return arc(pose, from, dt_s);
+        return integrate_arc(pose, from, dt_s);
     }
     let turn = from.w_rad_s.abs().max(to.w_rad_s.abs()) * dt_s;
-    let pieces = (turn / PIECE_RAD).ceil().max(1.0);
+    let pieces = (turn / PIECE_TURN_RAD_MAX).ceil().max(1.0);
     let change = to.minus(from);
     let piece_s = dt_s / pieces;
     let at = |k: f64| Twist {
@@ -133,17 +156,17 @@ pub fn glide(mut pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
     };
     let mut k = 0.0;
     while k < pieces {
-        pose = glide_piece(pose, at(k), at(k + 1.0), piece_s);
+        pose = integrate_piece(pose, at(k), at(k + 1.0), piece_s);
         k += 1.0;
     }
     pose
 }
 
-fn glide_piece(pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
+fn integrate_piece(pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
     let change = to.minus(from);
     let turned = |s: f64| dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
     let (mut x, mut y) = (0.0, 0.0);
-    for (s, weight) in NODES {
+    for (s, weight) in GAUSS_LEGENDRE_NODES {
         let (sin, cos) = portable_math::sin_cos(pose.heading_rad + turned(s));
         let way = weight * (from.v_m_s + s * change.v_m_s);
         let side = weight * (from.side_m_s + s * change.side_m_s);
@@ -178,7 +201,7 @@ mod tests {
     }
 
     /// Integrates by Simpson's rule with enough pieces that only rounding errors remain.
-    fn reference(from: Twist, to: Twist, dt_s: f64) -> Pose {
+    fn reference_pose(from: Twist, to: Twist, dt_s: f64) -> Pose {
         let change = to.minus(from);
         let at = |s: f64| {
             let turned = dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
@@ -205,12 +228,26 @@ mod tests {
         }
     }
 
+    #[test]
+    fn car_stays_on_the_curve_of_its_target_while_its_speed_changes() {
+        let limits = AccelerationLimits { forward_m_s2: 0.5, turn_rad_s2: 1.0 };
+        let (now, target) = (Twist::new(-0.1, 0.2), Twist::new(0.2, 0.6));
+        let (pose, twist) = limits.car_pose_and_twist_after(START, now, target, 0.4);
+        assert!((twist.v_m_s - 0.1).abs() < 1e-12 && (twist.w_rad_s - 0.3).abs() < 1e-12);
+        // Backwards and forwards over the same arc.
+        assert!(pose_difference(pose, START) < 1e-12 && (pose.heading_rad - 0.4).abs() < 1e-12);
+        assert_eq!(limits.car_pose_and_twist_after(START, now, target, 0.7).1, target);
+        let (_, slower) = limits.car_pose_and_twist_after(START, target, Twist::ZERO, 0.2);
+        assert!((slower.v_m_s - 0.1).abs() < 1e-12 && (slower.w_rad_s - 0.3).abs() < 1e-12);
+        assert_eq!(limits.car_pose_and_twist_after(START, target, Twist::ZERO, 0.5).1, Twist::ZERO);
+    }
+
     proptest! {
         #[test]
         fn glide_position_error_is_below_its_bound(
             from in twist(), to in twist(), dt in 1e-4..0.5f64,
         ) {
-            let (found, expected) = (glide(START, from, to, dt), reference(from, to, dt));
+            let (found, expected) = (integrate_twist_change(START, from, to, dt), reference_pose(from, to, dt));
             let way = dt * from.planar_speed_m_s().max(to.planar_speed_m_s());
             // The reference has a rounding error of its own.
             prop_assert!(pose_difference(found, expected) <= POSITION_ERROR_RATIO_MAX * way + 1e-14);
@@ -222,14 +259,14 @@ mod tests {
             from in twist(), target in twist(), a in 0.5..3.0f64, aw in 1.0..10.0f64,
             together in any::<bool>(), dt in 1e-3..2.0f64, cut in 0.0..1.0f64,
         ) {
-            let accelerations = Accelerations { forward_m_s2: a, turn_rad_s2: aw };
+            let accelerations = AccelerationLimits { forward_m_s2: a, turn_rad_s2: aw };
             let ramp = if together { Ramp::Together } else { Ramp::Independent };
-            let drive = |pose, twist, dt| accelerations.drive(pose, twist, target, ramp, dt);
+            let drive = |pose, twist, dt| accelerations.pose_and_twist_after(pose, twist, target, ramp, dt);
             let (pose, twist) = drive(START, from, dt);
             let (half, on_the_way) = drive(START, from, cut * dt);
             let (pieced, twist_pieced) = drive(half, on_the_way, dt - cut * dt);
             prop_assert!(pose_difference(pose, pieced) < 1e-11);
-            prop_assert!(accelerations.time_s(twist.minus(twist_pieced)) < 1e-12);
+            prop_assert!(accelerations.change_time_s(twist.minus(twist_pieced)) < 1e-12);
         }
 
         /// Properties P2 and P3: the twist is on the segment towards the target, and at the target once the
@@ -238,34 +275,38 @@ mod tests {
         fn together_ramp_follows_a_straight_segment(
             from in twist(), target in twist(), a in 0.5..3.0f64, aw in 1.0..10.0f64, part in 0.0..1.5f64,
         ) {
-            let accelerations = Accelerations { forward_m_s2: a, turn_rad_s2: aw };
-            let whole = accelerations.time_s(target.minus(from));
+            let accelerations = AccelerationLimits { forward_m_s2: a, turn_rad_s2: aw };
+            let whole = accelerations.change_time_s(target.minus(from));
             let (_, twist) =
-                accelerations.drive(START, from, target, Ramp::Together, part * whole);
+                accelerations.pose_and_twist_after(START, from, target, Ramp::Together, part * whole);
             let share = part.min(1.0);
-            let left = twist.minus(from.scaled(1.0 - share));
-            prop_assert!(accelerations.time_s(left.minus(target.scaled(share))) < 1e-12);
+            let left = twist.minus(from.scale_by(1.0 - share));
+            prop_assert!(accelerations.change_time_s(left.minus(target.scale_by(share))) < 1e-12);
             prop_assert!(part < 1.0 || twist == target);
         }
     }
 
     #[test]
     fn independent_ramp_components_arrive_separately() {
-        let accelerations = Accelerations { forward_m_s2: 2.0, turn_rad_s2: 2.0 };
+        let accelerations = AccelerationLimits { forward_m_s2: 2.0, turn_rad_s2: 2.0 };
         let target = Twist::new(1.0, -2.0);
-        let at = |dt| accelerations.drive(START, Twist::ZERO, target, Ramp::Independent, dt).1;
+        let at = |dt| {
+            accelerations.pose_and_twist_after(START, Twist::ZERO, target, Ramp::Independent, dt).1
+        };
         assert_eq!(at(0.25), Twist::new(0.5, -0.5));
         assert_eq!(at(0.75), Twist::new(1.0, -1.5));
         assert_eq!(at(1.0), target);
-        let together = accelerations.drive(START, Twist::ZERO, target, Ramp::Together, 0.5).1;
+        let together =
+            accelerations.pose_and_twist_after(START, Twist::ZERO, target, Ramp::Together, 0.5).1;
         assert_eq!(together, Twist::new(0.5, -1.0));
     }
 
     #[test]
     fn drive_at_target_twist_is_an_arc() {
-        let accelerations = Accelerations { forward_m_s2: 1.0, turn_rad_s2: 2.0 };
+        let accelerations = AccelerationLimits { forward_m_s2: 1.0, turn_rad_s2: 2.0 };
         let twist = Twist::new(0.3, 1.1);
-        let (pose, after) = accelerations.drive(START, twist, twist, Ramp::Together, 0.2);
-        assert_eq!((pose, after), (arc(START, twist, 0.2), twist));
+        let (pose, after) =
+            accelerations.pose_and_twist_after(START, twist, twist, Ramp::Together, 0.2);
+        assert_eq!((pose, after), (integrate_arc(START, twist, 0.2), twist));
     }
 }

@@ -13,12 +13,12 @@ pub struct Reachability {
     /// Ends of each edge, `[from, to]`.
     edges: Vec<[usize; 2]>,
     /// For each robot, the indices of its outgoing edges.
-    leaving: Vec<Vec<usize>>,
+    outgoing_edges: Vec<Vec<usize>>,
     leader: Option<usize>,
-    contained: Vec<bool>,
+    is_contained: Vec<bool>,
     /// For each robot, `true` if it needs no in-neighbor.
-    alone: Vec<bool>,
-    intact: Defects,
+    needs_no_in_neighbor: Vec<bool>,
+    defects_without_faults: Defects,
 }
 
 /// Robots whose required information sources are missing, by kind of defect. Robots are given by index or by
@@ -63,14 +63,14 @@ impl<R> Defects<R> {
 
 /// Result of a graph search: the reached robots, and the edges over which each was first reached.
 struct SearchResult {
-    reached: Vec<bool>,
-    predecessors: Vec<usize>,
+    is_reached: Vec<bool>,
+    predecessor_edges: Vec<usize>,
 }
 
 /// Dead robots and cut edges.
 struct Failures {
-    dead: Vec<bool>,
-    cut: Vec<bool>,
+    is_dead: Vec<bool>,
+    is_cut: Vec<bool>,
 }
 
 impl Reachability {
@@ -84,27 +84,27 @@ impl Reachability {
         contained: &[usize],
         alone: &[usize],
     ) -> Reachability {
-        let n = graph.robots();
+        let n = graph.robot_count();
         let mut reachability = Reachability {
             edges: graph.edges().iter().map(|edge| [edge.from, edge.to]).collect(),
-            leaving: vec![Vec::new(); n],
+            outgoing_edges: vec![Vec::new(); n],
             leader,
-            contained: vec![false; n],
-            alone: vec![false; n],
-            intact: Defects::default(),
+            is_contained: vec![false; n],
+            needs_no_in_neighbor: vec![false; n],
+            defects_without_faults: Defects::default(),
         };
         for (index, [from, _]) in reachability.edges.iter().enumerate() {
-            reachability.leaving[*from].push(index);
+            reachability.outgoing_edges[*from].push(index);
         }
-        contained.iter().for_each(|&robot| reachability.contained[robot] = true);
-        alone.iter().for_each(|&robot| reachability.alone[robot] = true);
-        reachability.intact = reachability.defects(&[], &[]);
+        contained.iter().for_each(|&robot| reachability.is_contained[robot] = true);
+        alone.iter().for_each(|&robot| reachability.needs_no_in_neighbor[robot] = true);
+        reachability.defects_without_faults = reachability.defects(&[], &[]);
         reachability
     }
 
     /// Returns the defects without deaths and cuts.
     pub fn defects_without_faults(&self) -> &Defects {
-        &self.intact
+        &self.defects_without_faults
     }
 
     /// Returns the defects of the surviving robots after the robots `dead` have died and the edges `cut` (by
@@ -116,28 +116,28 @@ impl Reachability {
     /// Returns the defects like [`Self::defects`], with `leaders` (backup leaders included) in place of the
     /// main leader. Incoming edges of a leader are ignored.
     fn defects_with_leaders(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Defects {
-        let n = self.leaving.len();
+        let n = self.outgoing_edges.len();
         let mut failures = self.failures(dead, cut);
         for (edge, [_, to]) in self.edges.iter().enumerate() {
-            failures.cut[edge] |= leaders.contains(to);
+            failures.is_cut[edge] |= leaders.contains(to);
         }
 
-        let living = |&robot: &usize| !failures.dead[robot];
-        let places: Vec<usize> = self.robot_indices().filter(living).collect();
-        let held = self.search(&places, &failures).reached;
-        let contained = || (0..n).filter(living).filter(|&robot| self.contained[robot]);
+        let living = |&robot: &usize| !failures.is_dead[robot];
+        let places: Vec<usize> = self.formation_robots().filter(living).collect();
+        let held = self.search(&places, &failures).is_reached;
+        let contained = || (0..n).filter(living).filter(|&robot| self.is_contained[robot]);
         let mut defects = Defects {
             uncontained: contained().filter(|&robot| !held[robot]).collect(),
             ..Defects::default()
         };
         if self.leader.is_none() {
-            defects.groups = self.groups(&places, &failures);
+            defects.groups = self.separate_groups(&places, &failures);
             return defects;
         }
-        let led = self.search(leaders, &failures).reached;
+        let led = self.search(leaders, &failures).is_reached;
         let kept = |robot: &&usize| !leaders.contains(robot);
         defects.unled = places.iter().filter(kept).copied().filter(|&r| !led[r]).collect();
-        let stray = self.search(&defects.unled, &failures).reached;
+        let stray = self.search(&defects.unled, &failures).is_reached;
         let pulled = |&robot: &usize| led[robot] && stray[robot];
         defects.pulled = places.iter().filter(kept).copied().filter(pulled).collect();
         defects.adrift = contained().filter(|&robot| held[robot] && !led[robot]).collect();
@@ -145,107 +145,118 @@ impl Reachability {
     }
 
     /// Returns for each robot whether it is reachable from `from` after the given deaths and cuts.
-    pub fn reachable_from(&self, from: &[usize], dead: &[usize], cut: &[usize]) -> Vec<bool> {
-        self.search(from, &self.failures(dead, cut)).reached
+    pub fn robots_reachable_from(
+        &self,
+        from: &[usize],
+        dead: &[usize],
+        cut: &[usize],
+    ) -> Vec<bool> {
+        self.search(from, &self.failures(dead, cut)).is_reached
     }
 
     fn failures(&self, dead: &[usize], cut: &[usize]) -> Failures {
-        let robots = self.leaving.len();
+        let robots = self.outgoing_edges.len();
         let mut failures =
-            Failures { dead: vec![false; robots], cut: vec![false; self.edges.len()] };
-        dead.iter().for_each(|&robot| failures.dead[robot] = true);
-        cut.iter().for_each(|&edge| failures.cut[edge] = true);
+            Failures { is_dead: vec![false; robots], is_cut: vec![false; self.edges.len()] };
+        dead.iter().for_each(|&robot| failures.is_dead[robot] = true);
+        cut.iter().for_each(|&edge| failures.is_cut[edge] = true);
         failures
     }
 
     /// Returns the robots that lead or keep a formation slot by what they receive.
-    fn robot_indices(&self) -> impl Iterator<Item = usize> + '_ {
-        (0..self.leaving.len()).filter(|&robot| !self.contained[robot] && !self.alone[robot])
+    fn formation_robots(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.outgoing_edges.len())
+            .filter(|&robot| !self.is_contained[robot] && !self.needs_no_in_neighbor[robot])
     }
 
     /// Returns the defects after these losses that did not exist before. Groups are reported only if there was
     /// a single group before.
-    pub fn loss(&self, dead: &[usize], cut: &[usize]) -> Defects {
-        self.loss_with_leaders(self.leader.as_slice(), dead, cut)
+    pub fn new_defects(&self, dead: &[usize], cut: &[usize]) -> Defects {
+        self.new_defects_with_leaders(self.leader.as_slice(), dead, cut)
     }
 
-    /// Returns the new defects like [`Self::loss`], with `leaders` (backup leaders included) in place of the
+    /// Returns the new defects like [`Self::new_defects`], with `leaders` (backup leaders included) in place of the
     /// main leader. Incoming edges of a leader are ignored.
-    pub fn loss_with_leaders(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Defects {
+    pub fn new_defects_with_leaders(
+        &self,
+        leaders: &[usize],
+        dead: &[usize],
+        cut: &[usize],
+    ) -> Defects {
         let Defects { unled, pulled, uncontained, adrift, groups } =
             self.defects_with_leaders(leaders, dead, cut);
         let new = |after: Vec<usize>, before: &[usize]| {
             after.into_iter().filter(|robot| !before.contains(robot)).collect()
         };
         Defects {
-            unled: new(unled, &self.intact.unled),
-            pulled: new(pulled, &self.intact.pulled),
-            uncontained: new(uncontained, &self.intact.uncontained),
-            adrift: new(adrift, &self.intact.adrift),
-            groups: if self.intact.groups.is_empty() { groups } else { Vec::new() },
+            unled: new(unled, &self.defects_without_faults.unled),
+            pulled: new(pulled, &self.defects_without_faults.pulled),
+            uncontained: new(uncontained, &self.defects_without_faults.uncontained),
+            adrift: new(adrift, &self.defects_without_faults.adrift),
+            groups: if self.defects_without_faults.groups.is_empty() { groups } else { Vec::new() },
         }
     }
 
     /// Returns each single edge whose cut causes a defect, with the defects it causes.
-    pub fn breaking_cuts(&self) -> Vec<(usize, Defects)> {
+    pub fn cuts_causing_defects(&self) -> Vec<(usize, Defects)> {
         // Cutting an edge that no search used leaves every reached robot reachable.
-        let n = self.leaving.len();
-        let whole = Failures { dead: vec![false; n], cut: vec![false; self.edges.len()] };
-        let places: Vec<usize> = self.robot_indices().collect();
-        let start = self.leader.or_else(|| self.root(&places, &whole));
-        let mut used = self.search(&places, &whole).predecessors;
-        used.extend(self.search(start.as_slice(), &whole).predecessors);
+        let n = self.outgoing_edges.len();
+        let whole = Failures { is_dead: vec![false; n], is_cut: vec![false; self.edges.len()] };
+        let places: Vec<usize> = self.formation_robots().collect();
+        let start = self.leader.or_else(|| self.find_root(&places, &whole));
+        let mut used = self.search(&places, &whole).predecessor_edges;
+        used.extend(self.search(start.as_slice(), &whole).predecessor_edges);
         used.sort_unstable();
         used.dedup();
-        let losses = used.into_iter().map(|edge| (edge, self.loss(&[], &[edge])));
+        let losses = used.into_iter().map(|edge| (edge, self.new_defects(&[], &[edge])));
         losses.filter(|(_, loss)| !loss.is_empty()).collect()
     }
 
     /// Searches the graph from `sources`, which count as reached. Dead robots neither reach nor are reached.
     fn search(&self, sources: &[usize], failures: &Failures) -> SearchResult {
-        let mut reached = vec![false; self.leaving.len()];
+        let mut reached = vec![false; self.outgoing_edges.len()];
         let mut over = Vec::new();
         let mut open = Vec::new();
-        for &source in sources.iter().filter(|&&source| !failures.dead[source]) {
+        for &source in sources.iter().filter(|&&source| !failures.is_dead[source]) {
             reached[source] = true;
             open.push(source);
         }
         while let Some(robot) = open.pop() {
-            for &edge in self.leaving[robot].iter().filter(|&&edge| !failures.cut[edge]) {
+            for &edge in self.outgoing_edges[robot].iter().filter(|&&edge| !failures.is_cut[edge]) {
                 let to = self.edges[edge][1];
-                if !failures.dead[to] && !std::mem::replace(&mut reached[to], true) {
+                if !failures.is_dead[to] && !std::mem::replace(&mut reached[to], true) {
                     over.push(edge);
                     open.push(to);
                 }
             }
         }
-        SearchResult { reached, predecessors: over }
+        SearchResult { is_reached: reached, predecessor_edges: over }
     }
 
     /// Returns one of `places` from which all of `places` are reachable, or `None`.
-    fn root(&self, places: &[usize], failures: &Failures) -> Option<usize> {
+    fn find_root(&self, places: &[usize], failures: &Failures) -> Option<usize> {
         // Only the last robot that no earlier candidate reached can be a root.
-        let mut seen = vec![false; self.leaving.len()];
+        let mut seen = vec![false; self.outgoing_edges.len()];
         let mut candidate = None;
         for &robot in places {
             if !seen[robot] {
                 candidate = Some(robot);
-                let reached = self.search(&[robot], failures).reached;
+                let reached = self.search(&[robot], failures).is_reached;
                 seen.iter_mut().zip(reached).for_each(|(seen, reached)| *seen |= reached);
             }
         }
-        let reached = self.search(candidate.as_slice(), failures).reached;
+        let reached = self.search(candidate.as_slice(), failures).is_reached;
         candidate.filter(|_| places.iter().all(|&robot| reached[robot]))
     }
 
     /// Returns the groups among `places` that receive nothing from outside of themselves. Empty if one robot
     /// reaches all.
-    fn groups(&self, places: &[usize], failures: &Failures) -> Vec<Vec<usize>> {
-        if self.root(places, failures).is_some() {
+    fn separate_groups(&self, places: &[usize], failures: &Failures) -> Vec<Vec<usize>> {
+        if self.find_root(places, failures).is_some() {
             return Vec::new();
         }
         let reached: Vec<Vec<bool>> =
-            places.iter().map(|&robot| self.search(&[robot], failures).reached).collect();
+            places.iter().map(|&robot| self.search(&[robot], failures).is_reached).collect();
         let mut groups: Vec<Vec<usize>> = Vec::new();
         for (i, &robot) in places.iter().enumerate() {
             let closed =
@@ -277,12 +288,12 @@ mod tests {
     #[test]
     fn broken_cycle_behind_the_leader_pulls_its_entry_robot() {
         let cycle = graph(4, &[[0, 1], [1, 2], [2, 3], [3, 1]]);
-        let loss = Reachability::new(&cycle, Some(0), &[], &[]).loss(&[2], &[]);
+        let loss = Reachability::new(&cycle, Some(0), &[], &[]).new_defects(&[2], &[]);
         assert_eq!(loss, Defects { unled: vec![3], pulled: vec![1], ..Defects::default() });
     }
 
     /// Computes for each pair of living robots whether there is a path, by Warshall's algorithm.
-    fn paths(edges: &[[usize; 2]], alive: &[bool], cut: Option<usize>) -> Vec<Vec<bool>> {
+    fn path_matrix(edges: &[[usize; 2]], alive: &[bool], cut: Option<usize>) -> Vec<Vec<bool>> {
         let n = alive.len();
         let mut path: Vec<Vec<bool>> =
             (0..n).map(|i| (0..n).map(|j| i == j && alive[i]).collect()).collect();
@@ -300,14 +311,14 @@ mod tests {
     }
 
     /// Computes [`Defects`] literally by its definitions.
-    fn by_definition(
+    fn defects_by_definition(
         edges: &[[usize; 2]],
         leader: Option<usize>,
         [contained, alone]: [&[usize]; 2],
         alive: &[bool],
         cut: Option<usize>,
     ) -> Defects {
-        let path = paths(edges, alive, cut);
+        let path = path_matrix(edges, alive, cut);
         let living = || (0..alive.len()).filter(|&r| alive[r]);
         let place = |r: usize| !contained.contains(&r);
         let places: Vec<usize> = living().filter(|&r| place(r) && !alone.contains(&r)).collect();
@@ -374,7 +385,7 @@ mod tests {
             let leader = leads.then_some(0);
             let reachability = Reachability::new(&graph(n, &edges), leader, &contained, &alone);
             let defects = |alive: &[bool], cut| {
-                by_definition(&edges, leader, [&contained, &alone], alive, cut)
+                defects_by_definition(&edges, leader, [&contained, &alone], alive, cut)
             };
             let intact = defects(&vec![true; n], None);
             prop_assert_eq!(reachability.defects_without_faults(), &intact);
@@ -383,17 +394,17 @@ mod tests {
             for dead in deaths {
                 let alive: Vec<bool> = (0..n).map(|robot| !dead.contains(&robot)).collect();
                 let after = defects(&alive, None);
-                prop_assert_eq!(reachability.loss(&dead, &[]), new_defects(&intact, after));
+                prop_assert_eq!(reachability.new_defects(&dead, &[]), new_defects(&intact, after));
             }
             let mut breaking = Vec::new();
             for edge in 0..edges.len() {
                 let loss = new_defects(&intact, defects(&vec![true; n], Some(edge)));
-                prop_assert_eq!(&reachability.loss(&[], &[edge]), &loss);
+                prop_assert_eq!(&reachability.new_defects(&[], &[edge]), &loss);
                 if !loss.is_empty() {
                     breaking.push((edge, loss));
                 }
             }
-            prop_assert_eq!(reachability.breaking_cuts(), breaking);
+            prop_assert_eq!(reachability.cuts_causing_defects(), breaking);
         }
     }
 }

@@ -16,7 +16,7 @@ pub struct ReceivedValue<T> {
     /// Received value.
     pub value: T,
     /// `true` if the sender is a trusted node, whose value is never discarded.
-    pub trusted: bool,
+    pub is_trusted: bool,
 }
 
 /// Returns the mean of the values without the `liars_max` (F) largest untrusted ones above `own` and the
@@ -27,7 +27,7 @@ pub fn resilient_mean(
     liars_max: usize,
 ) -> f64 {
     let (trusted, mut others): (Vec<ReceivedValue<f64>>, Vec<ReceivedValue<f64>>) =
-        received.partition(|one| one.trusted);
+        received.partition(|one| one.is_trusted);
     others.sort_by(|a, b| a.value.total_cmp(&b.value));
     let below = others.iter().filter(|one| one.value < own).count();
     let above = others.iter().filter(|one| one.value > own).count();
@@ -48,7 +48,7 @@ pub fn resilient_target(
     let mean = |of: fn(&Target) -> f64| {
         let received = received
             .iter()
-            .map(|one| ReceivedValue { value: of(&one.value), trusted: one.trusted });
+            .map(|one| ReceivedValue { value: of(&one.value), is_trusted: one.is_trusted });
         resilient_mean(of(&own), received, liars_max)
     };
     Target {
@@ -68,12 +68,14 @@ pub fn resilient_frame(
 ) -> Option<LeaderFrame> {
     let own = match own {
         Some(own) => own,
-        None if passed_on.len() > 2 * liars_max => select_most_agreed(passed_on, liars_max)?,
+        None if passed_on.len() > 2 * liars_max => {
+            select_most_supported_frame(passed_on, liars_max)?
+        }
         None => return None,
     };
     let mean = |of: &dyn Fn(&LeaderFrame) -> f64| {
         let received =
-            passed_on.iter().map(|frame| ReceivedValue { value: of(frame), trusted: false });
+            passed_on.iter().map(|frame| ReceivedValue { value: of(frame), is_trusted: false });
         resilient_mean(of(&own), received, liars_max)
     };
     Some(LeaderFrame {
@@ -88,7 +90,7 @@ pub fn resilient_frame(
 
 /// Returns the frame with the smallest distance to its `others`-th nearest other frame. At least one frame of
 /// this group is from an honest robot.
-fn select_most_agreed(frames: &[LeaderFrame], others: usize) -> Option<LeaderFrame> {
+fn select_most_supported_frame(frames: &[LeaderFrame], others: usize) -> Option<LeaderFrame> {
     let apart = |a: &LeaderFrame, b: &LeaderFrame| {
         wrap_angle(a.heading_rad - b.heading_rad).abs()
             + (a.turn_rate_rad_s - b.turn_rate_rad_s).abs()
@@ -111,7 +113,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn mean(own: f64, received: &[f64], liars_max: usize) -> f64 {
-        let received = received.iter().map(|&value| ReceivedValue { value, trusted: false });
+        let received = received.iter().map(|&value| ReceivedValue { value, is_trusted: false });
         resilient_mean(own, received, liars_max)
     }
 
@@ -123,14 +125,14 @@ mod tests {
         assert_eq!(mean(2.0, &[2.0, 2.0, 7.0], 1), 2.0, "an equal value is never discarded");
         assert_eq!(mean(0.0, &[1.0, 2.0, 3.0], 0), 2.0);
         let leader = [
-            ReceivedValue { value: 8.0, trusted: true },
-            ReceivedValue { value: 2.0, trusted: false },
+            ReceivedValue { value: 8.0, is_trusted: true },
+            ReceivedValue { value: 2.0, is_trusted: false },
         ];
         assert_eq!(resilient_mean(0.0, leader.into_iter(), 1), 8.0);
     }
 
     fn frame(heading_rad: f64) -> LeaderFrame {
-        LeaderFrame { heading_rad, ..LeaderFrame::STILL }
+        LeaderFrame { heading_rad, ..LeaderFrame::IDENTITY }
     }
 
     #[test]

@@ -9,20 +9,20 @@ use crate::graph::{Edge, FormationGraph};
 
 /// Planned replacement of an in-neighbor of a robot without offsets.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Substitutes {
+pub struct PlannedReplacement {
     /// Robot that loses an in-neighbor.
     pub robot: usize,
     /// The lost in-neighbor.
-    pub lost: usize,
+    pub lost_in_neighbor: usize,
     /// Replacements of the lost in-neighbor. A robot that is listed twice counts twice; an existing in-neighbor counts
     /// for itself and for each entry.
-    pub by: Vec<usize>,
+    pub substitutes: Vec<usize>,
 }
 
-impl Substitutes {
+impl PlannedReplacement {
     /// Returns how often `robot` is listed.
-    fn count(&self, robot: usize) -> usize {
-        self.by.iter().filter(|&&by| by == robot).count()
+    fn listing_count(&self, robot: usize) -> usize {
+        self.substitutes.iter().filter(|&&by| by == robot).count()
     }
 }
 
@@ -45,7 +45,7 @@ impl Succession {
 
     /// Returns the deputy that takes the slot after the robots `dead` have failed, or `None` if there is none or the
     /// leader lives.
-    pub fn taken_by(&self, dead: &[usize]) -> Option<usize> {
+    pub fn acting_deputy(&self, dead: &[usize]) -> Option<usize> {
         let rank = self.acting_rank(|deputy| dead.contains(&deputy));
         self.deputies.get(rank).copied().filter(|_| dead.contains(&self.leader))
     }
@@ -58,7 +58,7 @@ pub struct RepairPlan {
     /// with a nonzero offset only to keep the slot of a leader that they replace.
     pub spares: Vec<Edge>,
     /// Planned replacements for the in-neighbors of robots without offsets.
-    pub substitutes: Vec<Substitutes>,
+    pub substitutes: Vec<PlannedReplacement>,
     /// Backup leaders of the main leader, in order of preference.
     pub deputies: Vec<usize>,
     /// Backup leaders of the secondary leaders.
@@ -67,15 +67,15 @@ pub struct RepairPlan {
 
 /// Purpose of a sender for its receiver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Purpose {
+pub enum SenderPurpose {
     /// Link of the formation graph.
     InNeighbor,
     /// Backup neighbor for any lost in-neighbor without deputies.
-    AnyLost,
+    ReplaceAnyLost,
     /// Backup neighbor for those in-neighbors only that it replaces by plan or as a deputy.
-    Planned,
+    ReplaceByPlan,
     /// Backup neighbor relative to which the receiver keeps the slot of a leader that it replaces.
-    LeaderSlot,
+    KeepLeaderSlot,
 }
 
 /// A robot from which another may receive.
@@ -84,7 +84,7 @@ pub struct Sender {
     /// Index of the robot.
     pub robot: usize,
     /// Its purpose for the receiver.
-    pub purpose: Purpose,
+    pub purpose: SenderPurpose,
 }
 
 /// State of a sender, as its receiver observes it.
@@ -93,7 +93,7 @@ pub struct SenderState {
     /// `true` after a loss of at least the repair time, until it has been received for the same time.
     pub has_failed: bool,
     /// `true` if a beacon was received and the sender is not lost.
-    pub is_heard: bool,
+    pub is_received: bool,
 }
 
 /// References of a robot: the senders that it uses.
@@ -102,16 +102,16 @@ pub struct References {
     /// Number of in-neighbors for which each sender counts. 0: the sender is no reference.
     pub weights: Vec<usize>,
     /// For each sender, `true` if its beacons are received. Always `true` for an in-neighbor.
-    pub is_open: Vec<bool>,
+    pub is_sender_open: Vec<bool>,
     /// Whether the robot keeps the slot of a leader that it replaces.
-    pub takes_slot: bool,
+    pub keeps_leader_slot: bool,
     /// For each succession, the rank from 0 of the first deputy that has not failed. `None`: the leader has not failed.
-    acting: Vec<Option<usize>>,
+    acting_deputy_ranks: Vec<Option<usize>>,
 }
 
 impl References {
     /// Returns whether a sender is a reference.
-    pub fn uses(&self, place: usize) -> bool {
+    pub fn uses_sender(&self, place: usize) -> bool {
         self.weights[place] > 0
     }
 }
@@ -120,9 +120,9 @@ impl References {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Replacement {
     /// Index of the lost in-neighbor.
-    pub lost: usize,
+    pub lost_index: usize,
     /// Index of the sender that counts instead.
-    pub by: usize,
+    pub substitute_index: usize,
 }
 
 /// One robot, with all robots from which it may receive and its plans for their failures.
@@ -131,8 +131,8 @@ pub struct Receiver {
     robot: usize,
     /// All senders: the in-neighbors, then the backup neighbors in order of preference.
     senders: Vec<Sender>,
-    in_neighbors: usize,
-    substitutes: Vec<Substitutes>,
+    in_neighbor_count: usize,
+    substitutes: Vec<PlannedReplacement>,
     successions: Vec<Succession>,
 }
 
@@ -144,23 +144,23 @@ impl Receiver {
         robot: usize,
         in_neighbors: impl IntoIterator<Item = usize>,
         spares: impl IntoIterator<Item = (usize, bool)>,
-        substitutes: Vec<Substitutes>,
+        substitutes: Vec<PlannedReplacement>,
         successions: Vec<Succession>,
     ) -> Receiver {
-        let in_neighbor = |robot| Sender { robot, purpose: Purpose::InNeighbor };
+        let in_neighbor = |robot| Sender { robot, purpose: SenderPurpose::InNeighbor };
         let mut senders: Vec<Sender> = in_neighbors.into_iter().map(in_neighbor).collect();
         let in_neighbors = senders.len();
         senders.extend(spares.into_iter().map(|(robot, for_slot)| {
-            let is_planned = substitutes.iter().any(|plan| plan.by.contains(&robot))
+            let is_planned = substitutes.iter().any(|plan| plan.substitutes.contains(&robot))
                 || successions.iter().any(|one| one.deputies.contains(&robot));
             let purpose = match (for_slot, is_planned) {
-                (true, _) => Purpose::LeaderSlot,
-                (false, true) => Purpose::Planned,
-                (false, false) => Purpose::AnyLost,
+                (true, _) => SenderPurpose::KeepLeaderSlot,
+                (false, true) => SenderPurpose::ReplaceByPlan,
+                (false, false) => SenderPurpose::ReplaceAnyLost,
             };
             Sender { robot, purpose }
         }));
-        Receiver { robot, senders, in_neighbors, substitutes, successions }
+        Receiver { robot, senders, in_neighbor_count: in_neighbors, substitutes, successions }
     }
 
     /// Returns the in-neighbors, then the backup neighbors in order of preference.
@@ -169,12 +169,12 @@ impl Receiver {
     }
 
     /// Returns the number of in-neighbors.
-    pub fn in_neighbors(&self) -> usize {
-        self.in_neighbors
+    pub fn in_neighbor_count(&self) -> usize {
+        self.in_neighbor_count
     }
 
     /// Returns the planned replacements of the robot's in-neighbors.
-    pub fn substitutes(&self) -> &[Substitutes] {
+    pub fn substitutes(&self) -> &[PlannedReplacement] {
         &self.substitutes
     }
 
@@ -184,37 +184,39 @@ impl Receiver {
     }
 
     /// Returns whether any failure changes the references.
-    pub fn is_repaired(&self) -> bool {
-        self.senders.len() > self.in_neighbors
+    pub fn has_repair_plan(&self) -> bool {
+        self.senders.len() > self.in_neighbor_count
             || !self.substitutes.is_empty()
             || !self.successions.is_empty()
     }
 
     /// Returns the in-neighbors that `sender` replaces by plan, once for each entry.
-    pub fn replaced_by_plan(&self, sender: usize) -> impl Iterator<Item = usize> {
+    pub fn in_neighbors_replaced_by(&self, sender: usize) -> impl Iterator<Item = usize> {
         let plans = self.substitutes.iter();
-        plans.flat_map(move |plan| std::iter::repeat_n(plan.lost, plan.count(sender)))
+        plans.flat_map(move |plan| {
+            std::iter::repeat_n(plan.lost_in_neighbor, plan.listing_count(sender))
+        })
     }
 
     /// Returns the references while no sender has failed: the in-neighbors.
-    pub fn intact(&self) -> References {
-        let is_in_neighbor = |place| place < self.in_neighbors;
+    pub fn references_without_failures(&self) -> References {
+        let is_in_neighbor = |place| place < self.in_neighbor_count;
         References {
             weights: (0..self.senders.len()).map(|k| usize::from(is_in_neighbor(k))).collect(),
-            is_open: (0..self.senders.len()).map(is_in_neighbor).collect(),
-            takes_slot: false,
-            acting: vec![None; self.successions.len()],
+            is_sender_open: (0..self.senders.len()).map(is_in_neighbor).collect(),
+            keeps_leader_slot: false,
+            acting_deputy_ranks: vec![None; self.successions.len()],
         }
     }
 
     /// Returns the references once the senders for which `is_lost` is true have been replaced.
     pub fn references(&self, is_lost: impl Fn(usize) -> bool) -> References {
-        let mut references = self.intact();
+        let mut references = self.references_without_failures();
         let state = |place| {
             let lost = is_lost(place);
-            SenderState { has_failed: lost, is_heard: !lost }
+            SenderState { has_failed: lost, is_received: !lost }
         };
-        self.update(state, &mut references);
+        self.update_references(state, &mut references);
         references
     }
 
@@ -226,20 +228,30 @@ impl Receiver {
     /// open for each failed in-neighbor without deputies, and a further one for each open backup neighbor that has
     /// failed, too. A failed in-neighbor remains a reference until a replacement is heard. A robot that replaces a
     /// leader itself uses only the senders for this purpose, as soon as it hears any of these.
-    pub fn update(&self, state: impl Fn(usize) -> SenderState, references: &mut References) {
-        let in_neighbors = self.in_neighbors;
+    pub fn update_references(
+        &self,
+        state: impl Fn(usize) -> SenderState,
+        references: &mut References,
+    ) {
+        let in_neighbors = self.in_neighbor_count;
         if !(0..self.senders.len()).any(|place| state(place).has_failed) {
             return self.reset(references);
         }
-        let has_failed = |robot: usize| self.any(robot, |place| state(place).has_failed);
-        let References { weights, is_open, takes_slot, acting } = references;
+        let has_failed = |robot: usize| self.any_sender_is(robot, |place| state(place).has_failed);
+        let References {
+            weights,
+            is_sender_open: is_open,
+            keeps_leader_slot: takes_slot,
+            acting_deputy_ranks: acting,
+        } = references;
         for (one, acting) in self.successions.iter().zip(&mut *acting) {
             *acting = has_failed(one.leader).then(|| one.acting_rank(has_failed));
         }
-        let acts = self.led_by(acting, self.robot).next().is_some();
-        let is_for_slot = |place: &usize| self.senders[*place].purpose == Purpose::LeaderSlot;
+        let acts = self.leaders_replaced_by(acting, self.robot).next().is_some();
+        let is_for_slot =
+            |place: &usize| self.senders[*place].purpose == SenderPurpose::KeepLeaderSlot;
         *takes_slot =
-            acts && (0..self.senders.len()).filter(is_for_slot).any(|k| state(k).is_heard);
+            acts && (0..self.senders.len()).filter(is_for_slot).any(|k| state(k).is_received);
         let without_deputies = |&place: &usize| {
             state(place).has_failed && !self.has_deputies(self.senders[place].robot)
         };
@@ -247,27 +259,30 @@ impl Receiver {
         let mut replacing = 0;
         for place in in_neighbors..self.senders.len() {
             let Sender { robot, purpose } = self.senders[place];
-            let mut by_plan = self.replaced_by_plan(robot);
+            let mut by_plan = self.in_neighbors_replaced_by(robot);
             let planned = by_plan.any(has_failed);
             is_open[place] = match purpose {
-                Purpose::InNeighbor => true,
-                Purpose::AnyLost => lacking > 0,
-                Purpose::LeaderSlot => acts,
-                Purpose::Planned => planned || self.tries(acting, robot),
+                SenderPurpose::InNeighbor => true,
+                SenderPurpose::ReplaceAnyLost => lacking > 0,
+                SenderPurpose::KeepLeaderSlot => acts,
+                SenderPurpose::ReplaceByPlan => planned || self.must_receive_deputy(acting, robot),
             };
-            let is_any = purpose == Purpose::AnyLost && is_open[place];
+            let is_any = purpose == SenderPurpose::ReplaceAnyLost && is_open[place];
             lacking -= usize::from(is_any && !state(place).has_failed);
-            let is_heard = is_open[place] && state(place).is_heard;
+            let is_heard = is_open[place] && state(place).is_received;
             replacing += usize::from(is_any && is_heard);
-            let replaces = is_any || planned || self.led_by(acting, robot).next().is_some();
-            let counts = if *takes_slot { purpose == Purpose::LeaderSlot } else { replaces };
+            let replaces =
+                is_any || planned || self.leaders_replaced_by(acting, robot).next().is_some();
+            let counts =
+                if *takes_slot { purpose == SenderPurpose::KeepLeaderSlot } else { replaces };
             weights[place] = usize::from(is_heard && counts);
         }
-        let is_heard = |place: usize| is_open[place] && state(place).is_heard;
+        let is_heard = |place: usize| is_open[place] && state(place).is_received;
         let in_neighbors = weights.iter_mut().zip(&self.senders).enumerate().take(in_neighbors);
         for (place, (weight, sender)) in in_neighbors {
             let robot = sender.robot;
-            let stands_in = |by: usize| is_heard(by) && self.times(acting, by, robot) > 0;
+            let stands_in =
+                |by: usize| is_heard(by) && self.replacement_count(acting, by, robot) > 0;
             let has_failed = state(place).has_failed;
             let by_plan = has_failed && (0..self.senders.len()).any(stands_in);
             let by_any = has_failed && !by_plan && !self.has_deputies(robot) && replacing > 0;
@@ -277,7 +292,7 @@ impl Receiver {
         for place in 0..self.senders.len() {
             if weights[place] > 0 {
                 let is_used = |other: usize| weights[other] > 0;
-                weights[place] = self.weight(acting, place, is_used, is_heard(place));
+                weights[place] = self.reference_weight(acting, place, is_used, is_heard(place));
             }
         }
     }
@@ -290,62 +305,68 @@ impl Receiver {
         is_used: impl Fn(usize) -> bool,
         is_heard: impl Fn(usize) -> bool,
     ) -> usize {
-        let first_heard =
-            |one: &Succession| one.deputies.iter().position(|&deputy| self.any(deputy, &is_heard));
+        let first_heard = |one: &Succession| {
+            one.deputies.iter().position(|&deputy| self.any_sender_is(deputy, &is_heard))
+        };
         let acting: Vec<Option<usize>> = self.successions.iter().map(first_heard).collect();
-        self.weight(&acting, place, is_used, is_heard(place))
+        self.reference_weight(&acting, place, is_used, is_heard(place))
     }
 
     /// Returns the replacements of lost in-neighbors, in the order of these and then of the plans.
     pub fn replacements(&self, references: &References) -> Vec<Replacement> {
-        let References { acting, takes_slot, .. } = references;
-        let uses = |place: &usize| references.uses(*place);
-        let stands_in = |&by: &usize| references.weights[by] > usize::from(self.counts_once(by));
-        let with = |purpose: Purpose| {
+        let References { acting_deputy_ranks: acting, keeps_leader_slot: takes_slot, .. } =
+            references;
+        let uses = |place: &usize| references.uses_sender(*place);
+        let stands_in =
+            |&by: &usize| references.weights[by] > usize::from(self.counts_for_itself(by));
+        let with = |purpose: SenderPurpose| {
             let all = 0..self.senders.len();
             all.filter(uses).filter(move |&place| self.senders[place].purpose == purpose)
         };
-        let mut any_lost = with(Purpose::AnyLost);
+        let mut any_lost = with(SenderPurpose::ReplaceAnyLost);
         let mut replacements = Vec::new();
-        for lost in (0..self.in_neighbors).filter(|place| !uses(place)) {
+        for lost in (0..self.in_neighbor_count).filter(|place| !uses(place)) {
             let robot = self.senders[lost].robot;
             let deputy = self.successions.iter().zip(acting).find(|(one, _)| one.leader == robot);
             let deputy = deputy.map(|(one, rank)| one.deputies.get((*rank)?).copied());
             let by: Vec<usize> = match deputy {
                 Some(by) if *takes_slot && by == Some(self.robot) => {
-                    with(Purpose::LeaderSlot).collect()
+                    with(SenderPurpose::KeepLeaderSlot).collect()
                 }
                 _ if *takes_slot => Vec::new(),
-                Some(by) => by.and_then(|by| self.place_of(by)).into_iter().collect(),
+                Some(by) => by.and_then(|by| self.sender_index(by)).into_iter().collect(),
                 None => {
-                    let plans = self.substitutes.iter().filter(|plan| plan.lost == robot);
-                    let by = plans.flat_map(|plan| &plan.by);
-                    let by: Vec<usize> = by.filter_map(|&by| self.place_of(by)).collect();
+                    let plans =
+                        self.substitutes.iter().filter(|plan| plan.lost_in_neighbor == robot);
+                    let by = plans.flat_map(|plan| &plan.substitutes);
+                    let by: Vec<usize> = by.filter_map(|&by| self.sender_index(by)).collect();
                     let by: Vec<usize> = by.into_iter().filter(stands_in).collect();
                     if by.is_empty() { any_lost.next().into_iter().collect() } else { by }
                 }
             };
-            replacements.extend(by.into_iter().map(|by| Replacement { lost, by }));
+            replacements.extend(
+                by.into_iter().map(|by| Replacement { lost_index: lost, substitute_index: by }),
+            );
         }
         replacements
     }
 
     /// Sets the references to the in-neighbors.
     fn reset(&self, references: &mut References) {
-        references.takes_slot = false;
-        references.acting.fill(None);
+        references.keeps_leader_slot = false;
+        references.acting_deputy_ranks.fill(None);
         for place in 0..self.senders.len() {
-            references.is_open[place] = place < self.in_neighbors;
-            references.weights[place] = usize::from(place < self.in_neighbors);
+            references.is_sender_open[place] = place < self.in_neighbor_count;
+            references.weights[place] = usize::from(place < self.in_neighbor_count);
         }
     }
 
-    fn place_of(&self, robot: usize) -> Option<usize> {
+    fn sender_index(&self, robot: usize) -> Option<usize> {
         self.senders.iter().position(|sender| sender.robot == robot)
     }
 
     /// Returns whether `state` is true for a sender that is `robot`.
-    fn any(&self, robot: usize, state: impl Fn(usize) -> bool) -> bool {
+    fn any_sender_is(&self, robot: usize, state: impl Fn(usize) -> bool) -> bool {
         self.senders.iter().enumerate().any(|(place, one)| one.robot == robot && state(place))
     }
 
@@ -354,7 +375,11 @@ impl Receiver {
     }
 
     /// Returns the failed leaders that `robot` replaces.
-    fn led_by(&self, acting: &[Option<usize>], robot: usize) -> impl Iterator<Item = usize> {
+    fn leaders_replaced_by(
+        &self,
+        acting: &[Option<usize>],
+        robot: usize,
+    ) -> impl Iterator<Item = usize> {
         let ranked = self.successions.iter().zip(acting);
         let acts = move |one: &Succession, rank: Option<usize>| {
             rank.is_some_and(|rank| one.deputies.get(rank) == Some(&robot))
@@ -363,26 +388,26 @@ impl Receiver {
     }
 
     /// Returns whether a deputy has to be received: it replaces a leader, or precedes the deputy that does.
-    fn tries(&self, acting: &[Option<usize>], robot: usize) -> bool {
+    fn must_receive_deputy(&self, acting: &[Option<usize>], robot: usize) -> bool {
         self.successions.iter().zip(acting).any(|(one, rank)| {
             rank.is_some_and(|rank| one.deputies.iter().take(rank + 1).any(|&by| by == robot))
         })
     }
 
     /// Returns how often a sender counts instead of the in-neighbor `lost`, by plan or as a deputy.
-    fn times(&self, acting: &[Option<usize>], place: usize, lost: usize) -> usize {
+    fn replacement_count(&self, acting: &[Option<usize>], place: usize, lost: usize) -> usize {
         let robot = self.senders[place].robot;
-        let by_plan = self.replaced_by_plan(robot).filter(|&one| one == lost).count();
-        by_plan + self.led_by(acting, robot).filter(|&leader| leader == lost).count()
+        let by_plan = self.in_neighbors_replaced_by(robot).filter(|&one| one == lost).count();
+        by_plan + self.leaders_replaced_by(acting, robot).filter(|&leader| leader == lost).count()
     }
 
     /// Returns whether a reference counts for itself, not only for in-neighbors that it replaces.
-    fn counts_once(&self, place: usize) -> bool {
-        self.senders[place].purpose != Purpose::Planned
+    fn counts_for_itself(&self, place: usize) -> bool {
+        self.senders[place].purpose != SenderPurpose::ReplaceByPlan
     }
 
     /// Returns the number of in-neighbors for which a reference counts: itself, and if it is heard, the replaced ones.
-    fn weight(
+    fn reference_weight(
         &self,
         acting: &[Option<usize>],
         place: usize,
@@ -390,27 +415,28 @@ impl Receiver {
         is_heard: bool,
     ) -> usize {
         let robot = self.senders[place].robot;
-        let replaced = self.replaced_by_plan(robot).chain(self.led_by(acting, robot));
+        let replaced =
+            self.in_neighbors_replaced_by(robot).chain(self.leaders_replaced_by(acting, robot));
         let is_unused = |lost: &usize| {
-            let mut in_neighbors = self.senders[..self.in_neighbors].iter();
+            let mut in_neighbors = self.senders[..self.in_neighbor_count].iter();
             in_neighbors.position(|one| one.robot == *lost).is_some_and(|lost| !is_used(lost))
         };
         let replaced = if is_heard { replaced.filter(is_unused).count() } else { 0 };
-        usize::from(self.counts_once(place)) + replaced
+        usize::from(self.counts_for_itself(place)) + replaced
     }
 }
 
 /// A topology repair in force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Repaired {
+pub struct ActiveRepair {
     /// The receiving robot.
     pub robot: usize,
     /// Robot that replaces the lost one.
-    pub by: usize,
+    pub substitute: usize,
     /// The lost in-neighbor.
-    pub instead_of: usize,
+    pub lost_in_neighbor: usize,
     /// Index of the link in [`RepairPlan::spares`]. `None`: an existing in-neighbor with a larger weight.
-    pub spare: Option<usize>,
+    pub spare_link: Option<usize>,
 }
 
 /// References of all robots of a formation after failures of robots and links.
@@ -419,10 +445,10 @@ pub struct Repaired {
 #[derive(Debug, Clone)]
 pub struct Rewiring {
     links: Vec<Edge>,
-    in_graph: usize,
+    graph_edge_count: usize,
     receivers: Vec<Receiver>,
     /// For each receiver, the link to each of its senders.
-    incoming: Vec<Vec<usize>>,
+    incoming_links: Vec<Vec<usize>>,
 }
 
 impl Rewiring {
@@ -435,7 +461,7 @@ impl Rewiring {
     ) -> Rewiring {
         let in_graph = graph.edges().len();
         let links: Vec<Edge> = graph.edges().iter().chain(&plan.spares).copied().collect();
-        let mut incoming = vec![Vec::new(); graph.robots()];
+        let mut incoming = vec![Vec::new(); graph.robot_count()];
         links.iter().enumerate().for_each(|(link, edge)| incoming[edge.to].push(link));
         let receiver = |robot: usize| {
             let own = || incoming[robot].iter().map(|&link| (link, &links[link]));
@@ -457,8 +483,8 @@ impl Rewiring {
                 successions.cloned().collect(),
             )
         };
-        let receivers = (0..graph.robots()).map(receiver).collect();
-        Rewiring { links, in_graph, receivers, incoming }
+        let receivers = (0..graph.robot_count()).map(receiver).collect();
+        Rewiring { links, graph_edge_count: in_graph, receivers, incoming_links: incoming }
     }
 
     /// Returns the rewiring of the same formation without any backup neighbor.
@@ -469,7 +495,7 @@ impl Rewiring {
 
     /// Returns the edges of the graph.
     pub fn edges(&self) -> &[Edge] {
-        &self.links[..self.in_graph]
+        &self.links[..self.graph_edge_count]
     }
 
     /// Returns the edges of the graph, then the backup links.
@@ -483,14 +509,14 @@ impl Rewiring {
     }
 
     /// Returns the links to the senders of a robot, in the order of [`Receiver::senders`].
-    pub fn incoming(&self, robot: usize) -> &[usize] {
-        &self.incoming[robot]
+    pub fn incoming_links(&self, robot: usize) -> &[usize] {
+        &self.incoming_links[robot]
     }
 
     /// Returns the purpose of a link for its receiver.
-    pub fn purpose(&self, link: usize) -> Purpose {
+    pub fn purpose(&self, link: usize) -> SenderPurpose {
         let to = self.links[link].to;
-        let place = self.incoming[to].iter().position(|&one| one == link);
+        let place = self.incoming_links[to].iter().position(|&one| one == link);
         self.receivers[to].senders[place.expect("a link enters its receiver")].purpose
     }
 
@@ -501,28 +527,38 @@ impl Rewiring {
 
     /// Returns the references of a living robot once the robots `dead` and the edges `cut` have been replaced.
     pub fn references(&self, robot: usize, dead: &[usize], cut: &[usize]) -> References {
-        let incoming = &self.incoming[robot];
+        let incoming = &self.incoming_links[robot];
         self.receivers[robot].references(|place| self.is_silent(incoming[place], dead, cut))
     }
 
     /// Returns the repairs in force after these failures: by deputies, by backup neighbors for any in-neighbor, by
     /// plan, and for the slot of a leader, each in the order of the links.
-    pub fn repairs(&self, dead: &[usize], cut: &[usize]) -> Vec<Repaired> {
+    pub fn active_repairs(&self, dead: &[usize], cut: &[usize]) -> Vec<ActiveRepair> {
         let mut repairs = Vec::new();
         for (robot, references) in self.changed_references(dead, cut) {
-            let (receiver, incoming) = (&self.receivers[robot], &self.incoming[robot]);
-            for Replacement { lost, by } in receiver.replacements(&references) {
+            let (receiver, incoming) = (&self.receivers[robot], &self.incoming_links[robot]);
+            for Replacement { lost_index: lost, substitute_index: by } in
+                receiver.replacements(&references)
+            {
                 let [lost, by] = [lost, by].map(|place| (incoming[place], receiver.senders[place]));
                 let ((lost_link, lost), (link, by)) = (lost, by);
                 let order = match by.purpose {
-                    Purpose::LeaderSlot => (3, lost_link),
-                    Purpose::AnyLost => (1, link),
+                    SenderPurpose::KeepLeaderSlot => (3, lost_link),
+                    SenderPurpose::ReplaceAnyLost => (1, link),
                     _ if receiver.has_deputies(lost.robot) => (0, lost_link),
                     _ => (2, lost_link),
                 };
                 let (by, instead_of, spare) =
-                    (by.robot, lost.robot, link.checked_sub(self.in_graph));
-                repairs.push((order, Repaired { robot, by, instead_of, spare }));
+                    (by.robot, lost.robot, link.checked_sub(self.graph_edge_count));
+                repairs.push((
+                    order,
+                    ActiveRepair {
+                        robot,
+                        substitute: by,
+                        lost_in_neighbor: instead_of,
+                        spare_link: spare,
+                    },
+                ));
             }
         }
         repairs.sort_by_key(|(order, _)| *order);
@@ -534,11 +570,11 @@ impl Rewiring {
     /// included.
     pub fn unused_links(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
         let mut is_used: Vec<bool> =
-            (0..self.links.len()).map(|link| link < self.in_graph).collect();
+            (0..self.links.len()).map(|link| link < self.graph_edge_count).collect();
         for (robot, references) in self.changed_references(dead, cut) {
-            for (place, &link) in self.incoming[robot].iter().enumerate() {
-                is_used[link] &= !references.takes_slot;
-                is_used[link] |= link >= self.in_graph && references.uses(place);
+            for (place, &link) in self.incoming_links[robot].iter().enumerate() {
+                is_used[link] &= !references.keeps_leader_slot;
+                is_used[link] |= link >= self.graph_edge_count && references.uses_sender(place);
             }
         }
         (0..self.links.len()).filter(|&link| !is_used[link]).collect()
@@ -546,7 +582,7 @@ impl Rewiring {
 
     /// Returns the robots that lead after these failures, in order of rank: the main leader `leader` if it is alive,
     /// and each living robot of its `deputies` that no leader of a better rank reaches over links in use.
-    pub fn leading(
+    pub fn leading_robots(
         &self,
         leader: Option<usize>,
         deputies: &[usize],
@@ -589,11 +625,11 @@ impl Rewiring {
         cut: &[usize],
     ) -> impl Iterator<Item = (usize, References)> {
         let loses = |robot: usize| {
-            let mut incoming = self.incoming[robot].iter();
+            let mut incoming = self.incoming_links[robot].iter();
             incoming.any(|&link| self.is_silent(link, dead, cut))
         };
         let changes = move |&robot: &usize| {
-            !dead.contains(&robot) && self.receivers[robot].is_repaired() && loses(robot)
+            !dead.contains(&robot) && self.receivers[robot].has_repair_plan() && loses(robot)
         };
         let changed = (0..self.receivers.len()).filter(changes);
         changed.map(move |robot| (robot, self.references(robot, dead, cut)))

@@ -15,7 +15,7 @@
 use crate::graph::FormationGraph;
 
 /// Maximum number of robots for which (r, s)-robustness is computed, because all 2^n sets are examined.
-pub const ROBOTS_EXACT_MAX: usize = 14;
+pub const EXACT_ROBUSTNESS_ROBOTS_MAX: usize = 14;
 
 /// Returns the robots that bootstrap percolation from `trusted` does not activate. A robot becomes active if it
 /// has a trusted in-neighbor or at least `needed(robot)` active in-neighbors. `None` means never. If the
@@ -32,29 +32,29 @@ pub fn bootstrap_percolation_failures(
         needed(robot).is_some_and(|needed| heard().any(|from| trusted[from]) || enough(needed))
     };
     while let Some(robot) =
-        (0..graph.robots()).find(|&robot| !reached[robot] && joins(&reached, robot))
+        (0..graph.robot_count()).find(|&robot| !reached[robot] && joins(&reached, robot))
     {
         reached[robot] = true;
     }
-    (0..graph.robots()).filter(|&robot| !reached[robot]).collect()
+    (0..graph.robot_count()).filter(|&robot| !reached[robot]).collect()
 }
 
 /// Returns the largest r for which the graph is strongly r-robust around `trusted`. It is the number of robots
 /// if every robot has a trusted in-neighbor.
 pub fn strong_robustness(graph: &FormationGraph, trusted: &[bool]) -> usize {
     let holds = |&r: &usize| bootstrap_percolation_failures(graph, trusted, |_| Some(r)).is_empty();
-    (1..=graph.robots()).take_while(holds).last().unwrap_or(0)
+    (1..=graph.robot_count()).take_while(holds).last().unwrap_or(0)
 }
 
 /// Two disjoint sets of robots.
-pub type Sets = [Vec<usize>; 2];
+pub type DisjointRobotSets = [Vec<usize>; 2];
 
 /// Returns the largest s for which the graph is (r, s)-robust, and two sets that prove it is not more. It is 0
 /// if the graph is not r-robust, and the number of robots, without sets, if no two sets limit it. Panics for
-/// more than [`ROBOTS_EXACT_MAX`] robots.
-pub fn max_s_for_r(graph: &FormationGraph, r: usize) -> (usize, Option<Sets>) {
-    let n = graph.robots();
-    assert!(n <= ROBOTS_EXACT_MAX, "{n} robots");
+/// more than [`EXACT_ROBUSTNESS_ROBOTS_MAX`] robots.
+pub fn max_s_for_r(graph: &FormationGraph, r: usize) -> (usize, Option<DisjointRobotSets>) {
+    let n = graph.robot_count();
+    assert!(n <= EXACT_ROBUSTNESS_ROBOTS_MAX, "{n} robots");
     let mut heard = vec![0u32; n];
     graph.edges().iter().for_each(|edge| heard[edge.to] |= 1 << edge.from);
     let all = (1u32 << n) - 1;
@@ -87,24 +87,27 @@ pub fn max_s_for_r(graph: &FormationGraph, r: usize) -> (usize, Option<Sets>) {
     }
 }
 
-/// Returns the largest r for which the graph is r-robust. Panics for more than [`ROBOTS_EXACT_MAX`] robots.
+/// Returns the largest r for which the graph is r-robust. Panics for more than [`EXACT_ROBUSTNESS_ROBOTS_MAX`] robots.
 pub fn robustness(graph: &FormationGraph) -> usize {
-    (1..=robustness_max(graph)).take_while(|&r| max_s_for_r(graph, r).0 > 0).last().unwrap_or(0)
+    (1..=robustness_upper_bound(graph))
+        .take_while(|&r| max_s_for_r(graph, r).0 > 0)
+        .last()
+        .unwrap_or(0)
 }
 
 /// Returns an upper bound on r: the minimum of half the number of robots, rounded up, and the second smallest
 /// in-degree.
-pub fn robustness_max(graph: &FormationGraph) -> usize {
+pub fn robustness_upper_bound(graph: &FormationGraph) -> usize {
     let mut degrees: Vec<usize> =
-        (0..graph.robots()).map(|i| graph.incoming_edges(i).count()).collect();
+        (0..graph.robot_count()).map(|i| graph.incoming_edges(i).count()).collect();
     degrees.sort_unstable();
-    graph.robots().div_ceil(2).min(degrees.get(1).copied().unwrap_or(0))
+    graph.robot_count().div_ceil(2).min(degrees.get(1).copied().unwrap_or(0))
 }
 
 /// Returns the maximum total number of Byzantine robots (F-total) that the leaderless graph tolerates. Panics
-/// for more than [`ROBOTS_EXACT_MAX`] robots.
+/// for more than [`EXACT_ROBUSTNESS_ROBOTS_MAX`] robots.
 pub fn liars_total_max(graph: &FormationGraph) -> usize {
-    (1..graph.robots())
+    (1..graph.robot_count())
         .take_while(|&liars| max_s_for_r(graph, liars + 1).0 > liars)
         .last()
         .unwrap_or(0)
@@ -122,16 +125,16 @@ mod tests {
         FormationGraph::new(n, edges.into_iter().map(edge).collect())
     }
 
-    fn complete(n: usize) -> FormationGraph {
+    fn complete_graph(n: usize) -> FormationGraph {
         graph(n, (0..n).flat_map(|i| (0..n).filter(move |&j| j != i).map(move |j| (i, j))))
     }
 
     #[test]
     fn complete_graph_reaches_the_robustness_bound() {
         for n in 2..9 {
-            let whole = complete(n);
+            let whole = complete_graph(n);
             assert_eq!(
-                (robustness(&whole), robustness_max(&whole)),
+                (robustness(&whole), robustness_upper_bound(&whole)),
                 (n.div_ceil(2), n.div_ceil(2))
             );
             // The honest robots must outnumber the Byzantine ones. (LeBlanc et al. 2013)
@@ -195,7 +198,7 @@ mod tests {
                 let (a, b) = (set(&a), set(&b));
                 prop_assert_eq!((a & b, reaching(a) + reaching(b)), (0, s));
             }
-            prop_assert!(robustness(&graph) <= robustness_max(&graph));
+            prop_assert!(robustness(&graph) <= robustness_upper_bound(&graph));
         }
     }
 }

@@ -44,7 +44,7 @@ impl Scale {
                 (mean + amplitude * sin, amplitude * w * cos)
             }
             Scale::Closing { from, hold_s, over_s, ref reopen_at_s } => {
-                let step = |begin_s: f64| half_cosine((t_s - begin_s) / over_s);
+                let step = |begin_s: f64| half_cosine_step((t_s - begin_s) / over_s);
                 let (closed, rate) = step(hold_s);
                 let (mut open, mut rate) = (1.0 - closed, -rate);
                 for &opens_s in reopen_at_s {
@@ -58,7 +58,7 @@ impl Scale {
     }
 
     /// Returns the minimum and the maximum of the scale factor.
-    pub fn range(&self) -> [f64; 2] {
+    pub fn value_range(&self) -> [f64; 2] {
         match *self {
             Scale::Sine { mean, amplitude, .. } => [mean - amplitude, mean + amplitude],
             Scale::Closing { from, .. } => [1.0, from],
@@ -66,7 +66,7 @@ impl Scale {
     }
 
     /// Returns the mean of a sine, or the value of a closing scale after it has closed.
-    pub fn final_or_mean(&self) -> f64 {
+    pub fn final_or_mean_value(&self) -> f64 {
         match *self {
             Scale::Sine { mean, .. } => mean,
             Scale::Closing { .. } => 1.0,
@@ -74,15 +74,15 @@ impl Scale {
     }
 
     /// Returns the time from which the scale is constant, s, or `None` if it never is.
-    pub fn constant_from_s(&self) -> Option<f64> {
+    pub fn constant_start_s(&self) -> Option<f64> {
         match self {
             Scale::Sine { amplitude, .. } => (*amplitude == 0.0).then_some(0.0),
-            Scale::Closing { .. } => self.closed_at_s(),
+            Scale::Closing { .. } => self.closing_end_s(),
         }
     }
 
     /// Returns the time at which a closing scale has closed for the last time, s, or `None` for a sine.
-    pub fn closed_at_s(&self) -> Option<f64> {
+    pub fn closing_end_s(&self) -> Option<f64> {
         match self {
             Scale::Sine { .. } => None,
             Scale::Closing { hold_s, over_s, reopen_at_s, .. } => {
@@ -95,7 +95,7 @@ impl Scale {
 
 /// Returns a half-cosine step, which rises from 0 to 1 while `share` goes from 0 to 1, and its derivative with
 /// respect to `share`.
-fn half_cosine(share: f64) -> (f64, f64) {
+fn half_cosine_step(share: f64) -> (f64, f64) {
     match share {
         share if share <= 0.0 => (0.0, 0.0),
         share if share >= 1.0 => (1.0, 0.0),
@@ -136,7 +136,7 @@ mod tests {
         fn closing_scale_is_smooth_and_its_rate_is_its_derivative(
             scale in scales(), share in 0.0..1.2f64,
         ) {
-            let closed_s = scale.closed_at_s().unwrap();
+            let closed_s = scale.closing_end_s().unwrap();
             let Scale::Closing { from, over_s, .. } = scale else { unreachable!() };
             let (t, h) = (share * closed_s, 1e-5);
             let [before, now, after] = [t - h, t, t + h].map(|t| scale.value_and_rate_at(t));
@@ -164,7 +164,7 @@ mod tests {
                 let (open, rate) = scale.value_and_rate_at(opens_s + over_s + share * hold_s);
                 prop_assert!((open - from).abs() < 1e-9 && rate.abs() < 1e-9);
             }
-            prop_assert_eq!(scale.value_and_rate_at(scale.closed_at_s().unwrap() + 1e-6 + share), (1.0, 0.0));
+            prop_assert_eq!(scale.value_and_rate_at(scale.closing_end_s().unwrap() + 1e-6 + share), (1.0, 0.0));
         }
     }
 
@@ -176,7 +176,7 @@ mod tests {
         let (middle, rate) = scale.value_and_rate_at(4.0);
         assert!((middle - 1.5).abs() < 1e-12 && (rate + 0.1 * PI).abs() < 1e-12, "{rate}");
         assert_eq!(
-            (scale.range(), scale.final_or_mean(), scale.closed_at_s()),
+            (scale.value_range(), scale.final_or_mean_value(), scale.closing_end_s()),
             ([1.1, 1.9], 1.5, None)
         );
     }
@@ -189,6 +189,6 @@ mod tests {
         assert!((middle - 1.5).abs() < 1e-12 && (rate + PI / 8.0).abs() < 1e-12, "{rate}");
         let (middle, rate) = scale.value_and_rate_at(22.0);
         assert!((middle - 1.5).abs() < 1e-12 && (rate - PI / 8.0).abs() < 1e-12, "{rate}");
-        assert_eq!((scale.range(), scale.closed_at_s()), ([1.0, 2.0], Some(38.0)));
+        assert_eq!((scale.value_range(), scale.closing_end_s()), ([1.0, 2.0], Some(38.0)));
     }
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Vec2;
 use crate::desired::Target;
-use crate::front_point::drawing_velocity;
+use crate::front_point::towing_velocity;
 use crate::path::Path;
 use crate::portable_math;
 use crate::pose::wrap_angle;
@@ -57,7 +57,7 @@ pub struct Direction {
 
 /// Maximum turn within half a step of [`Trajectory::direction_at`], rad. A larger one is a cusp, where the direction
 /// jumps and has no rate.
-const TURN_RAD_MAX: f64 = 0.35;
+const HALF_STEP_TURN_RAD_MAX: f64 = 0.35;
 
 impl Trajectory {
     /// Returns the direction of m(t), with rates from differences over `step_s`, s. Where the trajectory is at rest the
@@ -72,7 +72,7 @@ impl Trajectory {
     ) -> Direction {
         let heading_at = |t_s: f64, near_rad: f64| {
             let velocity = self.target_at(t_s).velocity;
-            let ahead = drawing_velocity(near_rad, velocity, keeps_heading);
+            let ahead = towing_velocity(near_rad, velocity, keeps_heading);
             match velocity.norm_squared() > 0.0 {
                 true => portable_math::atan2(ahead.y, ahead.x),
                 false => near_rad,
@@ -81,7 +81,7 @@ impl Trajectory {
         let half_s = 0.5 * step_s;
         let now_rad = heading_at(t_s, heading_rad);
         let turns = [-half_s, half_s].map(|s| wrap_angle(heading_at(t_s + s, now_rad) - now_rad));
-        let [before, after] = match turns.iter().all(|turn| turn.abs() <= TURN_RAD_MAX) {
+        let [before, after] = match turns.iter().all(|turn| turn.abs() <= HALF_STEP_TURN_RAD_MAX) {
             true => turns,
             false => [0.0; 2],
         };

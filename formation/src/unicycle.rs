@@ -1,4 +1,5 @@
-//! The unicycle (1), integrated in closed form for a constant (v, w); with a lateral speed, also an omnidirectional body.
+//! The unicycle (1), integrated in closed form for a constant (v, w); with a lateral speed, also an omnidirectional
+//! body.
 
 use crate::portable_math;
 use crate::pose::{Pose, Twist, wrap_angle};
@@ -6,7 +7,7 @@ use crate::pose::{Pose, Twist, wrap_angle};
 /// Returns the pose after `twist` was held for `dt_s` seconds: an exact circular arc (a line for w = 0).
 ///
 /// The chord of the arc has length v dt sinc(w dt / 2) and points along heading + w dt / 2.
-pub fn arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
+pub fn integrate_arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
     let half_turn = 0.5 * twist.w_rad_s * dt_s;
     let straight = sinc(half_turn);
     let [chord, side] = [twist.v_m_s, twist.side_m_s].map(|speed| speed * dt_s * straight);
@@ -40,7 +41,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn distance(a: Pose, b: Pose) -> f64 {
+    fn pose_distance(a: Pose, b: Pose) -> f64 {
         (a.x_m - b.x_m).hypot(a.y_m - b.y_m)
     }
 
@@ -52,9 +53,9 @@ mod tests {
         ) {
             let start = Pose { x_m: 0.2, y_m: 0.1, heading_rad: heading };
             let twist = Twist { v_m_s: v, side_m_s: side, w_rad_s: w };
-            let once = arc(start, twist, dt);
-            let twice = arc(arc(start, twist, dt / 2.0), twist, dt / 2.0);
-            prop_assert!(distance(once, twice) < 1e-12);
+            let once = integrate_arc(start, twist, dt);
+            let twice = integrate_arc(integrate_arc(start, twist, dt / 2.0), twist, dt / 2.0);
+            prop_assert!(pose_distance(once, twice) < 1e-12);
             prop_assert_eq!(once.heading_rad, wrap_angle(once.heading_rad));
         }
 
@@ -72,7 +73,7 @@ mod tests {
                 y += h * (v * th.sin() + side * th.cos());
                 th += h * w;
             }
-            let end = arc(start, twist, dt);
+            let end = integrate_arc(start, twist, dt);
             prop_assert!((end.x_m - x).hypot(end.y_m - y) < 2e-4);
         }
     }
@@ -96,7 +97,7 @@ mod tests {
             dt_s in 1e-3..0.05f64,
         ) {
             let from = Pose { x_m: 0.3, y_m: -0.7, heading_rad };
-            let to = arc(from, Twist { v_m_s, side_m_s, w_rad_s }, dt_s);
+            let to = integrate_arc(from, Twist { v_m_s, side_m_s, w_rad_s }, dt_s);
             let found = twist_between(from, to, dt_s);
             prop_assert!((found.v_m_s - v_m_s).abs() < 1e-9, "{found:?}");
             prop_assert!((found.side_m_s - side_m_s).abs() < 1e-9, "{found:?}");

@@ -226,8 +226,11 @@ class Picture {
     for (const item of root.querySelectorAll(".legend [data-need]")) {
       item.hidden = !(item.dataset.need === "hull" ? this.contained : item.dataset.need === "spares" ? scene.edges.some(({ spare }) => spare) : scene[item.dataset.need]?.length);
     }
-    say(root.querySelector(".legend .circle"), "circle of radius d / 2 around the front point: while no two circles overlap, " +
-      `no two robots are nearer to each other than d = ${scene.distance_min_m} m`);
+    this.sizes = scene.robots.some((robot) => robot.keep_m);
+    say(root.querySelector(".legend .circle"), this.sizes
+      ? "circle of radius keep_m around the front point: while no two circles overlap, every two robots keep their minimum distance"
+      : "circle of radius d / 2 around the front point: while no two circles overlap, " +
+        `no two robots are nearer to each other than d = ${scene.distance_min_m} m`);
     root.querySelector(".legend").open = root.clientWidth > 600;
   }
 
@@ -479,8 +482,9 @@ class Picture {
     const near = new Set();
     // The frame has the distance to the micrometer, the positions only to millimeters.
     if (frame.distance_m !== null && frame.distance_m < d - 1e-6) {
+      const least = (i, j) => (this.sizes ? scene.robots[i].keep_m + scene.robots[j].keep_m - 4e-3 : d);
       points.forEach((p, i) => points.forEach((q, j) => {
-        if (i < j && p && q && Math.hypot(p[0] - q[0], p[1] - q[1]) < d + 2e-3) near.add(i).add(j);
+        if (i < j && p && q && Math.hypot(p[0] - q[0], p[1] - q[1]) < least(i, j) + 2e-3) near.add(i).add(j);
       }));
     }
     this.robots.forEach((parts, i) => {
@@ -490,7 +494,7 @@ class Picture {
       group.style.visibility = name.style.visibility = p ? "" : "hidden";
       if (!p) return;
       group.setAttribute("transform", `translate(${px(p[0])} ${px(p[1])})`);
-      reach.setAttribute("r", px(this.radius));
+      reach.setAttribute("r", px(scene.robots[i].keep_m ? scene.robots[i].keep_m * this.view[2] : this.radius));
       const size = Math.max(7, (scene.robots[i].front_point_m ?? 0) * this.view[2]);
       body.setAttribute("transform", `rotate(${px((-robot.heading_rad * 180) / Math.PI)}) scale(${px(size)})`);
       name.setAttribute("x", px(p[0]));
@@ -517,8 +521,9 @@ class Picture {
     const end = Number.isFinite(scene.duration_s) ? ` of ${scene.duration_s} s` : "";
     say(fields.time, seconds(frame.t_s) + end);
     const d = scene.distance_min_m;
-    say(fields.distance, frame.distance_m == null ? "-" : `${meters(frame.distance_m, this.digits)} m (d = ${d} m)`);
-    fields.distance.classList.toggle("under", frame.distance_m != null && frame.distance_m < d - 1e-6);
+    const bound = this.sizes ? "" : ` (d = ${d} m)`;
+    say(fields.distance, frame.distance_m == null ? "-" : `${meters(frame.distance_m, this.digits)} m${bound}`);
+    fields.distance.classList.toggle("under", !this.sizes && frame.distance_m != null && frame.distance_m < d - 1e-6);
     const on = scene.faults.filter((fault) => fault.t_s <= frame.t_s && frame.t_s < (fault.until_s ?? Infinity));
     say(fields.fault, on.map((fault) => fault.what).join(", "));
     fields.now.classList.toggle("on", on.length > 0);

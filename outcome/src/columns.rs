@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 
 /// Value of a column in one line.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Value<'a> {
+pub enum ColumnValue<'a> {
     /// Number in its shortest form; empty if it is unknown.
     Number(Option<f64>),
     /// Number in its shortest form without an exponent.
@@ -22,7 +22,7 @@ pub enum Value<'a> {
 
 /// Kind of the values of a column, by which a recording encodes them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum ColumnKind {
     /// Numbers, which may be unknown.
     Number,
     /// Numbers of things or events.
@@ -33,14 +33,14 @@ pub enum Kind {
     Text,
 }
 
-impl Serialize for Value<'_> {
+impl Serialize for ColumnValue<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match *self {
-            Value::Number(number) => number.serialize(serializer),
-            Value::Decimal(number) => serializer.serialize_f64(number),
-            Value::Count(count) => serializer.serialize_u64(count),
-            Value::Flag(flag) => serializer.serialize_u8(u8::from(flag)),
-            Value::Text(text) => serializer.serialize_str(text),
+            ColumnValue::Number(number) => number.serialize(serializer),
+            ColumnValue::Decimal(number) => serializer.serialize_f64(number),
+            ColumnValue::Count(count) => serializer.serialize_u64(count),
+            ColumnValue::Flag(flag) => serializer.serialize_u8(u8::from(flag)),
+            ColumnValue::Text(text) => serializer.serialize_str(text),
         }
     }
 }
@@ -48,57 +48,57 @@ impl Serialize for Value<'_> {
 /// Type of a field that is a column.
 pub trait CsvCell {
     /// Kind of the column.
-    const KIND: Kind;
+    const KIND: ColumnKind;
 
     /// Returns the value of the field.
-    fn value(&self) -> Value<'_>;
+    fn value(&self) -> ColumnValue<'_>;
 }
 
 impl CsvCell for f64 {
-    const KIND: Kind = Kind::Number;
+    const KIND: ColumnKind = ColumnKind::Number;
 
-    fn value(&self) -> Value<'_> {
-        Value::Number(Some(*self))
+    fn value(&self) -> ColumnValue<'_> {
+        ColumnValue::Number(Some(*self))
     }
 }
 
 impl CsvCell for Option<f64> {
-    const KIND: Kind = Kind::Number;
+    const KIND: ColumnKind = ColumnKind::Number;
 
-    fn value(&self) -> Value<'_> {
-        Value::Number(*self)
+    fn value(&self) -> ColumnValue<'_> {
+        ColumnValue::Number(*self)
     }
 }
 
 impl CsvCell for u64 {
-    const KIND: Kind = Kind::Count;
+    const KIND: ColumnKind = ColumnKind::Count;
 
-    fn value(&self) -> Value<'_> {
-        Value::Count(*self)
+    fn value(&self) -> ColumnValue<'_> {
+        ColumnValue::Count(*self)
     }
 }
 
 impl CsvCell for bool {
-    const KIND: Kind = Kind::Flag;
+    const KIND: ColumnKind = ColumnKind::Flag;
 
-    fn value(&self) -> Value<'_> {
-        Value::Flag(*self)
+    fn value(&self) -> ColumnValue<'_> {
+        ColumnValue::Flag(*self)
     }
 }
 
 impl CsvCell for String {
-    const KIND: Kind = Kind::Text;
+    const KIND: ColumnKind = ColumnKind::Text;
 
-    fn value(&self) -> Value<'_> {
-        Value::Text(self)
+    fn value(&self) -> ColumnValue<'_> {
+        ColumnValue::Text(self)
     }
 }
 
 impl CsvCell for Option<String> {
-    const KIND: Kind = Kind::Text;
+    const KIND: ColumnKind = ColumnKind::Text;
 
-    fn value(&self) -> Value<'_> {
-        Value::Text(self.as_deref().unwrap_or_default())
+    fn value(&self) -> ColumnValue<'_> {
+        ColumnValue::Text(self.as_deref().unwrap_or_default())
     }
 }
 
@@ -110,11 +110,11 @@ pub struct Column<L> {
     /// Text for the reference page, as in the doc comment of the field.
     pub text: &'static str,
     /// Kind of the values.
-    pub kind: Kind,
+    pub kind: ColumnKind,
     /// Whether a recording has the column in `/metrics`.
     pub is_recorded: bool,
     /// Function that returns the value in a line.
-    pub value: for<'l> fn(&'l L) -> Value<'l>,
+    pub value: for<'l> fn(&'l L) -> ColumnValue<'l>,
 }
 
 /// Flag of a column that a recording has in `/metrics`.
@@ -150,7 +150,7 @@ pub trait Table: Sized + 'static {
     }
 
     /// Returns the table of the columns for the reference page, in Markdown.
-    fn reference() -> String {
+    fn reference_table() -> String {
         let row =
             |column: &Column<Self>| format!("| `{}` | {} |\n", column.name, column.text.trim());
         let rows: String = Self::COLUMNS.iter().map(row).collect();
@@ -158,31 +158,31 @@ pub trait Table: Sized + 'static {
     }
 }
 
-fn append_value(text: &mut String, value: Value<'_>) {
+fn append_value(text: &mut String, value: ColumnValue<'_>) {
     match value {
-        Value::Number(None) => {}
+        ColumnValue::Number(None) => {}
         // The formatter of the standard library is slow for shortest digits.
-        Value::Number(Some(number)) => {
+        ColumnValue::Number(Some(number)) => {
             text.push_str(format_shortest(&mut zmij::Buffer::new(), number))
         }
-        Value::Decimal(number) => {
+        ColumnValue::Decimal(number) => {
             let mut digits = zmij::Buffer::new();
             match format_shortest(&mut digits, number) {
                 exponent if exponent.contains('e') => text.push_str(&number.to_string()),
                 plain => text.push_str(plain),
             }
         }
-        Value::Count(count) => text.push_str(&count.to_string()),
-        Value::Flag(flag) => text.push(if flag { '1' } else { '0' }),
-        Value::Text(field) if field.contains([',', '"', '\n', '\r']) => {
+        ColumnValue::Count(count) => text.push_str(&count.to_string()),
+        ColumnValue::Flag(flag) => text.push(if flag { '1' } else { '0' }),
+        ColumnValue::Text(field) if field.contains([',', '"', '\n', '\r']) => {
             text.extend(["\"", &field.replace('"', "\"\""), "\""]);
         }
-        Value::Text(field) => text.push_str(field),
+        ColumnValue::Text(field) => text.push_str(field),
     }
 }
 
 /// Formats a number in its shortest form.
-pub fn shortest_text(number: f64) -> String {
+pub fn format_number(number: f64) -> String {
     format_shortest(&mut zmij::Buffer::new(), number).to_owned()
 }
 
@@ -233,7 +233,7 @@ macro_rules! table {
     (@name $field:ident $name:literal) => { $name };
     (@value $line:ident $field:ident) => { $crate::columns::CsvCell::value(&$line.$field) };
     (@value $line:ident $field:ident $form:ident) => {
-        $crate::columns::Value::$form($line.$field)
+        $crate::columns::ColumnValue::$form($line.$field)
     };
 }
 pub(crate) use table;
@@ -243,9 +243,9 @@ mod tests {
     use super::*;
     use crate::metrics::PairDistance;
     use crate::metrics::summary::{LatencyInterval, StageLatency};
-    use crate::results::tables::{EventLine, SampleLine};
+    use crate::results::tables::{EventLine, MessageLine, SampleLine};
 
-    fn text(value: Value<'_>) -> String {
+    fn text(value: ColumnValue<'_>) -> String {
         let mut text = String::new();
         append_value(&mut text, value);
         text
@@ -253,19 +253,19 @@ mod tests {
 
     #[test]
     fn numbers_have_shortest_digits_and_text_is_quoted_if_needed() {
-        assert_eq!(text(Value::Number(Some(2.0))), "2");
-        assert_eq!(text(Value::Number(Some(0.1 + 0.2))), "0.30000000000000004");
-        assert_eq!(text(Value::Number(Some(1e-7))), "1e-7");
-        assert_eq!(text(Value::Decimal(1e-7)), "0.0000001");
-        assert_eq!(text(Value::Decimal(0.05)), "0.05");
-        assert_eq!(text(Value::Number(None)), "");
-        assert_eq!(text(Value::Flag(true)), "1");
-        assert_eq!(text(Value::Text("exit code 4")), "exit code 4");
-        assert_eq!(text(Value::Text("a, \"b\"")), "\"a, \"\"b\"\"\"");
+        assert_eq!(text(ColumnValue::Number(Some(2.0))), "2");
+        assert_eq!(text(ColumnValue::Number(Some(0.1 + 0.2))), "0.30000000000000004");
+        assert_eq!(text(ColumnValue::Number(Some(1e-7))), "1e-7");
+        assert_eq!(text(ColumnValue::Decimal(1e-7)), "0.0000001");
+        assert_eq!(text(ColumnValue::Decimal(0.05)), "0.05");
+        assert_eq!(text(ColumnValue::Number(None)), "");
+        assert_eq!(text(ColumnValue::Flag(true)), "1");
+        assert_eq!(text(ColumnValue::Text("exit code 4")), "exit code 4");
+        assert_eq!(text(ColumnValue::Text("a, \"b\"")), "\"a, \"\"b\"\"\"");
     }
 
     /// Returns the columns of a table whose text does not name the unit of the column's name.
-    fn without_unit<L: Table>() -> Vec<&'static str> {
+    fn columns_without_unit<L: Table>() -> Vec<&'static str> {
         let units = [
             ("_rad_s", "rad/s"),
             ("_m_s", "m/s"),
@@ -276,7 +276,7 @@ mod tests {
         ];
         let wrong = L::COLUMNS.iter().filter(|column| {
             let unit = units.iter().find(|(suffix, _)| column.name.ends_with(suffix));
-            let numbers = [Kind::Number, Kind::Count].contains(&column.kind);
+            let numbers = [ColumnKind::Number, ColumnKind::Count].contains(&column.kind);
             numbers && unit.is_some_and(|(_, unit)| !column.text.contains(&format!(", {unit}")))
         });
         wrong.map(|column| column.name).collect()
@@ -284,10 +284,11 @@ mod tests {
 
     #[test]
     fn text_of_every_column_names_the_unit_of_its_name() {
-        assert_eq!(without_unit::<SampleLine>(), [""; 0]);
-        assert_eq!(without_unit::<EventLine>(), [""; 0]);
-        assert_eq!(without_unit::<PairDistance>(), [""; 0]);
-        assert_eq!(without_unit::<StageLatency>(), [""; 0]);
-        assert_eq!(without_unit::<LatencyInterval>(), [""; 0]);
+        assert_eq!(columns_without_unit::<SampleLine>(), [""; 0]);
+        assert_eq!(columns_without_unit::<EventLine>(), [""; 0]);
+        assert_eq!(columns_without_unit::<MessageLine>(), [""; 0]);
+        assert_eq!(columns_without_unit::<PairDistance>(), [""; 0]);
+        assert_eq!(columns_without_unit::<StageLatency>(), [""; 0]);
+        assert_eq!(columns_without_unit::<LatencyInterval>(), [""; 0]);
     }
 }

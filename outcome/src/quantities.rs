@@ -31,7 +31,7 @@ pub struct SummaryColumn<S> {
 }
 
 /// Returns a table of names and texts for the reference page, in Markdown.
-pub fn reference<'q>(head: &str, rows: impl Iterator<Item = (&'q str, &'q str)>) -> String {
+pub fn reference_table<'q>(head: &str, rows: impl Iterator<Item = (&'q str, &'q str)>) -> String {
     let rows = rows.map(|(name, text)| format!("| `{name}` | {} |\n", text.trim()));
     format!("| {head} | meaning |\n|---|---|\n{}", rows.collect::<String>())
 }

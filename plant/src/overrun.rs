@@ -3,7 +3,7 @@
 //! A single slow catch-up is tolerated, because the machine may be busy. But a catch-up that takes longer than
 //! the time it covers makes the next one longer, without bound.
 
-use formation::seconds;
+use formation::ns_to_seconds;
 
 /// Maximum duration of the second slow catch-up in a row, ns. The run ends if it takes longer.
 const CATCH_UP_NS_MAX: u64 = 1_000_000_000;
@@ -11,34 +11,37 @@ const CATCH_UP_NS_MAX: u64 = 1_000_000_000;
 /// The motion is slower than real time.
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[error(
-    "the plant is slower than real time: moving the robots by {covered_s} s took {took_s:.3} s; use a \
+    "the plant is slower than real time: moving the robots by {covered_time_s} s took {elapsed_time_s:.3} s; use a \
      faster plant, a longer `plant_tick_s` in `realtime`, or `--pace lockstep`"
 )]
 pub struct PlantTooSlow {
-    covered_s: f64,
-    took_s: f64,
+    covered_time_s: f64,
+    elapsed_time_s: f64,
 }
 
 /// State of the overrun detection.
 #[derive(Debug, Default)]
-pub(crate) struct Overrun {
+pub(crate) struct OverrunDetector {
     /// `true` if the previous catch-up took longer than the time it covered.
-    before: bool,
+    previous_was_too_slow: bool,
 }
 
-impl Overrun {
+impl OverrunDetector {
     /// Checks the current catch-up, which has advanced by `covered_ns` in `took_ns`. Returns an error if the
     /// motion is too slow.
     pub(crate) fn check(&self, covered_ns: u64, took_ns: u64) -> Result<(), PlantTooSlow> {
-        if !self.before || took_ns <= covered_ns || took_ns <= CATCH_UP_NS_MAX {
+        if !self.previous_was_too_slow || took_ns <= covered_ns || took_ns <= CATCH_UP_NS_MAX {
             return Ok(());
         }
-        Err(PlantTooSlow { covered_s: seconds(covered_ns), took_s: seconds(took_ns) })
+        Err(PlantTooSlow {
+            covered_time_s: ns_to_seconds(covered_ns),
+            elapsed_time_s: ns_to_seconds(took_ns),
+        })
     }
 
     /// Records the end of the current catch-up.
-    pub(crate) fn finish(&mut self, covered_ns: u64, took_ns: u64) {
-        self.before = took_ns > covered_ns;
+    pub(crate) fn record_catch_up(&mut self, covered_ns: u64, took_ns: u64) {
+        self.previous_was_too_slow = took_ns > covered_ns;
     }
 }
 
@@ -46,7 +49,7 @@ impl Overrun {
 mod tests {
     use super::*;
 
-    const MS: u64 = 1_000_000;
+    const NS_PER_MS: u64 = 1_000_000;
 
     #[test]
     fn growing_backlog_is_refused_and_a_single_stall_is_not() {
@@ -57,12 +60,12 @@ mod tests {
             (vec![(1, 2000), (2000, 4_000_000)], Some(4000.0)),
             (vec![(1, 5000), (5000, 3000), (3000, 9000)], None),
         ] {
-            let mut overrun = Overrun::default();
+            let mut overrun = OverrunDetector::default();
             let took_s = catch_ups.into_iter().find_map(|(covered_ms, took_ms)| {
-                let (covered_ns, took_ns) = (covered_ms * MS, took_ms * MS);
+                let (covered_ns, took_ns) = (covered_ms * NS_PER_MS, took_ms * NS_PER_MS);
                 let refused = overrun.check(covered_ns, took_ns).err();
-                overrun.finish(covered_ns, took_ns);
-                refused.map(|error| error.took_s)
+                overrun.record_catch_up(covered_ns, took_ns);
+                refused.map(|error| error.elapsed_time_s)
             });
             assert_eq!(took_s, refused_s);
         }

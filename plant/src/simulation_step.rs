@@ -8,17 +8,17 @@
 //! keeps up with real time, which commands were lost in transit, and when the run is over.
 
 use protocol::brief::{Pace, PlantBrief};
-use protocol::latency::Recorder;
+use protocol::latency::LatencyRecorder;
 use protocol::message::{Command, Odometry};
-use protocol::stage::{Cause, Stage};
-use protocol::wake::Wake;
+use protocol::stage::{LatenessCause, Stage};
+use protocol::wake::WakeUp;
 
-use crate::motion::{Failure, Motion, Unicycles};
-use crate::overrun::{Overrun, PlantTooSlow};
+use crate::motion::{Motion, MotionFailure, UnicycleMotion};
+use crate::overrun::{OverrunDetector, PlantTooSlow};
 use crate::world::World;
 
 /// State of the plant between two simulation steps.
-pub struct SimulationStepper<M = Unicycles> {
+pub struct SimulationStepper<M = UnicycleMotion> {
     world: World<M>,
     pace: Pace,
     period_ns: u64,
@@ -26,36 +26,37 @@ pub struct SimulationStepper<M = Unicycles> {
     duration_ns: u64,
     /// Stamp of t = 0, ns.
     start_ns: u64,
-    robots: Vec<SenderState>,
-    overrun: Overrun,
-    measured: Recorder,
+    command_senders: Vec<CommandSender>,
+    overrun: OverrunDetector,
+    measurements: LatencyRecorder,
 }
 
-struct SenderState {
+struct CommandSender {
     name: String,
     /// Time at which the robot's newest odometry was sent, ns.
-    sent_ns: u64,
+    odometry_sent_ns: u64,
     /// Incarnation and sequence number of the newest command received from it.
-    newest_command: (u64, u64),
+    newest_command_key: (u64, u64),
 }
 
-impl SenderState {
+impl CommandSender {
     /// Returns the number of commands lost between the newest command and this one. An incarnation numbers its
     /// commands from 1.
     fn commands_lost_before(&mut self, command: &Command) -> u64 {
         let Command { incarnation, sequence, .. } = *command;
-        let known = if incarnation == self.newest_command.0 { self.newest_command.1 } else { 0 };
-        if incarnation < self.newest_command.0 || sequence <= known {
+        let known =
+            if incarnation == self.newest_command_key.0 { self.newest_command_key.1 } else { 0 };
+        if incarnation < self.newest_command_key.0 || sequence <= known {
             return 0;
         }
-        self.newest_command = (incarnation, sequence);
+        self.newest_command_key = (incarnation, sequence);
         sequence - known - 1
     }
 }
 
 /// A received command.
 #[derive(Debug, Clone, Copy)]
-pub struct Delivery {
+pub struct ReceivedCommand {
     /// Index of the sender in the scenario, from 0.
     pub robot: usize,
     /// The received command.
@@ -63,7 +64,7 @@ pub struct Delivery {
     /// Time of reception by the machine's clock, ns.
     pub received_ns: u64,
     /// `true` if the command is from a dead incarnation; it is refused.
-    pub is_retired: bool,
+    pub is_from_dead_incarnation: bool,
 }
 
 /// Reason why a simulation step failed.
@@ -71,7 +72,7 @@ pub struct Delivery {
 pub enum StepError {
     /// The motion failed.
     #[error(transparent)]
-    Motion(Failure),
+    Motion(MotionFailure),
     /// The motion is slower than real time.
     #[error(transparent)]
     PlantTooSlow(#[from] PlantTooSlow),
@@ -80,8 +81,11 @@ pub enum StepError {
 impl<M: Motion> SimulationStepper<M> {
     /// Creates the state at t = 0, with all robots at their start poses, moved by `motion`.
     pub fn new(brief: &PlantBrief, motion: M) -> SimulationStepper<M> {
-        let robot =
-            |name: &String| SenderState { name: name.clone(), sent_ns: 0, newest_command: (0, 0) };
+        let robot = |name: &String| CommandSender {
+            name: name.clone(),
+            odometry_sent_ns: 0,
+            newest_command_key: (0, 0),
+        };
         SimulationStepper {
             world: World::with_motion(motion, brief),
             pace: brief.pace,
@@ -89,9 +93,9 @@ impl<M: Motion> SimulationStepper<M> {
             plant_tick_ns: brief.plant_tick_ns,
             duration_ns: brief.duration_ns,
             start_ns: 0,
-            robots: brief.robots.iter().map(|body| robot(&body.name)).collect(),
-            overrun: Overrun::default(),
-            measured: Recorder::for_ticks_of(0, 1 + brief.robots.len()),
+            command_senders: brief.robots.iter().map(|body| robot(&body.name)).collect(),
+            overrun: OverrunDetector::default(),
+            measurements: LatencyRecorder::for_incarnation(0, 1 + brief.robots.len()),
         }
     }
 
@@ -115,9 +119,9 @@ impl<M: Motion> SimulationStepper<M> {
     }
 
     /// Records a wake-up (real time only), and the cause if it was late.
-    pub fn wake(&mut self, wake: &Wake, late: Option<Cause>) {
-        let stages = [Some(Stage::Wake), late.map(Cause::stage)].into_iter().flatten();
-        stages.for_each(|stage| self.measured.record(stage, 0, wake.lateness_ns));
+    pub fn record_wake_up(&mut self, wake: &WakeUp, late: Option<LatenessCause>) {
+        let stages = [Some(Stage::Wake), late.map(LatenessCause::stage)].into_iter().flatten();
+        stages.for_each(|stage| self.measurements.record(stage, 0, wake.lateness_ns));
     }
 
     /// Runs one simulation step. In lockstep, where time stops until all robots have answered, commands are
@@ -125,19 +129,19 @@ impl<M: Motion> SimulationStepper<M> {
     /// then commands are accepted.
     pub fn step<E: From<StepError>>(
         &mut self,
-        commands: impl IntoIterator<Item = Result<Delivery, E>>,
+        commands: impl IntoIterator<Item = Result<ReceivedCommand, E>>,
         clock_ns: impl Fn() -> u64,
     ) -> Result<(), E> {
         match self.pace {
             Pace::Lockstep => {
-                self.accept(commands)?;
+                self.accept_commands(commands)?;
                 self.advance((self.world.tick() + 1) * self.period_ns)?;
-                self.world.next_tick();
+                self.world.increment_tick();
             }
             Pace::Realtime => {
                 self.catch_up(clock_ns)?;
-                self.world.next_tick();
-                self.accept(commands)?;
+                self.world.increment_tick();
+                self.accept_commands(commands)?;
             }
         }
         Ok(())
@@ -145,41 +149,46 @@ impl<M: Motion> SimulationStepper<M> {
 
     /// Returns the odometry sample of `robot`, sent at `sent_ns` by the machine's clock.
     pub fn sense(&mut self, robot: usize, sent_ns: u64) -> Odometry {
-        self.robots[robot].sent_ns = sent_ns;
+        self.command_senders[robot].odometry_sent_ns = sent_ns;
         let mut odometry = self.world.odometry(robot);
         odometry.sent_ns = sent_ns;
         odometry
     }
 
     /// Returns the measurements not sent yet.
-    pub fn measured(&mut self) -> &mut Recorder {
-        &mut self.measured
+    pub fn measurements_mut(&mut self) -> &mut LatencyRecorder {
+        &mut self.measurements
     }
 
     /// Accepts the delayed commands that are due, and the received ones.
-    fn accept<E>(
+    fn accept_commands<E>(
         &mut self,
-        commands: impl IntoIterator<Item = Result<Delivery, E>>,
+        commands: impl IntoIterator<Item = Result<ReceivedCommand, E>>,
     ) -> Result<(), E> {
-        self.world.receive_due();
+        self.world.accept_due_commands();
         for delivery in commands {
-            let Delivery { robot: place, command, received_ns: taken_ns, is_retired } = delivery?;
+            let ReceivedCommand {
+                robot: place,
+                command,
+                received_ns: taken_ns,
+                is_from_dead_incarnation: is_retired,
+            } = delivery?;
             if is_retired {
-                self.world.refuse_retired();
+                self.world.count_command_of_dead_incarnation();
                 continue;
             }
-            let robot = &mut self.robots[place];
+            let robot = &mut self.command_senders[place];
             let from_ns = match self.pace {
                 // Stamps are simulated, so the time of sending counts.
-                Pace::Lockstep => robot.sent_ns,
+                Pace::Lockstep => robot.odometry_sent_ns,
                 Pace::Realtime => {
-                    self.measured.count_lost(robot.commands_lost_before(&command));
+                    self.measurements.count_lost_samples(robot.commands_lost_before(&command));
                     command.stamp_ns
                 }
             };
-            self.measured.record(Stage::Command, place + 1, taken_ns.saturating_sub(from_ns));
+            self.measurements.record(Stage::Command, place + 1, taken_ns.saturating_sub(from_ns));
             // A refusal is counted. In real time one command may overtake another.
-            if let Err(refusal) = self.world.receive(place, &command) {
+            if let Err(refusal) = self.world.receive_command(place, &command) {
                 tracing::debug!(robot = robot.name, %refusal, "command refused");
             }
         }
@@ -195,7 +204,7 @@ impl<M: Motion> SimulationStepper<M> {
             self.advance(t_ns.min(self.world.t_ns() + self.plant_tick_ns))?;
             self.overrun.check(self.world.t_ns() - from_ns, took_ns())?;
         }
-        self.overrun.finish(t_ns - from_ns, took_ns());
+        self.overrun.record_catch_up(t_ns - from_ns, took_ns());
         Ok(())
     }
 
@@ -212,51 +221,51 @@ mod tests {
     use protocol::message::LatencyRow;
 
     use super::*;
-    use crate::testing::{MS, brief, command};
+    use crate::testing::{NS_PER_MS, brief, command};
 
-    fn world(pace: Pace) -> SimulationStepper {
-        let brief = PlantBrief { pace, duration_ns: 30 * MS, ..brief(&[0.0, 2.0]) };
-        SimulationStepper::new(&brief, Unicycles::new(&brief))
+    fn stepper_with_pace(pace: Pace) -> SimulationStepper {
+        let brief = PlantBrief { pace, duration_ns: 30 * NS_PER_MS, ..brief(&[0.0, 2.0]) };
+        SimulationStepper::new(&brief, UnicycleMotion::new(&brief))
     }
 
     /// Runs a step at `now_ms` by the machine's clock, with commands of robot 0 received then: stamp, ms,
     /// sequence number and speed.
     fn run_step(stepper: &mut SimulationStepper, now_ms: u64, commands: &[(u64, u64, f64)]) {
         let commands = commands.iter().map(|&(stamp_ms, sequence, v_m_s)| {
-            let command = command(stamp_ms * MS, sequence, v_m_s, 0.0);
-            Ok::<_, StepError>(Delivery {
+            let command = command(stamp_ms * NS_PER_MS, sequence, v_m_s, 0.0);
+            Ok::<_, StepError>(ReceivedCommand {
                 robot: 0,
                 command,
-                received_ns: now_ms * MS,
-                is_retired: false,
+                received_ns: now_ms * NS_PER_MS,
+                is_from_dead_incarnation: false,
             })
         });
-        stepper.step(commands, || now_ms * MS).unwrap();
+        stepper.step(commands, || now_ms * NS_PER_MS).unwrap();
     }
 
-    fn x_m(stepper: &SimulationStepper) -> f64 {
+    fn robot_x_m(stepper: &SimulationStepper) -> f64 {
         stepper.world.truth().next().unwrap().x_m
     }
 
-    fn measured_ms(stepper: &SimulationStepper, stage: Stage) -> Vec<(u32, u64)> {
-        let rows = stepper.measured.batch().1.iter().filter(|row| row.stage == stage as u32);
-        rows.map(|LatencyRow { from, value_ns, .. }| (*from, value_ns / MS)).collect()
+    fn measurements_ms(stepper: &SimulationStepper, stage: Stage) -> Vec<(u32, u64)> {
+        let rows = stepper.measurements.batch().1.iter().filter(|row| row.stage == stage as u32);
+        rows.map(|LatencyRow { from, value_ns, .. }| (*from, value_ns / NS_PER_MS)).collect()
     }
 
     #[test]
     fn lockstep_period_passes_under_its_commands() {
-        let mut stepper = world(Pace::Lockstep);
+        let mut stepper = stepper_with_pace(Pace::Lockstep);
         assert_eq!(
-            (stepper.sense(0, 1000 * MS).tick, stepper.sense(0, 1000 * MS).sent_ns),
-            (0, 1000 * MS)
+            (stepper.sense(0, 1000 * NS_PER_MS).tick, stepper.sense(0, 1000 * NS_PER_MS).sent_ns),
+            (0, 1000 * NS_PER_MS)
         );
         run_step(&mut stepper, 1007, &[(0, 1, 0.4)]);
-        assert!((x_m(&stepper) - 0.004).abs() < 1e-15, "{}", x_m(&stepper));
-        assert_eq!((stepper.world.tick(), stepper.world.t_ns()), (1, 10 * MS));
+        assert!((robot_x_m(&stepper) - 0.004).abs() < 1e-15, "{}", robot_x_m(&stepper));
+        assert_eq!((stepper.world.tick(), stepper.world.t_ns()), (1, 10 * NS_PER_MS));
         // The latency counts from the sending, because stamps are simulated. A skipped number is not a loss.
         run_step(&mut stepper, 1011, &[(10, 9, 0.0)]);
-        assert_eq!(measured_ms(&stepper, Stage::Command), [(1, 7), (1, 11)]);
-        assert_eq!(stepper.measured.batch().0.samples_lost, 0);
+        assert_eq!(measurements_ms(&stepper, Stage::Command), [(1, 7), (1, 11)]);
+        assert_eq!(stepper.measurements.batch().0.samples_lost, 0);
         assert!(!stepper.is_over());
         run_step(&mut stepper, 1020, &[]);
         assert!(stepper.is_over());
@@ -265,35 +274,39 @@ mod tests {
     #[test]
     fn delayed_command_is_accepted_once_it_is_due() {
         let mut brief = PlantBrief { pace: Pace::Lockstep, ..brief(&[0.0]) };
-        let kind = LinkFaultKind::Delay { delay_ns: 10 * MS, jitter_ns: 0 };
-        let span = Span { from_ns: 0, until_ns: 5 * MS };
+        let kind = LinkFaultKind::Delay { delay_ns: 10 * NS_PER_MS, jitter_ns: 0 };
+        let span = Span { from_ns: 0, until_ns: 5 * NS_PER_MS };
         brief.robots[0].command_faults = vec![LinkFault { span, kind, seed: 1 }];
-        let mut stepper = SimulationStepper::new(&brief, Unicycles::new(&brief));
+        let mut stepper = SimulationStepper::new(&brief, UnicycleMotion::new(&brief));
         run_step(&mut stepper, 0, &[(0, 1, 0.4)]);
-        assert_eq!(x_m(&stepper), 0.0);
+        assert_eq!(robot_x_m(&stepper), 0.0);
         run_step(&mut stepper, 10, &[]);
-        assert!((x_m(&stepper) - 0.004).abs() < 1e-15, "{}", x_m(&stepper));
+        assert!((robot_x_m(&stepper) - 0.004).abs() < 1e-15, "{}", robot_x_m(&stepper));
     }
 
     #[test]
     fn real_time_advances_before_commands_are_accepted() {
-        let mut stepper = world(Pace::Realtime);
-        stepper.start_at(100 * MS);
+        let mut stepper = stepper_with_pace(Pace::Realtime);
+        stepper.start_at(100 * NS_PER_MS);
         run_step(&mut stepper, 107, &[(100, 1, 0.4), (105, 4, 0.4)]);
-        assert_eq!((x_m(&stepper), stepper.world.tick(), stepper.world.t_ns()), (0.0, 1, 7 * MS));
+        assert_eq!(
+            (robot_x_m(&stepper), stepper.world.tick(), stepper.world.t_ns()),
+            (0.0, 1, 7 * NS_PER_MS)
+        );
         run_step(&mut stepper, 110, &[]);
-        assert!((x_m(&stepper) - 0.0012).abs() < 1e-15, "{}", x_m(&stepper));
-        assert_eq!(measured_ms(&stepper, Stage::Command), [(1, 7), (1, 2)]);
-        assert_eq!(stepper.measured.batch().0.samples_lost, 2);
+        assert!((robot_x_m(&stepper) - 0.0012).abs() < 1e-15, "{}", robot_x_m(&stepper));
+        assert_eq!(measurements_ms(&stepper, Stage::Command), [(1, 7), (1, 2)]);
+        assert_eq!(stepper.measurements.batch().0.samples_lost, 2);
         assert!(!stepper.is_over());
         run_step(&mut stepper, 171, &[]);
         assert!(stepper.is_over());
-        assert_eq!(stepper.world.t_ns(), 30 * MS, "no longer than planned");
+        assert_eq!(stepper.world.t_ns(), 30 * NS_PER_MS, "no longer than planned");
     }
 
     #[test]
     fn overwritten_command_is_lost_but_not_across_restarts() {
-        let mut robot = SenderState { name: "a".into(), sent_ns: 0, newest_command: (0, 0) };
+        let mut robot =
+            CommandSender { name: "a".into(), odometry_sent_ns: 0, newest_command_key: (0, 0) };
         let lost = [(0, 1), (0, 2), (0, 5), (0, 4), (1, 1), (0, 6), (1, 3), (2, 2)].map(
             |(incarnation, sequence)| {
                 robot.commands_lost_before(&Command {
@@ -307,11 +320,12 @@ mod tests {
 
     #[test]
     fn wake_up_is_recorded_with_the_cause_of_its_lateness() {
-        let mut stepper = world(Pace::Realtime);
-        let wake = Wake { due_ns: 0, lateness_ns: 3 * MS };
-        stepper.wake(&wake, None);
-        stepper.wake(&wake, Some(Cause::Host));
-        let counts = [Stage::Wake, Stage::LateHost].map(|stage| measured_ms(&stepper, stage).len());
+        let mut stepper = stepper_with_pace(Pace::Realtime);
+        let wake = WakeUp { due_ns: 0, lateness_ns: 3 * NS_PER_MS };
+        stepper.record_wake_up(&wake, None);
+        stepper.record_wake_up(&wake, Some(LatenessCause::Host));
+        let counts =
+            [Stage::Wake, Stage::LateHost].map(|stage| measurements_ms(&stepper, stage).len());
         assert_eq!(counts, [2, 1]);
     }
 
@@ -319,11 +333,11 @@ mod tests {
     fn motion_has_to_keep_up_with_real_time() {
         // Each read of the clock takes 50 times as long as a plant tick.
         let now_ns = Cell::new(0);
-        let clock = || now_ns.replace(now_ns.get() + 50 * MS);
+        let clock = || now_ns.replace(now_ns.get() + 50 * NS_PER_MS);
         let brief = PlantBrief { duration_ns: u64::MAX, ..brief(&[0.0]) };
-        let mut stepper = SimulationStepper::new(&brief, Unicycles::new(&brief));
+        let mut stepper = SimulationStepper::new(&brief, UnicycleMotion::new(&brief));
         let mut take = || stepper.step(std::iter::empty::<Result<_, StepError>>(), clock);
-        now_ns.set(10 * MS);
+        now_ns.set(10 * NS_PER_MS);
         assert!(take().is_ok(), "once may be by chance");
         assert!(matches!(take(), Err(StepError::PlantTooSlow(_))));
     }

@@ -16,50 +16,52 @@ use formation::neighbor_list::NeighborList;
 use formation::pose::{Twist, wrap_angle};
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
 use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Transmission, WheelFaultKind};
-use protocol::link::Link;
+use protocol::link::FaultyLink;
 use protocol::message::{Command, Odometry, PROXIMITY_MAX, TruthHeader, TruthRow};
 
-use crate::motion::{Motion, State, Unicycles};
+use crate::motion::{BodyState, Motion, UnicycleMotion};
 use walls::Walls;
 
 /// Relative excess over the speed limit that counts as rounding.
-const SPEED_TOLERANCE: f64 = 1e-9;
+const RELATIVE_SPEED_TOLERANCE: f64 = 1e-9;
 
 /// State of all robots at one instant, and accumulated events.
-pub struct World<M = Unicycles> {
+pub struct World<M = UnicycleMotion> {
     start_ns: u64,
     t_ns: u64,
     tick: u64,
-    arc_ns_max: u64,
+    arc_duration_max_ns: u64,
     command_lifetime_ns: u64,
     distance_min_m: f64,
+    /// `true` in a team: each pair of robots has its own minimum distance, the sum of their sizes.
+    has_pair_distances: bool,
     speed_max_m_s: Option<f64>,
     sensing_radius_m: f64,
-    velocities_sensed: bool,
+    senses_velocities: bool,
     robots: Vec<SimulatedRobot>,
     motion: M,
     /// Pose and twist of each robot. The twist is that of the last arc or, with acceleration limits, that at its end.
-    states: Vec<State>,
+    states: Vec<BodyState>,
     /// Target twist of each robot during the current arc.
-    targets: Vec<Twist>,
-    alphas: Vec<Vec2>,
+    target_twists: Vec<Twist>,
+    front_points: Vec<Vec2>,
     /// Pairs within the sensing radius, and within the distance of every pair that is or may become the
     /// closest.
-    near: NeighborList,
-    closest: Option<(ClosestPair, u64)>,
-    violations: u64,
+    neighbor_list: NeighborList,
+    closest_pair: Option<(ClosestPair, u64)>,
+    distance_violations: u64,
     walls: Walls,
-    counters: Counters,
+    counters: CommandCounters,
 }
 
 struct SimulatedRobot {
     body: BodyBrief,
     has_command: bool,
-    in_force: Option<CommandInForce>,
+    command_in_force: Option<CommandInForce>,
     /// Key (incarnation, stamp, sequence) of the newest command accepted.
-    newest_command: Option<(u64, u64, u64)>,
+    newest_command_key: Option<(u64, u64, u64)>,
     /// Link over which the robot's commands arrive.
-    link: Link<Command>,
+    command_link: FaultyLink<Command>,
 }
 
 /// A command in force.
@@ -71,9 +73,9 @@ struct CommandInForce {
 }
 
 #[derive(Debug, Clone, Copy, Default)]
-struct Counters {
+struct CommandCounters {
     late: u64,
-    old: u64,
+    not_newer: u64,
     not_finite: u64,
     scaled: u64,
     expired: u64,
@@ -82,7 +84,7 @@ struct Counters {
 
 /// Reason why a command was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum Refusal {
+pub enum CommandRefusal {
     /// A number in the command is NaN, infinite or not plausible.
     #[error("not finite, or not plausible")]
     NotFinite,
@@ -91,13 +93,13 @@ pub enum Refusal {
     Late,
     /// The command is not newer, by (incarnation, stamp, sequence), than the newest one accepted.
     #[error("older than the newest accepted")]
-    Old,
+    NotNewer,
 }
 
 impl World {
     /// Creates the state at t = 0 with all robots at rest at their start poses, moved by exact unicycle motion.
     pub fn new(brief: &PlantBrief) -> World {
-        World::with_motion(Unicycles::new(brief), brief)
+        World::with_motion(UnicycleMotion::new(brief), brief)
     }
 
     /// Advances like [`World::try_advance`], which cannot fail with unicycles.
@@ -115,12 +117,12 @@ impl<M: Motion> World<M> {
             .map(|body| SimulatedRobot {
                 body: body.clone(),
                 has_command: false,
-                in_force: None,
-                newest_command: None,
-                link: Link::new(&body.command_faults),
+                command_in_force: None,
+                newest_command_key: None,
+                command_link: FaultyLink::new(&body.command_faults),
             })
             .collect();
-        let standing = |body: &BodyBrief| State { pose: body.start, twist: Twist::ZERO };
+        let standing = |body: &BodyBrief| BodyState { pose: body.start, twist: Twist::ZERO };
         let states = brief.robots.iter().map(standing).collect();
         let arc_ns_max = match brief.pace {
             Pace::Lockstep => brief.period_ns,
@@ -130,32 +132,52 @@ impl<M: Motion> World<M> {
         let alphas: Vec<Vec2> = brief.robots.iter().map(start).collect();
         let closest = closest_pair(&alphas);
         let apart_m = closest.map_or(0.0, |pair| pair.distance_m);
-        let reach_m = brief.sensing_radius_m.max(brief.distance_min_m).max(apart_m);
+        let members = brief.robots.iter().filter_map(|body| body.member);
+        let keep_m_max = members.map(|member| member.keep_m).fold(0.0, f64::max);
+        let farthest_m = brief.distance_min_m.max(2.0 * keep_m_max);
+        let reach_m = brief.sensing_radius_m.max(farthest_m).max(apart_m);
         let mut near = NeighborList::new(reach_m);
         near.update(&alphas);
         let mut walls = Walls::new(brief);
         walls.update(&alphas, 0);
-        World {
+        let mut world = World {
             walls,
             start_ns: 0,
             t_ns: 0,
             tick: 0,
-            arc_ns_max,
+            arc_duration_max_ns: arc_ns_max,
             command_lifetime_ns: brief.command_lifetime_ns,
             distance_min_m: brief.distance_min_m,
+            has_pair_distances: keep_m_max > 0.0,
             speed_max_m_s: brief.speed_max_m_s,
             sensing_radius_m: brief.sensing_radius_m,
-            velocities_sensed: brief.velocities_sensed,
-            alphas,
-            near,
+            senses_velocities: brief.velocities_sensed,
+            front_points: alphas,
+            neighbor_list: near,
             motion,
             states,
-            targets: Vec::with_capacity(robots.len()),
+            target_twists: Vec::with_capacity(robots.len()),
             robots,
-            closest: closest.map(|pair| (pair, 0)),
-            violations: closest.map_or(0, |pair| u64::from(pair.distance_m < brief.distance_min_m)),
-            counters: Counters::default(),
+            closest_pair: closest.map(|pair| (pair, 0)),
+            distance_violations: 0,
+            counters: CommandCounters::default(),
+        };
+        world.distance_violations = u64::from(world.has_pair_below_minimum(closest));
+        world
+    }
+
+    /// Returns `true` if any pair is closer than its minimum distance. `closest` is the closest pair.
+    fn has_pair_below_minimum(&self, closest: Option<ClosestPair>) -> bool {
+        if !self.has_pair_distances {
+            return closest.is_some_and(|pair| pair.distance_m < self.distance_min_m);
         }
+        let keep_m = |robot: usize| self.robots[robot].body.member.map_or(0.0, |own| own.keep_m);
+        (0..self.front_points.len()).any(|i| {
+            let mut later = self.neighbor_list.neighbors_of(i).filter(|&j| j > i);
+            later.any(|j| {
+                (self.front_points[i] - self.front_points[j]).norm() < keep_m(i) + keep_m(j)
+            })
+        })
     }
 
     /// Sets the stamp of t = 0 (real time only). In lockstep stamps are simulated times.
@@ -179,64 +201,76 @@ impl<M: Motion> World<M> {
 
     /// Increments the plant tick: odometry and ground truth belong to the next sample from now on. Returns the
     /// new tick.
-    pub fn next_tick(&mut self) -> u64 {
+    pub fn increment_tick(&mut self) -> u64 {
         self.tick += 1;
         self.tick
     }
 
     /// Receives a command sent now. It is dropped or delayed if faults say so, and accepted at once otherwise.
     /// Returns why it was refused, if it was.
-    pub fn receive(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
+    pub fn receive_command(
+        &mut self,
+        robot: usize,
+        command: &Command,
+    ) -> Result<(), CommandRefusal> {
         let transmission = Transmission { tick: command.tick, t_ns: self.t_ns, distance_m: None };
-        match self.robots[robot].link.send(command, transmission) {
-            Some(command) => self.accept(robot, &command),
+        match self.robots[robot].command_link.send(command, transmission) {
+            Some(command) => self.accept_command(robot, &command),
             None => Ok(()),
         }
     }
 
     /// Counts the refusal of a command from a dead incarnation.
-    pub fn refuse_retired(&mut self) {
-        self.counters.old += 1;
+    pub fn count_command_of_dead_incarnation(&mut self) {
+        self.counters.not_newer += 1;
     }
 
     /// Accepts the delayed commands that are due. Refusals are counted.
-    pub fn receive_due(&mut self) {
+    pub fn accept_due_commands(&mut self) {
         for robot in 0..self.robots.len() {
-            while let Some(command) = self.robots[robot].link.next_due_message(self.t_ns) {
+            while let Some(command) = self.robots[robot].command_link.next_due_message(self.t_ns) {
                 // Overtaken commands, and those that jitter delayed for too long, are refused.
-                let _ = self.accept(robot, &command);
+                let _ = self.accept_command(robot, &command);
             }
         }
     }
 
     /// Puts `command` into effect for `robot`: `proof/Plant.v::accept`, and the scaling of
     /// `proof/Motion.v::obeys`. Returns why it was refused, if it was.
-    pub fn accept(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
+    pub fn accept_command(
+        &mut self,
+        robot: usize,
+        command: &Command,
+    ) -> Result<(), CommandRefusal> {
         let now_ns = self.stamp_ns();
-        let expires_ns = command.stamp_ns.saturating_add(self.command_lifetime_ns);
+        let member = self.robots[robot].body.member;
+        let lifetime_ns =
+            member.map_or(self.command_lifetime_ns, |member| member.command_lifetime_ns);
+        let expires_ns = command.stamp_ns.saturating_add(lifetime_ns);
         let order = (command.incarnation, command.stamp_ns, command.sequence);
         let mut twist = command.twist();
         if !command.is_plausible() {
             self.counters.not_finite += 1;
-            return Err(Refusal::NotFinite);
+            return Err(CommandRefusal::NotFinite);
         }
         if command.stamp_ns > now_ns || now_ns >= expires_ns {
             self.counters.late += 1;
-            return Err(Refusal::Late);
+            return Err(CommandRefusal::Late);
         }
         let robot = &mut self.robots[robot];
-        if robot.newest_command.is_some_and(|newest| order <= newest) {
-            self.counters.old += 1;
-            return Err(Refusal::Old);
+        if robot.newest_command_key.is_some_and(|newest| order <= newest) {
+            self.counters.not_newer += 1;
+            return Err(CommandRefusal::NotNewer);
         }
-        if let Some(speed_max) = self.speed_max_m_s {
+        let speed_max_m_s = member.map_or(self.speed_max_m_s, |member| member.speed_max_m_s);
+        if let Some(speed_max) = speed_max_m_s {
             let speed = front_speed(robot.body.front_point_m, twist);
-            self.counters.scaled += u64::from(speed > speed_max * (1.0 + SPEED_TOLERANCE));
+            self.counters.scaled += u64::from(speed > speed_max * (1.0 + RELATIVE_SPEED_TOLERANCE));
         }
-        twist = robot.body.drive().clamp(self.speed_max_m_s.unwrap_or(f64::INFINITY), twist);
-        robot.newest_command = Some(order);
-        let (twist, stamp_ns) = (robot.body.within_wheel_limits(twist), command.stamp_ns);
-        robot.in_force = Some(CommandInForce { twist, stamp_ns, expires_ns });
+        twist = robot.body.drive().clamp(speed_max_m_s.unwrap_or(f64::INFINITY), twist);
+        robot.newest_command_key = Some(order);
+        let (twist, stamp_ns) = (robot.body.clamp_to_wheel_limits(twist), command.stamp_ns);
+        robot.command_in_force = Some(CommandInForce { twist, stamp_ns, expires_ns });
         Ok(())
     }
 
@@ -246,13 +280,17 @@ impl<M: Motion> World<M> {
     pub fn try_advance(&mut self, t_ns: u64) -> Result<(), M::Error> {
         while self.t_ns < t_ns {
             let now_ns = self.stamp_ns();
-            let mut end_ns = (self.start_ns + t_ns).min(now_ns + self.arc_ns_max);
+            let mut end_ns = (self.start_ns + t_ns).min(now_ns + self.arc_duration_max_ns);
             for robot in &mut self.robots {
-                if robot.in_force.as_ref().is_some_and(|in_force| in_force.expires_ns <= now_ns) {
-                    robot.in_force = None;
+                if robot
+                    .command_in_force
+                    .as_ref()
+                    .is_some_and(|in_force| in_force.expires_ns <= now_ns)
+                {
+                    robot.command_in_force = None;
                     self.counters.expired += 1;
                 }
-                if let Some(in_force) = &robot.in_force {
+                if let Some(in_force) = &robot.command_in_force {
                     end_ns = end_ns.min(in_force.expires_ns);
                 }
                 for fault in &robot.body.wheel_faults {
@@ -261,37 +299,42 @@ impl<M: Motion> World<M> {
                 }
             }
             let dt_s = (end_ns - now_ns) as f64 / 1e9;
-            self.targets.clear();
+            self.target_twists.clear();
             for robot in &mut self.robots {
-                robot.has_command = robot.in_force.is_some();
-                if let Some(in_force) = &robot.in_force {
+                robot.has_command = robot.command_in_force.is_some();
+                if let Some(in_force) = &robot.command_in_force {
                     let age_ns = end_ns - in_force.stamp_ns;
                     self.counters.age_ns_max = self.counters.age_ns_max.max(age_ns);
                 }
-                self.targets.push(robot.in_force.as_ref().map_or(Twist::ZERO, |in_force| {
-                    robot.body.within_failing_wheels(in_force.twist, self.t_ns)
-                }));
+                self.target_twists.push(
+                    robot.command_in_force.as_ref().map_or(Twist::ZERO, |in_force| {
+                        robot.body.clamp_to_failing_wheels(in_force.twist, self.t_ns)
+                    }),
+                );
             }
-            self.motion.step(&self.targets, dt_s, &mut self.states)?;
+            self.motion.step(&self.target_twists, dt_s, &mut self.states)?;
             self.t_ns = end_ns - self.start_ns;
-            self.update_closest();
+            self.update_closest_pair();
         }
         Ok(())
     }
 
     /// Updates the front points, the closest pair and the counters.
-    fn update_closest(&mut self) {
-        for ((alpha, robot), state) in self.alphas.iter_mut().zip(&self.robots).zip(&self.states) {
+    fn update_closest_pair(&mut self) {
+        for ((alpha, robot), state) in
+            self.front_points.iter_mut().zip(&self.robots).zip(&self.states)
+        {
             *alpha = front_point(state.pose, robot.body.front_point_m);
         }
-        self.walls.update(&self.alphas, self.t_ns);
-        self.near.update(&self.alphas);
+        self.walls.update(&self.front_points, self.t_ns);
+        self.neighbor_list.update(&self.front_points);
         // A pair missing from the neighbor list cannot be a new closest pair.
-        if let Some(pair) = self.near.closest_pair(&self.alphas) {
-            self.violations += u64::from(pair.distance_m < self.distance_min_m);
-            if self.closest.is_none_or(|(closest, _)| pair.distance_m < closest.distance_m) {
-                self.closest = Some((pair, self.t_ns));
-            }
+        let closest = self.neighbor_list.closest_pair(&self.front_points);
+        self.distance_violations += u64::from(self.has_pair_below_minimum(closest));
+        if let Some(pair) = closest
+            && self.closest_pair.is_none_or(|(closest, _)| pair.distance_m < closest.distance_m)
+        {
+            self.closest_pair = Some((pair, self.t_ns));
         }
     }
 
@@ -308,7 +351,7 @@ impl<M: Motion> World<M> {
             tick: self.tick,
             t_ns: self.t_ns,
             stamp_ns: self.stamp_ns(),
-            velocities_sensed: u32::from(self.velocities_sensed),
+            velocities_sensed: u32::from(self.senses_velocities),
             ..Odometry::default()
         };
         if works(Sensor::Odometry) {
@@ -318,8 +361,10 @@ impl<M: Motion> World<M> {
             self.sense_neighbors(robot, &mut sample);
             let radius_m = self.sensing_radius_m;
             // Noise items of walls are numbered after those of the other front points.
-            let off_m = |item| self.noise_m(body, Sensor::Proximity, (PROXIMITY_MAX + item) as u64);
-            self.walls.sense(self.alphas[robot], radius_m, off_m, &mut sample);
+            let off_m = |item| {
+                self.position_noise_m(body, Sensor::Proximity, (PROXIMITY_MAX + item) as u64)
+            };
+            self.walls.sense_walls(self.front_points[robot], radius_m, off_m, &mut sample);
         }
         sample
     }
@@ -327,8 +372,8 @@ impl<M: Motion> World<M> {
     /// Fills in pose and twist.
     fn sense_own_state(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
-        let State { pose, twist } = &self.states[robot];
-        let off = self.noise_m(body, Sensor::Odometry, 0);
+        let BodyState { pose, twist } = &self.states[robot];
+        let off = self.position_noise_m(body, Sensor::Odometry, 0);
         sample.pose_valid = 1;
         sample.x_m = pose.x_m + off.x;
         sample.y_m = pose.y_m + off.y;
@@ -341,12 +386,12 @@ impl<M: Motion> World<M> {
     /// Fills in the neighbors in range.
     fn sense_neighbors(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
-        let (radius_m, own) = (self.sensing_radius_m, self.alphas[robot]);
-        let most = if self.velocities_sensed { PROXIMITY_MAX / 2 } else { PROXIMITY_MAX };
+        let (radius_m, own) = (self.sensing_radius_m, self.front_points[robot]);
+        let most = if self.senses_velocities { PROXIMITY_MAX / 2 } else { PROXIMITY_MAX };
         let mut near = [(0.0, 0); PROXIMITY_MAX];
         let mut within = 0;
-        for other in self.near.neighbors_of(robot) {
-            let distance = (self.alphas[other] - own).norm();
+        for other in self.neighbor_list.neighbors_of(robot) {
+            let distance = (self.front_points[other] - own).norm();
             if distance <= radius_m {
                 let kept = within.min(most);
                 within += 1;
@@ -366,17 +411,20 @@ impl<M: Motion> World<M> {
         let kept = within.min(most);
         let exact = self.active_sensor_faults(body, Sensor::Proximity).next().is_none();
         for (item, (place, (_, other))) in sample.near.iter_mut().zip(&near[..kept]).enumerate() {
-            let alpha = self.alphas[*other];
+            let alpha = self.front_points[*other];
             let off = match exact {
                 true => Vec2::zeros(),
-                false => self.noise_m(body, Sensor::Proximity, item as u64 + 1),
+                false => self.position_noise_m(body, Sensor::Proximity, item as u64 + 1),
             };
             *place = [alpha.x + off.x, alpha.y + off.y];
         }
-        if self.velocities_sensed {
+        for (class, (_, other)) in sample.near_class.iter_mut().zip(&near[..kept]) {
+            *class = self.robots[*other].body.member.map_or(0, |member| member.class);
+        }
+        if self.senses_velocities {
             for (place, (_, other)) in sample.near[most..].iter_mut().zip(&near[..kept]) {
                 let front_point_m = self.robots[*other].body.front_point_m;
-                let State { pose, twist } = self.states[*other];
+                let BodyState { pose, twist } = self.states[*other];
                 let velocity = front_velocity(pose.heading_rad, front_point_m, twist);
                 *place = velocity.into();
             }
@@ -387,15 +435,15 @@ impl<M: Motion> World<M> {
     }
 
     /// Returns the noise of the position with number `item` in this tick's sample, m.
-    fn noise_m(&self, body: &BodyBrief, sensor: Sensor, item: u64) -> Vec2 {
+    fn position_noise_m(&self, body: &BodyBrief, sensor: Sensor, item: u64) -> Vec2 {
         let faults = self.active_sensor_faults(body, sensor);
-        faults.map(|fault| Vec2::from(fault.offset_m(self.tick, item))).sum()
+        faults.map(|fault| Vec2::from(fault.position_error_m(self.tick, item))).sum()
     }
 
     /// Returns the noise of the heading in this tick's sample, rad.
     fn heading_noise_rad(&self, body: &BodyBrief) -> f64 {
         let faults = self.active_sensor_faults(body, Sensor::Odometry);
-        faults.map(|fault| fault.heading_offset_rad(self.tick)).sum()
+        faults.map(|fault| fault.heading_error_rad(self.tick)).sum()
     }
 
     /// Returns the active faults of this sensor.
@@ -411,9 +459,10 @@ impl<M: Motion> World<M> {
 
     /// Returns the time of this ground truth, and the events up to it.
     pub fn truth_header(&self) -> TruthHeader {
-        let (closest, closest_t_ns) =
-            self.closest.unwrap_or((ClosestPair { pair: [0, 0], distance_m: f64::INFINITY }, 0));
-        let clearance = self.walls.clearance();
+        let (closest, closest_t_ns) = self
+            .closest_pair
+            .unwrap_or((ClosestPair { pair: [0, 0], distance_m: f64::INFINITY }, 0));
+        let clearance = self.walls.smallest_clearance();
         TruthHeader {
             tick: self.tick,
             t_ns: self.t_ns,
@@ -422,14 +471,14 @@ impl<M: Motion> World<M> {
             closest_m: closest.distance_m,
             closest_t_ns,
             closest_pair: closest.pair.map(|place| place as u32),
-            violations: self.violations,
+            violations: self.distance_violations,
             clearance_m: clearance.distance_m,
             clearance_t_ns: clearance.t_ns,
-            clearance_at_m: clearance.at.into(),
-            clearance_between: clearance.between.map(|place| place as u32),
+            clearance_at_m: clearance.front_point.into(),
+            clearance_between: clearance.robot_and_wall_indices.map(|place| place as u32),
             clearance_violations: self.walls.violations(),
             commands_late: self.counters.late,
-            commands_old: self.counters.old,
+            commands_old: self.counters.not_newer,
             commands_not_finite: self.counters.not_finite,
             commands_scaled: self.counters.scaled,
             commands_expired: self.counters.expired,
@@ -439,7 +488,7 @@ impl<M: Motion> World<M> {
 
     /// Returns the true states of all robots, in scenario order.
     pub fn truth(&self) -> impl ExactSizeIterator<Item = TruthRow> {
-        self.robots.iter().zip(&self.states).map(|(robot, State { pose, twist })| TruthRow {
+        self.robots.iter().zip(&self.states).map(|(robot, BodyState { pose, twist })| TruthRow {
             x_m: pose.x_m,
             y_m: pose.y_m,
             heading_rad: pose.heading_rad,
@@ -455,20 +504,20 @@ impl<M: Motion> World<M> {
 /// requires.
 trait WheelLimits {
     /// Returns `twist`, scaled down until no wheel exceeds its speed limit.
-    fn within_wheel_limits(&self, twist: Twist) -> Twist;
+    fn clamp_to_wheel_limits(&self, twist: Twist) -> Twist;
     /// Returns `twist`, scaled down to what failing wheels can execute at `t_ns`.
-    fn within_failing_wheels(&self, twist: Twist, t_ns: u64) -> Twist;
+    fn clamp_to_failing_wheels(&self, twist: Twist, t_ns: u64) -> Twist;
 }
 
 impl WheelLimits for BodyBrief {
-    fn within_wheel_limits(&self, twist: Twist) -> Twist {
+    fn clamp_to_wheel_limits(&self, twist: Twist) -> Twist {
         match &self.wheels {
             Some(wheels) => limit_wheel_speed(twist, wheels.speed_max_m_s, wheels.track_m),
             None => twist,
         }
     }
 
-    fn within_failing_wheels(&self, twist: Twist, t_ns: u64) -> Twist {
+    fn clamp_to_failing_wheels(&self, twist: Twist, t_ns: u64) -> Twist {
         // Without wheels in the brief, a track that limits the speed of the front point is assumed.
         let track_m = self.wheels.map_or(2.0 * self.front_point_m, |wheels| wheels.track_m);
         let active = self.wheel_faults.iter().filter(|fault| fault.span.contains(t_ns));
@@ -484,7 +533,7 @@ impl WheelLimits for BodyBrief {
 /// Returns `twist`, scaled down until no wheel of an axle with the track `track_m` exceeds `speed_max_m_s`.
 fn limit_wheel_speed(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
     let fastest = twist.planar_speed_m_s() + 0.5 * track_m * twist.w_rad_s.abs();
-    if fastest > speed_max_m_s { twist.scaled(speed_max_m_s / fastest) } else { twist }
+    if fastest > speed_max_m_s { twist.scale_by(speed_max_m_s / fastest) } else { twist }
 }
 
 #[cfg(test)]

@@ -7,20 +7,20 @@
 use crate::message::LatencyRow;
 
 /// Stage numbers of the rows that carry age sums; larger than the numbers of all stages.
-const RECEIVED_STAGE: u32 = 64;
+const SAMPLE_COUNT_STAGE: u32 = 64;
 const DURATION_STAGE: u32 = 65;
-const AREA_STAGE: u32 = 66;
-const PEAK: u32 = 67;
+const AGE_INTEGRAL_STAGE: u32 = 66;
+const AGE_MAX_STAGE: u32 = 67;
 
 /// Integral, duration and maximum of an age over an interval.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct AgeSums {
     /// Number of received samples.
-    pub heard: u64,
+    pub sample_count: u64,
     /// Duration for which an age was defined, ns: it is undefined before the first sample.
-    pub over_ns: u64,
+    pub duration_ns: u64,
     /// Integral of the age over that duration, s^2.
-    pub area_s2: f64,
+    pub integral_s2: f64,
     /// Maximum age, ns.
     pub peak_ns: u64,
 }
@@ -28,27 +28,34 @@ pub struct AgeSums {
 impl AgeSums {
     /// Returns the mean age over the time for which it was defined, ns; `None` if it never was.
     pub fn mean_ns(&self) -> Option<f64> {
-        (self.over_ns > 0).then(|| self.area_s2 * 1e18 / self.over_ns as f64)
+        (self.duration_ns > 0).then(|| self.integral_s2 * 1e18 / self.duration_ns as f64)
     }
 
     /// Returns the rows that carry these sums. `from`: 1-based scenario index of the sending robot.
-    pub fn rows(&self, from: usize) -> [LatencyRow; 4] {
+    pub fn to_rows(&self, from: usize) -> [LatencyRow; 4] {
         let row = |stage, value_ns| LatencyRow { stage, from: from as u32, value_ns };
         [
-            row(RECEIVED_STAGE, self.heard),
-            row(DURATION_STAGE, self.over_ns),
-            row(AREA_STAGE, self.area_s2.to_bits()),
-            row(PEAK, self.peak_ns),
+            row(SAMPLE_COUNT_STAGE, self.sample_count),
+            row(DURATION_STAGE, self.duration_ns),
+            row(AGE_INTEGRAL_STAGE, self.integral_s2.to_bits()),
+            row(AGE_MAX_STAGE, self.peak_ns),
         ]
     }
 
+    /// Returns whether a row carries an age sum.
+    pub fn is_carried_by(row: &LatencyRow) -> bool {
+        (SAMPLE_COUNT_STAGE..=AGE_MAX_STAGE).contains(&row.stage)
+    }
+
     /// Adds a row of another batch. Returns `false` if the row carries no age sum.
-    pub fn add(&mut self, row: &LatencyRow) -> bool {
+    pub fn add_row(&mut self, row: &LatencyRow) -> bool {
         match row.stage {
-            RECEIVED_STAGE => self.heard = self.heard.saturating_add(row.value_ns),
-            DURATION_STAGE => self.over_ns = self.over_ns.saturating_add(row.value_ns),
-            AREA_STAGE => self.area_s2 += f64::from_bits(row.value_ns),
-            PEAK => self.peak_ns = self.peak_ns.max(row.value_ns),
+            SAMPLE_COUNT_STAGE => {
+                self.sample_count = self.sample_count.saturating_add(row.value_ns)
+            }
+            DURATION_STAGE => self.duration_ns = self.duration_ns.saturating_add(row.value_ns),
+            AGE_INTEGRAL_STAGE => self.integral_s2 += f64::from_bits(row.value_ns),
+            AGE_MAX_STAGE => self.peak_ns = self.peak_ns.max(row.value_ns),
             _ => return false,
         }
         true
@@ -57,38 +64,41 @@ impl AgeSums {
 
 /// Age of one edge at the receiving robot.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Sawtooth {
+pub struct EdgeAgeIntegrator {
     /// Stamp of the newest received sample, ns.
     stamp_ns: Option<u64>,
     /// Time up to which `sums` includes the age, ns.
-    summed_ns: u64,
+    integrated_until_ns: u64,
     sums: AgeSums,
 }
 
-impl Sawtooth {
+impl EdgeAgeIntegrator {
     /// Records that a newer sample was received at `now_ns`.
     pub fn record_sample(&mut self, stamp_ns: u64, now_ns: u64) {
-        self.sum_up(now_ns);
+        self.integrate_until(now_ns);
         self.stamp_ns = Some(stamp_ns);
-        self.summed_ns = now_ns;
-        self.sums.heard += 1;
+        self.integrated_until_ns = now_ns;
+        self.sums.sample_count += 1;
     }
 
     /// Returns the sums since the last call and resets them.
     pub fn take_sums(&mut self, now_ns: u64) -> AgeSums {
-        self.sum_up(now_ns);
+        self.integrate_until(now_ns);
         std::mem::take(&mut self.sums)
     }
 
-    fn sum_up(&mut self, now_ns: u64) {
-        let Some(stamp_ns) = self.stamp_ns.filter(|_| now_ns > self.summed_ns) else { return };
-        let over_ns = now_ns - self.summed_ns;
-        let [from_ns, to_ns] = [self.summed_ns, now_ns].map(|at_ns| at_ns.saturating_sub(stamp_ns));
+    fn integrate_until(&mut self, now_ns: u64) {
+        let Some(stamp_ns) = self.stamp_ns.filter(|_| now_ns > self.integrated_until_ns) else {
+            return;
+        };
+        let over_ns = now_ns - self.integrated_until_ns;
+        let [from_ns, to_ns] =
+            [self.integrated_until_ns, now_ns].map(|at_ns| at_ns.saturating_sub(stamp_ns));
         let middle_s = 0.5 * (from_ns as f64 + to_ns as f64) / 1e9;
-        self.sums.area_s2 += middle_s * (over_ns as f64 / 1e9);
-        self.sums.over_ns += over_ns;
+        self.sums.integral_s2 += middle_s * (over_ns as f64 / 1e9);
+        self.sums.duration_ns += over_ns;
         self.sums.peak_ns = self.sums.peak_ns.max(to_ns);
-        self.summed_ns = now_ns;
+        self.integrated_until_ns = now_ns;
     }
 }
 
@@ -97,21 +107,27 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const MS: u64 = 1_000_000;
+    const NS_PER_MS: u64 = 1_000_000;
 
     #[test]
     fn age_in_lockstep_is_one_to_two_periods_and_grows_in_a_cut() {
-        let mut age = Sawtooth::default();
-        assert_eq!(age.take_sums(7 * MS).mean_ns(), None, "nothing was heard yet");
+        let mut age = EdgeAgeIntegrator::default();
+        assert_eq!(age.take_sums(7 * NS_PER_MS).mean_ns(), None, "nothing was heard yet");
         for tick in 1..=100 {
-            age.record_sample((tick - 1) * MS, tick * MS);
+            age.record_sample((tick - 1) * NS_PER_MS, tick * NS_PER_MS);
         }
-        let sums = age.take_sums(101 * MS);
-        assert_eq!((sums.heard, sums.over_ns, sums.peak_ns), (100, 100 * MS, 2 * MS));
+        let sums = age.take_sums(101 * NS_PER_MS);
+        assert_eq!(
+            (sums.sample_count, sums.duration_ns, sums.peak_ns),
+            (100, 100 * NS_PER_MS, 2 * NS_PER_MS)
+        );
         assert!((sums.mean_ns().unwrap() - 1.5e6).abs() < 1e-3);
-        age.record_sample(4099 * MS, 4101 * MS);
-        let cut = age.take_sums(4101 * MS);
-        assert_eq!((cut.heard, cut.over_ns, cut.peak_ns), (1, 4000 * MS, 4002 * MS));
+        age.record_sample(4099 * NS_PER_MS, 4101 * NS_PER_MS);
+        let cut = age.take_sums(4101 * NS_PER_MS);
+        assert_eq!(
+            (cut.sample_count, cut.duration_ns, cut.peak_ns),
+            (1, 4000 * NS_PER_MS, 4002 * NS_PER_MS)
+        );
         assert!((cut.mean_ns().unwrap() - 2002e6).abs() < 1e-3);
     }
 
@@ -122,32 +138,32 @@ mod tests {
             heard in prop::collection::vec((1..50u64, 0..20u64), 1..40),
             asked in prop::collection::vec(any::<bool>(), 40),
         ) {
-            let (mut once, mut often) = (Sawtooth::default(), Sawtooth::default());
-            let (mut told, mut now_ns) = (AgeSums::default(), 100 * MS);
+            let (mut once, mut often) = (EdgeAgeIntegrator::default(), EdgeAgeIntegrator::default());
+            let (mut told, mut now_ns) = (AgeSums::default(), 100 * NS_PER_MS);
             let mut last_stamp_ns = 0;
             for (&(pause_ms, old_ms), &asked) in heard.iter().zip(&asked) {
-                now_ns += pause_ms * MS;
-                let stamp_ns = (now_ns - old_ms * MS).max(last_stamp_ns + 1);
+                now_ns += pause_ms * NS_PER_MS;
+                let stamp_ns = (now_ns - old_ms * NS_PER_MS).max(last_stamp_ns + 1);
                 last_stamp_ns = stamp_ns;
                 once.record_sample(stamp_ns, now_ns);
                 often.record_sample(stamp_ns, now_ns);
                 if asked {
-                    for row in often.take_sums(now_ns + MS / 2).rows(3) {
-                        prop_assert!(told.add(&row) && row.from == 3);
+                    for row in often.take_sums(now_ns + NS_PER_MS / 2).to_rows(3) {
+                        prop_assert!(told.add_row(&row) && row.from == 3);
                     }
-                    now_ns += MS / 2;
+                    now_ns += NS_PER_MS / 2;
                 }
             }
-            now_ns += MS;
-            often.take_sums(now_ns).rows(3).iter().for_each(|row| {
-                told.add(row);
+            now_ns += NS_PER_MS;
+            often.take_sums(now_ns).to_rows(3).iter().for_each(|row| {
+                told.add_row(row);
             });
             let all = once.take_sums(now_ns);
             prop_assert_eq!(
-                (all.heard, all.over_ns, all.peak_ns),
-                (told.heard, told.over_ns, told.peak_ns)
+                (all.sample_count, all.duration_ns, all.peak_ns),
+                (told.sample_count, told.duration_ns, told.peak_ns)
             );
-            prop_assert!((all.area_s2 - told.area_s2).abs() <= 1e-12 * all.area_s2.max(1e-9));
+            prop_assert!((all.integral_s2 - told.integral_s2).abs() <= 1e-12 * all.integral_s2.max(1e-9));
         }
     }
 }

@@ -9,29 +9,29 @@ use std::fmt;
 
 use formation::portable_math;
 
-use crate::brief::{AgentBrief, AvoidanceBrief, Rank};
+use crate::brief::{AgentBrief, AvoidanceBrief, YieldPriority};
 
 /// Guarantee of a method on the distance between any two robots that use it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Promise {
+pub enum DistanceGuarantee {
     /// The method guarantees nothing.
-    Nothing,
+    NoGuarantee,
     /// The distance is at least d under the assumptions of the method's paper, which no run fulfills completely (for
     /// example continuous time or no delay).
-    Ideal,
+    UnderIdealAssumptions,
     /// The distance is at least d, also with delayed samples and with frozen or crashed robots.
-    Always,
+    Unconditional,
 }
 
 /// Information that a method needs about neighbors in range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Senses {
+pub enum RequiredSensing {
     /// The method needs no information about neighbors.
     Nothing,
     /// Front points of all robots within the sensing radius.
     Positions,
     /// Front points and velocities of all robots within the sensing radius.
-    Velocities,
+    PositionsAndVelocities,
 }
 
 /// A key of `[avoidance]` that only one method uses, and requires, with a positive value.
@@ -45,34 +45,34 @@ pub struct Gain {
 
 impl Gain {
     /// Returns a gain. The key is required with the method.
-    pub const fn required(key: &'static str, meaning: &'static str) -> Gain {
+    pub const fn new(key: &'static str, meaning: &'static str) -> Gain {
         Gain { key, meaning }
     }
 }
 
 /// Values from which the figures of a method are computed.
 #[derive(Debug, Clone, Copy)]
-pub struct Conditions<'a> {
+pub struct MethodConditions<'a> {
     /// Distances, speeds and gains.
     pub avoidance: &'a AvoidanceBrief,
     /// Control period (T), s.
     pub period_s: f64,
     /// Command timeout (H), s: the time for which a command may act.
-    pub lifetime_s: f64,
+    pub command_timeout_s: f64,
     /// Smallest front-point distance (ell) above 0 of all robots considered, m; 0 if all are controlled at the axle
     /// midpoint.
     pub front_point_m: f64,
     /// Lowest priority of all robots considered.
-    pub rank: Rank,
+    pub rank: YieldPriority,
 }
 
-impl<'a> Conditions<'a> {
+impl<'a> MethodConditions<'a> {
     /// Returns the conditions of one robot.
-    pub fn for_robot(brief: &'a AgentBrief) -> Conditions<'a> {
-        Conditions {
+    pub fn for_robot(brief: &'a AgentBrief) -> MethodConditions<'a> {
+        MethodConditions {
             avoidance: &brief.avoidance,
             period_s: brief.period_ns as f64 / 1e9,
-            lifetime_s: brief.command_lifetime_ns as f64 / 1e9,
+            command_timeout_s: brief.command_lifetime_ns as f64 / 1e9,
             front_point_m: brief.front_point_m,
             rank: brief.rank,
         }
@@ -80,14 +80,29 @@ impl<'a> Conditions<'a> {
 
     /// Returns the maximum error of the sensed distance to another front point, m: the error of reported
     /// positions plus the error of the own front point if the heading is not exact.
-    pub fn distance_error_m(&self) -> f64 {
+    pub fn distance_error_max_m(&self) -> f64 {
         let heading_rad = self.avoidance.heading_error_rad.min(PI);
         self.avoidance.sensing_error_m
             + 2.0 * self.front_point_m * portable_math::sin(0.5 * heading_rad)
     }
 
+    /// Returns the highest speed limit of all other robots, m/s; 0 if there is no limit.
+    pub fn others_speed_max_m_s(&self) -> f64 {
+        let speeds_m_s = self.avoidance.classes.iter().map(|class| class.speed_max_m_s);
+        match speeds_m_s.reduce(f64::max) {
+            Some(speed_max_m_s) if speed_max_m_s.is_finite() => speed_max_m_s,
+            Some(_) => 0.0,
+            None => self.speed_max_m_s(),
+        }
+    }
+
+    /// Returns the longest command timeout (H) of all robots of the team, s.
+    pub fn team_command_timeout_max_s(&self) -> f64 {
+        self.command_timeout_s.max(self.avoidance.command_timeout_max_s)
+    }
+
     /// Returns the speed limit (v_max), m/s; 0 if there is no limit, in which case no figure depends on it.
-    pub fn speed_m_s(&self) -> f64 {
+    pub fn speed_max_m_s(&self) -> f64 {
         let speed_max_m_s = self.avoidance.speed_max_m_s;
         if speed_max_m_s.is_finite() { speed_max_m_s } else { 0.0 }
     }
@@ -95,13 +110,13 @@ impl<'a> Conditions<'a> {
 
 /// A warning that a method would work badly.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Advice {
+pub struct AvoidanceWarning {
     /// The key of `[avoidance]` that the warning is about.
     pub key: &'static str,
     /// Problem, with the values.
     pub message: String,
     /// Value that was expected instead.
-    pub expected: String,
+    pub expected_value: String,
 }
 
 /// Name, requirements and guarantee of an avoidance method.
@@ -112,65 +127,65 @@ pub struct AvoidanceDescription {
     /// Publication in which the method is described.
     pub source: &'static str,
     /// Guarantee on distances.
-    pub promise: Promise,
+    pub distance_guarantee: DistanceGuarantee,
     /// Guarantee as text, as `phalanx check` prints it.
-    pub promises: &'static str,
+    pub guarantee_text: &'static str,
     /// Assumptions of the guarantee as text; empty if there are none.
-    pub assumes: &'static str,
+    pub assumptions_text: &'static str,
     /// Whether agent and plant limit every front point to `speed_max_m_s`, which is then required.
     pub clamps_speed: bool,
     /// Information that the method needs about neighbors in range.
-    pub senses: Senses,
+    pub required_sensing: RequiredSensing,
     /// Whether the method needs a front point (ell > 0), because it inverts A(theta).
     pub needs_front_point: bool,
     /// Whether the method avoids walls and obstacles.
-    pub minds_walls: bool,
+    pub avoids_walls: bool,
     /// Radius within which the method needs all robots to be sensed, m.
-    pub sensing_radius_m: Figure,
+    pub sensing_radius_m: DerivedValue,
     /// Radius up to which the method can use sensed robots, m: the default sensing radius. `None`: the required radius.
-    pub useful_radius_m: Option<Figure>,
+    pub useful_radius_m: Option<DerivedValue>,
     /// Distance to another robot at which the method begins to steer: symbol and value, m. Two robots that are
     /// closer do not come to rest. (Remark 1) `None`: it never steers.
-    pub steers_within: Option<(&'static str, Figure)>,
+    pub steering_distance: Option<(&'static str, DerivedValue)>,
     /// Distance to a wall at which the method begins to steer: symbol and value, m.
-    pub steers_beside_walls: Option<(&'static str, Figure)>,
+    pub wall_steering_distance: Option<(&'static str, DerivedValue)>,
     /// Distance beyond d up to which the method may slow down a robot if any robot has inertia, m.
-    pub slow_down_zone_m: Option<Figure>,
+    pub slow_down_zone_m: Option<DerivedValue>,
     /// Extra standoff distance of a robot whose slot is occupied, as a fraction of the steering distance minus the
     /// distance of the slot from the other robot.
     pub standoff_excess: f64,
     /// Speed limit (v_max) above which the method brakes more than it helps, m/s.
-    pub speed_cap_m_s: Option<Figure>,
+    pub useful_speed_max_m_s: Option<DerivedValue>,
     /// Keys that only this method uses.
     pub gains: &'static [Gain],
     /// Returns a warning if the method would work badly under the given conditions.
-    pub advice: fn(&Conditions<'_>) -> Option<Advice>,
+    pub find_warning: fn(&MethodConditions<'_>) -> Option<AvoidanceWarning>,
 }
 
 /// A value derived from the conditions.
-pub type Figure = fn(&Conditions<'_>) -> f64;
+pub type DerivedValue = fn(&MethodConditions<'_>) -> f64;
 
 impl AvoidanceDescription {
     /// A method that senses, limits and guarantees nothing. Other descriptions override its fields.
-    pub const INERT: AvoidanceDescription = AvoidanceDescription {
+    pub const NO_AVOIDANCE: AvoidanceDescription = AvoidanceDescription {
         name: "",
         source: "",
-        promise: Promise::Nothing,
-        promises: "nothing",
-        assumes: "",
+        distance_guarantee: DistanceGuarantee::NoGuarantee,
+        guarantee_text: "nothing",
+        assumptions_text: "",
         clamps_speed: false,
-        senses: Senses::Nothing,
+        required_sensing: RequiredSensing::Nothing,
         needs_front_point: false,
-        minds_walls: false,
+        avoids_walls: false,
         sensing_radius_m: |_| 0.0,
         useful_radius_m: None,
-        steers_within: None,
-        steers_beside_walls: None,
+        steering_distance: None,
+        wall_steering_distance: None,
         slow_down_zone_m: None,
         standoff_excess: 0.0,
-        speed_cap_m_s: None,
+        useful_speed_max_m_s: None,
         gains: &[],
-        advice: |_| None,
+        find_warning: |_| None,
     };
 }
 

@@ -9,38 +9,38 @@ use std::path::{Path, PathBuf};
 use formation::drive::{Drive, DriveKind};
 use formation::obstacle::Obstacle;
 use formation::pose::Pose;
-use formation::ramp::{Accelerations, Ramp};
+use formation::ramp::{AccelerationLimits, Ramp};
 use formation::scale::Scale;
 use formation::trajectory::Trajectory;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, WheelFault};
-use crate::law::LIARS_MAX;
+use crate::law::LIARS_MAX_KEY;
 use crate::law_message::MessageFormat;
 use crate::message::DEPUTIES_MAX;
 use crate::number::{format_distinct, is_zero};
-use crate::regular_file::{self, Links};
+use crate::regular_file::{self, SymlinkPolicy};
 
 /// Version of the brief format that this build writes and reads. It is incremented with every change that makes a
 /// brief of another build invalid or changes its meaning.
-pub const FORMAT: u64 = 2;
+pub const FORMAT_VERSION: u64 = 2;
 
-/// Format key of a brief, whose only value is [`FORMAT`]: another one can be neither read nor written.
+/// Format key of a brief, whose only value is [`FORMAT_VERSION`]: another one can be neither read nor written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(from = "u64", into = "u64")]
-pub struct Format;
+pub struct FormatVersion;
 
-impl From<Format> for u64 {
-    fn from(_: Format) -> u64 {
-        FORMAT
+impl From<FormatVersion> for u64 {
+    fn from(_: FormatVersion) -> u64 {
+        FORMAT_VERSION
     }
 }
 
-impl From<u64> for Format {
+impl From<u64> for FormatVersion {
     /// Ignores the number: [`read`] checks it first.
-    fn from(_: u64) -> Format {
-        Format
+    fn from(_: u64) -> FormatVersion {
+        FormatVersion
     }
 }
 
@@ -65,15 +65,27 @@ impl Pace {
     }
 }
 
-/// Avoidance method and its parameters, the same for all robots of a scenario.
+/// A class of robots of the same size and speed limit, with the distance that one robot keeps from them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotClassBrief {
+    /// Minimum distance of the own front point from theirs (d_ij), m.
+    pub distance_min_m: f64,
+    /// Their speed limit (V_j), m/s.
+    pub speed_max_m_s: f64,
+}
+
+/// Avoidance method and its parameters. They are the same for all robots of a scenario, except in a team of robots with
+/// different sizes or speeds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AvoidanceBrief {
     /// Name of the method.
     pub kind: String,
-    /// Minimum distance of two front points (d), m.
+    /// Minimum distance of two front points (d), m. In a team the largest that the robot keeps from another one.
     pub distance_min_m: f64,
-    /// Speed limit of every front point (v_max), m/s. It applies only with methods that clamp the speed.
+    /// Speed limit of every front point (v_max), m/s; in a team that of this robot. It applies only with methods that
+    /// clamp the speed.
     pub speed_max_m_s: f64,
     /// Sensing radius, m: robots beyond it are not reported.
     pub sensing_radius_m: f64,
@@ -88,6 +100,13 @@ pub struct AvoidanceBrief {
     /// Minimum distance of a front point from a wall or obstacle (clearance), m; 0 if there are none.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub clearance_m: f64,
+    /// Longest command timeout (H) of all robots, s; 0 if it is the same for all.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub command_timeout_max_s: f64,
+    /// Classes of the other robots, in a team of robots with different sizes or speeds. A sensed robot has its class as
+    /// an index into this list.
+    #[serde(default, rename = "class", skip_serializing_if = "Vec::is_empty")]
+    pub classes: Vec<RobotClassBrief>,
     /// Gains that only this method uses, by key.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub gains: BTreeMap<String, f64>,
@@ -101,7 +120,7 @@ pub const REPAIR_SPEED_FACTOR: f64 = 2.0;
 /// the guarantee on distances does not depend on it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Rank {
+pub enum YieldPriority {
     /// A leader, or a robot in a leaderless formation.
     #[default]
     First,
@@ -178,6 +197,30 @@ pub struct NeighborBrief {
     /// Format of the messages of the neighbor's law; `None` if it sends none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub message: Option<MessageFormat>,
+    /// Distances within which the neighbor is received; `None` if it is received at any distance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub range: Option<RangeBrief>,
+    /// Parameters of the link from this robot, with any content.
+    #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
+    pub params: toml::Table,
+}
+
+/// Communication by distance, with hysteresis.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RangeBrief {
+    /// Distance of the front points up to which a robot that was not received is received, m.
+    pub radius_m: f64,
+    /// Distance beyond the radius up to which a robot that was received stays received, m.
+    pub hysteresis_m: f64,
+}
+
+impl RangeBrief {
+    /// Returns whether a robot at a distance, m, is received, given whether it was before.
+    pub fn contains(self, distance_m: f64, is_connected: bool) -> bool {
+        let beyond_m = if is_connected { self.hysteresis_m } else { 0.0 };
+        distance_m <= self.radius_m + beyond_m
+    }
 }
 
 /// Motion of the formation, known to the main leader and to its backup leaders.
@@ -209,8 +252,11 @@ pub struct DeputyBrief {
     /// Maximum turn rate (w_max) of the main leader, rad/s; `None` without a limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn_rate_max_rad_s: Option<f64>,
+    /// Minimum turning radius (R_min) of a car, m; `None` for other drives.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turning_radius_min_m: Option<f64>,
     /// Acceleration limits of the main leader; `None` if its twist changes at once.
-    pub limits: Option<LimitsBrief>,
+    pub limits: Option<AccelerationLimitsBrief>,
     /// Motion of the formation, as in the main leader's brief.
     pub lead: LeadBrief,
 }
@@ -255,7 +301,7 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 #[serde(deny_unknown_fields)]
 pub struct AgentBrief {
     /// Format of the brief.
-    pub format: Format,
+    pub format: FormatVersion,
     /// Name of the robot.
     pub name: String,
     /// Scenario index of the robot, from 1.
@@ -271,7 +317,7 @@ pub struct AgentBrief {
     /// Command timeout (H), ns: a command may act until this long after the stamp it answers.
     pub command_lifetime_ns: u64,
     /// Part of the command timeout that covers planned delays of odometry and commands, ns.
-    #[serde(default, skip_serializing_if = "is_none")]
+    #[serde(default, skip_serializing_if = "is_zero_ns")]
     pub late_ns: u64,
     /// Distance of the front point ahead of the axle (ell), m; 0 for the axle midpoint.
     pub front_point_m: f64,
@@ -281,6 +327,9 @@ pub struct AgentBrief {
     /// Maximum turn rate (w_max), rad/s; `None` without a limit. Required at the axle midpoint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn_rate_max_rad_s: Option<f64>,
+    /// Minimum turning radius (R_min) of a car, m; `None` for other drives.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turning_radius_min_m: Option<f64>,
     /// Name of the control law.
     pub law: String,
     /// Gains of the law by key.
@@ -299,9 +348,16 @@ pub struct AgentBrief {
     /// Whether the law may withhold its beacon at a sample.
     #[serde(default, skip_serializing_if = "is_false")]
     pub withholds: bool,
+    /// Maximum number of messages of an in-neighbor that are kept for the law between two of its calls; 0 if it takes
+    /// only the newest one.
+    #[serde(default, skip_serializing_if = "is_zero_bytes")]
+    pub message_queue: usize,
     /// Names of the signals that the law records.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub signals: Vec<String>,
+    /// Whether the robot reports the messages of its law to the supervisor, which records them.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub records_messages: bool,
     /// Whether some law of the scenario sends messages or withholds beacons: the robot then reports how many it
     /// has sent, in lockstep after each tick.
     #[serde(default, skip_serializing_if = "is_false")]
@@ -321,18 +377,18 @@ pub struct AgentBrief {
     pub goal_heading_rad: Option<f64>,
     /// Yield priority in avoidance.
     #[serde(default)]
-    pub rank: Rank,
+    pub rank: YieldPriority,
     /// Kind of the velocity that it publishes.
     pub published_velocity: PublishedVelocity,
     /// Acceleration limits; `None` if its twist changes at once.
-    pub limits: Option<LimitsBrief>,
+    pub limits: Option<AccelerationLimitsBrief>,
     /// Avoidance method and its parameters.
     pub avoidance: AvoidanceBrief,
     /// Communication timeouts and the policy for lost neighbors.
     pub silence: SilenceBrief,
     /// Time for which an in-neighbor must be lost before a backup neighbor replaces it, and must be received
     /// again before the replacement ends, ns.
-    #[serde(default, skip_serializing_if = "is_none")]
+    #[serde(default, skip_serializing_if = "is_zero_ns")]
     pub repair_after_ns: u64,
     /// Whether a user may cut its links, which the service `robot/<id>/faults` then reports. Real time only.
     #[serde(default)]
@@ -368,6 +424,7 @@ impl AgentBrief {
     /// Returns the robot's drive.
     pub fn drive(&self) -> Drive {
         Drive::new(self.drive_kind, self.front_point_m, self.turn_rate_max_rad_s)
+            .with_turning_radius(self.turning_radius_min_m)
     }
 
     /// Iterates over all robots that the robot may receive from: in-neighbors, then backup neighbors. Sender indices
@@ -378,7 +435,7 @@ impl AgentBrief {
 
     /// Returns the maximum number of Byzantine in-neighbors (F): values discarded on either side.
     pub fn liars_max(&self) -> usize {
-        self.gains.get(LIARS_MAX).map_or(0, |&liars| liars as usize)
+        self.gains.get(LIARS_MAX_KEY).map_or(0, |&liars| liars as usize)
     }
 
     /// Returns the sender with this index. Panics if the index is out of range.
@@ -401,7 +458,7 @@ pub struct WheelsBrief {
 /// Acceleration limits of a robot's twist: its inertia.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct LimitsBrief {
+pub struct AccelerationLimitsBrief {
     /// Maximum acceleration (a_v), m/s^2.
     pub acceleration_m_s2: f64,
     /// Maximum turn acceleration (a_w), rad/s^2.
@@ -409,18 +466,32 @@ pub struct LimitsBrief {
     /// Maximum braking time of a commanded twist (tau), s.
     pub braking_time_s: f64,
     /// Coupling of the changes of speed and turn rate.
-    #[serde(default, skip_serializing_if = "Ramp::is_together")]
+    #[serde(default, skip_serializing_if = "Ramp::is_coupled")]
     pub ramp: Ramp,
 }
 
-impl LimitsBrief {
+impl AccelerationLimitsBrief {
     /// Returns the maximum accelerations.
-    pub fn maximum_accelerations(&self) -> Accelerations {
-        Accelerations {
+    pub fn maximum_accelerations(&self) -> AccelerationLimits {
+        AccelerationLimits {
             forward_m_s2: self.acceleration_m_s2,
             turn_rad_s2: self.turn_acceleration_rad_s2,
         }
     }
+}
+
+/// Size, speed limit, command timeout and class of one robot in a team of different robots.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MemberBrief {
+    /// Part of this robot in the minimum distances, m: d_ij = keep_i + keep_j.
+    pub keep_m: f64,
+    /// Speed limit of the front point, m/s; `None` if commands are not limited.
+    pub speed_max_m_s: Option<f64>,
+    /// Command timeout (H), ns.
+    pub command_lifetime_ns: u64,
+    /// Class that other robots sense; always 0 if they sense none.
+    pub class: u8,
 }
 
 /// One robot, as the plant knows it.
@@ -437,10 +508,16 @@ pub struct BodyBrief {
     /// Maximum turn rate (w_max), rad/s; `None` without a limit. Required at the axle midpoint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn_rate_max_rad_s: Option<f64>,
+    /// Minimum turning radius (R_min) of a car, m; `None` for other drives.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turning_radius_min_m: Option<f64>,
+    /// Size, speed limit, command timeout and class of a robot in a team; `None` if all robots have the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub member: Option<MemberBrief>,
     /// Wheel limits; `None` if there are none.
     pub wheels: Option<WheelsBrief>,
     /// Acceleration limits; `None` if its twist changes at once.
-    pub limits: Option<LimitsBrief>,
+    pub limits: Option<AccelerationLimitsBrief>,
     /// Start pose.
     pub start: Pose,
     /// Planned faults of the robot's sensors.
@@ -458,6 +535,7 @@ impl BodyBrief {
     /// Returns the robot's drive.
     pub fn drive(&self) -> Drive {
         Drive::new(self.drive_kind, self.front_point_m, self.turn_rate_max_rad_s)
+            .with_turning_radius(self.turning_radius_min_m)
     }
 }
 
@@ -466,7 +544,7 @@ impl BodyBrief {
 #[serde(deny_unknown_fields)]
 pub struct PlantBrief {
     /// Format of the brief.
-    pub format: Format,
+    pub format: FormatVersion,
     /// Directory of the files that the processes of this run share.
     pub run_root: PathBuf,
     /// Time mode.
@@ -506,7 +584,7 @@ pub struct PlantBrief {
 #[serde(deny_unknown_fields)]
 pub struct BridgeBrief {
     /// Format of the brief.
-    pub format: Format,
+    pub format: FormatVersion,
     /// Directory of the files that the processes of this run share on this host.
     pub run_root: PathBuf,
     /// Hash of the scenario and the fleet file, equal on all hosts: 16 hex digits.
@@ -527,6 +605,9 @@ pub struct BridgeBrief {
     pub silence_ns_max: u64,
     /// Transport protocol: `tcp` or `udp`. With certificates it is TLS over TCP.
     pub transport: String,
+    /// Whether robots report the messages of their laws to the supervisor.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub records_messages: bool,
     /// Certificates of mutual TLS, if there are any.
     pub certificates: Option<CertificatesBrief>,
     /// All hosts of the fleet.
@@ -534,7 +615,7 @@ pub struct BridgeBrief {
     pub hosts: Vec<HostBrief>,
     /// All robots, in scenario order.
     #[serde(rename = "robot")]
-    pub robots: Vec<BridgedBrief>,
+    pub robots: Vec<BridgedRobotBrief>,
     /// Planned network partitions.
     #[serde(default, rename = "partition", skip_serializing_if = "Vec::is_empty")]
     pub partitions: Vec<PartitionBrief>,
@@ -565,7 +646,7 @@ pub struct HostBrief {
 /// One robot, as a bridge knows it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct BridgedBrief {
+pub struct BridgedRobotBrief {
     /// Name of the robot.
     pub name: String,
     /// Index of the host on which the robot's process runs.
@@ -581,7 +662,7 @@ pub struct BridgedBrief {
 
 impl BridgeBrief {
     /// Returns whether a planned partition separates two hosts at run time `t_ns`.
-    pub fn are_apart(&self, a: usize, b: usize, t_ns: u64) -> bool {
+    pub fn are_partitioned(&self, a: usize, b: usize, t_ns: u64) -> bool {
         let is_inside = |hosts: &[usize], host: usize| hosts.contains(&host);
         self.partitions.iter().any(|partition| {
             partition.span.contains(t_ns)
@@ -609,16 +690,16 @@ pub enum BriefError {
     Read { path: PathBuf, source: std::io::Error },
     /// Another build wrote the file.
     #[error(
-        "{path} has {found}, and this program reads format {FORMAT}: another build wrote it; start \
+        "{path} has {found}, and this program reads format {FORMAT_VERSION}: another build wrote it; start \
          supervisor, agents and plant from the same build"
     )]
-    Format { path: PathBuf, found: String },
+    ForeignFormat { path: PathBuf, found: String },
     /// The file is not a brief of this kind.
     #[error("{path} is not a brief: {source}")]
     Parse { path: PathBuf, source: Box<toml::de::Error> },
     /// A value is out of range.
     #[error("{path} is invalid: {flaw}")]
-    Unsound { path: PathBuf, flaw: String },
+    Invalid { path: PathBuf, flaw: String },
 }
 
 /// A kind of brief.
@@ -630,7 +711,7 @@ pub trait Brief: DeserializeOwned + Serialize {
 
 impl Brief for AgentBrief {
     fn find_invalid_value(&self) -> Option<String> {
-        let mut flaws = Flaws::default();
+        let mut flaws = RangeChecker::default();
         let neighbors = self.neighbors.iter().map(|neighbor| ("neighbor.index", neighbor.index));
         let spares = self.spares.iter().map(|spare| ("spare.index", spare.index));
         for (key, place) in neighbors.chain(spares).chain([("index", self.index)]) {
@@ -641,22 +722,23 @@ impl Brief for AgentBrief {
             flaws
                 .require(is_one, || format!("deputy.rank is {rank}, expected 1 to {DEPUTIES_MAX}"));
         }
-        flaws.time("period_ns", self.period_ns);
-        flaws.time("plant_tick_ns", self.plant_tick_ns);
-        flaws.time("command_lifetime_ns", self.command_lifetime_ns);
-        flaws.drive("", self.drive(), self.limits.as_ref());
-        let liars = self.gains.get(LIARS_MAX).copied().unwrap_or(0.0);
+        flaws.require_time_in_range("period_ns", self.period_ns);
+        flaws.require_time_in_range("plant_tick_ns", self.plant_tick_ns);
+        flaws.require_time_in_range("command_lifetime_ns", self.command_lifetime_ns);
+        flaws.check_drive("", self.drive(), self.limits.as_ref());
+        let liars = self.gains.get(LIARS_MAX_KEY).copied().unwrap_or(0.0);
         flaws.require(liars.fract() == 0.0, || {
-            format!("gains.{LIARS_MAX} is {liars}, expected a whole number")
+            format!("gains.{LIARS_MAX_KEY} is {liars}, expected a whole number")
         });
         let avoidance = &self.avoidance;
-        flaws.positive("avoidance.distance_min_m", avoidance.distance_min_m);
+        flaws.require_positive("avoidance.distance_min_m", avoidance.distance_min_m);
         flaws.require_not_negative("avoidance.sensing_error_m", avoidance.sensing_error_m);
         flaws.require_not_negative("avoidance.heading_error_rad", avoidance.heading_error_rad);
         flaws.require_not_negative("avoidance.braking_time_max_s", avoidance.braking_time_max_s);
         flaws.require_not_negative("avoidance.clearance_m", avoidance.clearance_m);
+        flaws.check_classes(avoidance);
         if let Some(limits) = &self.limits {
-            flaws.limits("limits", limits);
+            flaws.check_limits("limits", limits);
             // Otherwise it might need longer to brake than all robots assume.
             let (own, most) = (limits.braking_time_s, avoidance.braking_time_max_s);
             let [found, most_told] = format_distinct(own, most);
@@ -682,24 +764,35 @@ impl Brief for AgentBrief {
                  front_point_m / period = {most} m/s"
             )
         });
-        flaws.first
+        flaws.first_flaw
     }
 }
 
 impl Brief for PlantBrief {
     fn find_invalid_value(&self) -> Option<String> {
-        let mut flaws = Flaws::default();
+        let mut flaws = RangeChecker::default();
         flaws.require(!self.robots.is_empty(), || "there is no robot, expected one or more".into());
-        flaws.time("period_ns", self.period_ns);
-        flaws.time("plant_tick_ns", self.plant_tick_ns);
-        flaws.time("command_lifetime_ns", self.command_lifetime_ns);
-        flaws.time("duration_ns", self.duration_ns);
-        flaws.positive("distance_min_m", self.distance_min_m);
-        flaws.positive("speed_max_m_s", self.speed_max_m_s.unwrap_or(1.0));
+        flaws.require_time_in_range("period_ns", self.period_ns);
+        flaws.require_time_in_range("plant_tick_ns", self.plant_tick_ns);
+        flaws.require_time_in_range("command_lifetime_ns", self.command_lifetime_ns);
+        flaws.require_time_in_range("duration_ns", self.duration_ns);
+        flaws.require_positive("distance_min_m", self.distance_min_m);
+        flaws.require_positive("speed_max_m_s", self.speed_max_m_s.unwrap_or(1.0));
         flaws.require_not_negative("clearance_m", self.clearance_m);
         for robot in &self.robots {
-            flaws.drive("robot.", robot.drive(), robot.limits.as_ref());
-            robot.limits.iter().for_each(|limits| flaws.limits("robot.limits", limits));
+            flaws.check_drive("robot.", robot.drive(), robot.limits.as_ref());
+            if let Some(member) = &robot.member {
+                flaws.require_positive("robot.member.keep_m", member.keep_m);
+                flaws.require_positive(
+                    "robot.member.speed_max_m_s",
+                    member.speed_max_m_s.unwrap_or(1.0),
+                );
+                flaws.require_time_in_range(
+                    "robot.member.command_lifetime_ns",
+                    member.command_lifetime_ns,
+                );
+            }
+            robot.limits.iter().for_each(|limits| flaws.check_limits("robot.limits", limits));
         }
         for obstacle in &self.obstacles {
             let (center, radius_m) = obstacle.bounding_circle();
@@ -712,13 +805,13 @@ impl Brief for PlantBrief {
                 format!("obstacle is {obstacle:?}, expected a convex one of finite numbers: {why}")
             });
         }
-        flaws.first
+        flaws.first_flaw
     }
 }
 
 impl Brief for BridgeBrief {
     fn find_invalid_value(&self) -> Option<String> {
-        let mut flaws = Flaws::default();
+        let mut flaws = RangeChecker::default();
         let hosts = self.hosts.len();
         let mut known = |key: &str, host: usize| {
             let wrong =
@@ -736,12 +829,12 @@ impl Brief for BridgeBrief {
         flaws.require(u64::from_str_radix(&self.experiment, 16).is_ok(), || {
             format!("experiment is {:?}, expected 16 hex digits", self.experiment)
         });
-        flaws.time("odometry_age_ns_max", self.odometry_age_ns_max);
-        flaws.time("beacon_age_ns_max", self.beacon_age_ns_max);
-        flaws.time("join_within_ns", self.join_within_ns);
-        flaws.time("unreachable_after_ns", self.unreachable_after_ns);
-        flaws.time("silence_ns_max", self.silence_ns_max);
-        flaws.first
+        flaws.require_time_in_range("odometry_age_ns_max", self.odometry_age_ns_max);
+        flaws.require_time_in_range("beacon_age_ns_max", self.beacon_age_ns_max);
+        flaws.require_time_in_range("join_within_ns", self.join_within_ns);
+        flaws.require_time_in_range("unreachable_after_ns", self.unreachable_after_ns);
+        flaws.require_time_in_range("silence_ns_max", self.silence_ns_max);
+        flaws.first_flaw
     }
 }
 
@@ -750,23 +843,23 @@ const TIME_NS_MAX: u64 = u64::MAX / 3;
 
 /// Collector of range checks, which keeps the first message.
 #[derive(Default)]
-struct Flaws {
-    first: Option<String>,
+struct RangeChecker {
+    first_flaw: Option<String>,
 }
 
-impl Flaws {
+impl RangeChecker {
     fn require(&mut self, sound: bool, flaw: impl FnOnce() -> String) {
         if !sound {
-            self.first.get_or_insert_with(flaw);
+            self.first_flaw.get_or_insert_with(flaw);
         }
     }
 
-    fn time(&mut self, key: &str, ns: u64) {
+    fn require_time_in_range(&mut self, key: &str, ns: u64) {
         let wrong = || format!("{key} is {ns}, expected 1 to {TIME_NS_MAX}");
         self.require((1..=TIME_NS_MAX).contains(&ns), wrong);
     }
 
-    fn positive(&mut self, key: &str, number: f64) {
+    fn require_positive(&mut self, key: &str, number: f64) {
         let wrong = || format!("{key} is {number}, expected a number above 0");
         self.require(number.is_finite() && number > 0.0, wrong);
     }
@@ -777,7 +870,7 @@ impl Flaws {
     }
 
     /// Checks a drive, whose keys begin with `path`.
-    fn drive(&mut self, path: &str, drive: Drive, limits: Option<&LimitsBrief>) {
+    fn check_drive(&mut self, path: &str, drive: Drive, limits: Option<&AccelerationLimitsBrief>) {
         self.require_not_negative(&format!("{path}front_point_m"), drive.ell_m);
         let most = drive.turn_rate_max_rad_s;
         // Without turning, an omnidirectional robot is a drone at fixed height.
@@ -787,14 +880,21 @@ impl Flaws {
         });
         self.require(drive.kind.is_differential() || drive.turns_freely(), || {
             let ell = drive.ell_m;
-            format!("{path}front_point_m is {ell} with {path}drive = \"omni\", expected 0")
+            let kind = if drive.is_car() { "ackermann" } else { "omni" };
+            format!("{path}front_point_m is {ell} with {path}drive = \"{kind}\", expected 0")
+        });
+        let curvature = drive.curvature_max_per_m;
+        self.require(!drive.is_car() || (curvature > 0.0 && curvature.is_finite()), || {
+            format!(
+                "{path}turning_radius_min_m is missing with {path}drive = \"ackermann\", expected a number above 0"
+            )
         });
         if drive.turns_freely() {
-            self.require(most.is_finite(), || {
+            self.require(most.is_finite() || drive.is_car(), || {
                 format!("{path}front_point_m is 0 without {path}turn_rate_max_rad_s, expected both")
             });
             // With a common ramp a slow turn would prolong the braking.
-            let independent = limits.is_none_or(|limits| !limits.ramp.is_together());
+            let independent = limits.is_none_or(|limits| !limits.ramp.is_coupled());
             self.require(independent, || {
                 format!(
                     "{path}limits.ramp is \"together\" with front_point_m = 0, expected \"independent\""
@@ -803,10 +903,32 @@ impl Flaws {
         }
     }
 
-    fn limits(&mut self, path: &str, limits: &LimitsBrief) {
-        self.positive(&format!("{path}.acceleration_m_s2"), limits.acceleration_m_s2);
+    /// Checks the classes of robots. The radius within which the guard considers robots follows from `distance_min_m`.
+    fn check_classes(&mut self, avoidance: &AvoidanceBrief) {
+        self.require_not_negative(
+            "avoidance.command_timeout_max_s",
+            avoidance.command_timeout_max_s,
+        );
+        for class in &avoidance.classes {
+            let (own, most) = (class.distance_min_m, avoidance.distance_min_m);
+            let [found, most_text] = format_distinct(own, most);
+            self.require(own > 0.0 && own <= most, || {
+                format!(
+                    "avoidance.class.distance_min_m is {found}, expected more than 0 and at most \
+                     avoidance.distance_min_m = {most_text}"
+                )
+            });
+            let speed_m_s = class.speed_max_m_s;
+            self.require(speed_m_s > 0.0, || {
+                format!("avoidance.class.speed_max_m_s is {speed_m_s}, expected a number above 0")
+            });
+        }
+    }
+
+    fn check_limits(&mut self, path: &str, limits: &AccelerationLimitsBrief) {
+        self.require_positive(&format!("{path}.acceleration_m_s2"), limits.acceleration_m_s2);
         let turn = limits.turn_acceleration_rad_s2;
-        self.positive(&format!("{path}.turn_acceleration_rad_s2"), turn);
+        self.require_positive(&format!("{path}.turn_acceleration_rad_s2"), turn);
         self.require_not_negative(&format!("{path}.braking_time_s"), limits.braking_time_s);
     }
 }
@@ -820,7 +942,7 @@ const BRIEF_BYTES_MAX: u64 = 1 << 26;
 ///
 /// The file cannot be read, has another format, is not a brief of this kind, or has a value out of range.
 pub fn read<B: Brief>(path: &Path) -> Result<B, BriefError> {
-    let text = regular_file::read_to_string(path, Links::Followed, BRIEF_BYTES_MAX)
+    let text = regular_file::read_to_string(path, SymlinkPolicy::Followed, BRIEF_BYTES_MAX)
         .map_err(|source| BriefError::Read { path: path.into(), source })?;
     parse(path, &text)
 }
@@ -828,33 +950,33 @@ pub fn read<B: Brief>(path: &Path) -> Result<B, BriefError> {
 fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
     /// The only key that is read before the format is known.
     #[derive(Deserialize)]
-    struct Formatted {
+    struct FormatHeader {
         format: Option<toml::Value>,
     }
     let found = match toml::from_str(text) {
-        Ok(Formatted { format: None }) => Some("no format".to_owned()),
-        Ok(Formatted { format: Some(toml::Value::Integer(format)) })
-            if u64::try_from(format) == Ok(FORMAT) =>
+        Ok(FormatHeader { format: None }) => Some("no format".to_owned()),
+        Ok(FormatHeader { format: Some(toml::Value::Integer(format)) })
+            if u64::try_from(format) == Ok(FORMAT_VERSION) =>
         {
             None
         }
-        Ok(Formatted { format: Some(other) }) => Some(format!("format {other}")),
+        Ok(FormatHeader { format: Some(other) }) => Some(format!("format {other}")),
         Err(_) => None, // it is no TOML, which is said below
     };
     if let Some(found) = found {
-        return Err(BriefError::Format { path: path.into(), found });
+        return Err(BriefError::ForeignFormat { path: path.into(), found });
     }
     let brief: B = toml::from_str(text)
         .map_err(|source| BriefError::Parse { path: path.into(), source: Box::new(source) })?;
     match brief.find_invalid_value() {
         None => Ok(brief),
-        Some(flaw) => Err(BriefError::Unsound { path: path.into(), flaw }),
+        Some(flaw) => Err(BriefError::Invalid { path: path.into(), flaw }),
     }
 }
 
 /// Returns the version of the phalanx that wrote a program's brief, whatever its format; `None` if it has none.
-pub fn writer(path: &Path) -> Option<String> {
-    let text = regular_file::read_to_string(path, Links::Followed, BRIEF_BYTES_MAX).ok()?;
+pub fn read_writer_version(path: &Path) -> Option<String> {
+    let text = regular_file::read_to_string(path, SymlinkPolicy::Followed, BRIEF_BYTES_MAX).ok()?;
     let told: toml::Table = text.parse().ok()?;
     Some(told.get("program")?.get("phalanx")?.as_str()?.to_owned())
 }
@@ -867,7 +989,7 @@ fn is_zero_bytes(bytes: &usize) -> bool {
     *bytes == 0
 }
 
-fn is_none(ns: &u64) -> bool {
+fn is_zero_ns(ns: &u64) -> bool {
     *ns == 0
 }
 

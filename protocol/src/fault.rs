@@ -5,10 +5,10 @@
 //! was restarted during the run.
 
 use formation::portable_math;
-use formation::random::draw;
+use formation::random::draw_unit_by_number;
 use serde::{Deserialize, Serialize};
 
-use crate::message::Beacon;
+use crate::law_message::{Broadcast, MessageFormat};
 use crate::number::is_zero;
 
 /// Half-open interval of run time, from `from_ns` to before `until_ns`.
@@ -17,13 +17,13 @@ use crate::number::is_zero;
 pub struct Span {
     /// First instant, ns.
     pub from_ns: u64,
-    /// First instant after the interval, ns; at most [`Span::END_NS`].
+    /// First instant after the interval, ns; at most [`Span::UNBOUNDED_END_NS`].
     pub until_ns: u64,
 }
 
 impl Span {
     /// End of an interval without an end, ns: later than the end of any run. TOML has no larger integers.
-    pub const END_NS: u64 = i64::MAX as u64;
+    pub const UNBOUNDED_END_NS: u64 = i64::MAX as u64;
 
     /// Returns whether the interval contains `t_ns`.
     pub fn contains(self, t_ns: u64) -> bool {
@@ -82,37 +82,44 @@ pub struct Transmission {
 
 /// Effect of a fault on one message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Passage {
+pub enum TransmissionResult {
     /// The message is lost.
     Lost,
     /// The message may not be received before this run time, ns.
-    At(u64),
+    NotBefore(u64),
 }
 
 impl LinkFault {
     /// Returns the effect of the fault on a message.
-    pub fn transmission(&self, Transmission { tick, t_ns, distance_m }: Transmission) -> Passage {
+    pub fn transmission(
+        &self,
+        Transmission { tick, t_ns, distance_m }: Transmission,
+    ) -> TransmissionResult {
         if !self.span.contains(t_ns) {
-            return Passage::At(t_ns);
+            return TransmissionResult::NotBefore(t_ns);
         }
-        let lost = |lost: bool| if lost { Passage::Lost } else { Passage::At(t_ns) };
+        let lost = |lost: bool| {
+            if lost { TransmissionResult::Lost } else { TransmissionResult::NotBefore(t_ns) }
+        };
         match self.kind {
-            LinkFaultKind::Cut => Passage::Lost,
+            LinkFaultKind::Cut => TransmissionResult::Lost,
             LinkFaultKind::Loss { probability, burst } => {
-                lost(draw(self.seed, tick / burst.max(1)) < probability)
+                lost(draw_unit_by_number(self.seed, tick / burst.max(1)) < probability)
             }
             LinkFaultKind::Bursts { probability, mean_burst_ns } => {
-                lost(self.is_bad(t_ns - self.span.from_ns, probability, mean_burst_ns))
+                lost(self.is_in_bad_state(t_ns - self.span.from_ns, probability, mean_burst_ns))
             }
             LinkFaultKind::Fading { range_m, exponent } => {
                 let through = distance_m.map_or(1.0, |r_m| {
                     portable_math::exp(-portable_math::pow(r_m / range_m, exponent))
                 });
-                lost(draw(self.seed, tick) >= through)
+                lost(draw_unit_by_number(self.seed, tick) >= through)
             }
             LinkFaultKind::Delay { delay_ns, jitter_ns } => {
-                let later_ns = (draw(self.seed, tick) * jitter_ns as f64) as u64;
-                Passage::At(t_ns.saturating_add(delay_ns).saturating_add(later_ns))
+                let later_ns = (draw_unit_by_number(self.seed, tick) * jitter_ns as f64) as u64;
+                TransmissionResult::NotBefore(
+                    t_ns.saturating_add(delay_ns).saturating_add(later_ns),
+                )
             }
         }
     }
@@ -122,21 +129,21 @@ impl LinkFault {
     /// Returns whether a link that is bad for the fraction `share` of the time is bad `since_ns` after the fault
     /// began.
     ///
-    /// Good and bad times alternate from the beginning of each stretch of [`BLOCK_CYCLES`] mean cycles; the state at
+    /// Good and bad times alternate from the beginning of each stretch of [`BLOCK_LENGTH_CYCLES`] mean cycles; the state at
     /// the beginning of a stretch is drawn with probability `share`. The result is thus a function of time,
     /// independent of the caller, and takes bounded time.
-    fn is_bad(&self, since_ns: u64, share: f64, mean_bad_ns: u64) -> bool {
+    fn is_in_bad_state(&self, since_ns: u64, share: f64, mean_bad_ns: u64) -> bool {
         let mean_bad = mean_bad_ns as f64;
         let mean_good = mean_bad / share - mean_bad;
-        let stretch_ns = BLOCK_CYCLES * mean_bad / share;
+        let stretch_ns = BLOCK_LENGTH_CYCLES * mean_bad / share;
         let stretch = (since_ns as f64 / stretch_ns).floor();
         let mut left_ns = since_ns as f64 - stretch * stretch_ns;
         // No stretch has as many changes as this.
         let first = (stretch as u64) << 20;
-        let mut bad = draw(self.seed, first) < share;
+        let mut bad = draw_unit_by_number(self.seed, first) < share;
         for change in first + 1.. {
             let mean_ns = if bad { mean_bad } else { mean_good };
-            left_ns += mean_ns * portable_math::ln(1.0 - draw(self.seed, change));
+            left_ns += mean_ns * portable_math::ln(1.0 - draw_unit_by_number(self.seed, change));
             if left_ns < 0.0 {
                 break;
             }
@@ -147,29 +154,29 @@ impl LinkFault {
 }
 
 /// Length of a stretch that is drawn at once, in mean cycles of good and bad.
-const BLOCK_CYCLES: f64 = 16.0;
+const BLOCK_LENGTH_CYCLES: f64 = 16.0;
 
 /// Data stream between a robot and its body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Stream {
+pub enum RobotStream {
     /// Sensor samples, from the plant to the robot.
     Odometry,
     /// Commands, from the robot to the plant.
     Commands,
 }
 
-impl Stream {
+impl RobotStream {
     /// Returns the keyword in files and on the command line.
     pub fn keyword(self) -> &'static str {
         match self {
-            Stream::Odometry => "odometry",
-            Stream::Commands => "commands",
+            RobotStream::Odometry => "odometry",
+            RobotStream::Commands => "commands",
         }
     }
 }
 
-/// False data in the beacons of a Byzantine robot, which moves as usual. It acts where the beacons arrive.
+/// False data in the beacons and messages of a Byzantine robot, which moves as usual. It acts where they arrive.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LieFault {
@@ -181,7 +188,7 @@ pub struct LieFault {
     pub seed: u64,
 }
 
-/// Errors of a false beacon; they add up.
+/// Errors of a false beacon and of the message with it; they add up.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Lie {
@@ -193,17 +200,91 @@ pub struct Lie {
     pub random_m: f64,
     /// Error of the heading of the leader's frame in the beacon, rad.
     pub turn_rad: f64,
+    /// Errors of the law's message that travels with the beacon.
+    #[serde(skip_serializing_if = "MessageLie::is_none")]
+    pub message: MessageLie,
+}
+
+/// Errors of the message of a control law: each number x becomes `scale` x + `offset` + e, with e drawn for it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MessageLie {
+    /// Factor on each number.
+    pub scale: f64,
+    /// Constant error of each number, in its unit.
+    pub offset: f64,
+    /// Bound of the random error, drawn uniformly for each number of each message, in its unit.
+    pub noise: f64,
+    /// Probability with which each bit of the encoded message is inverted.
+    pub bit_flips: f64,
+}
+
+impl Default for MessageLie {
+    fn default() -> MessageLie {
+        MessageLie { scale: 1.0, offset: 0.0, noise: 0.0, bit_flips: 0.0 }
+    }
+}
+
+/// Number of random draws that the numbers of one message may use: a message has at most 2^13 numbers. Bits use the
+/// draws after them, at most 2^19.
+const MESSAGE_DRAWS: u64 = 1 << 20;
+/// Mask of the bits of a tick that count, more than any run has. A foreign process may send any tick.
+const TICKS_MASK: u64 = (1 << 40) - 1;
+
+impl MessageLie {
+    /// Returns whether the message is sent as it is.
+    pub fn is_none(&self) -> bool {
+        *self == MessageLie::default()
+    }
+
+    /// Returns whether it changes numbers, which messages without a structure do not have.
+    pub fn changes_numbers(&self) -> bool {
+        MessageLie { bit_flips: 0.0, ..*self } != MessageLie::default()
+    }
+
+    /// Falsifies the encoded message of `tick`.
+    fn falsify_message(&self, bytes: &mut [u8], format: &MessageFormat, seed: u64, tick: u64) {
+        // Other draws of the fault use the seed itself.
+        let (seed, first) = (!seed, (tick & TICKS_MASK) * MESSAGE_DRAWS);
+        if self.changes_numbers() && !format.is_bytes() {
+            let (numbers, _) = bytes.as_chunks_mut();
+            for (counter, number) in (first..).zip(numbers) {
+                let drawn = self.noise * (2.0 * draw_unit_by_number(seed, counter) - 1.0);
+                *number =
+                    (self.scale * f64::from_le_bytes(*number) + self.offset + drawn).to_le_bytes();
+            }
+        }
+        if self.bit_flips > 0.0 {
+            for (counter, byte) in (first + MESSAGE_DRAWS / 2..).step_by(8).zip(bytes) {
+                let is_flipped =
+                    |bit: &u64| draw_unit_by_number(seed, counter + bit) < self.bit_flips;
+                *byte ^= (0..8).filter(is_flipped).map(|bit| 1u8 << bit).sum::<u8>();
+            }
+        }
+    }
 }
 
 impl LieFault {
-    /// Falsifies a beacon sent at run time `t_ns`, if the fault is active then.
-    pub fn falsify_beacon(&self, beacon: &mut Beacon, t_ns: u64) {
+    /// Falsifies a beacon sent at run time `t_ns`, and the message with it, if the fault is active then. `format`:
+    /// format of the messages of the sender's law; `None` if it sends none.
+    pub fn falsify_broadcast(
+        &self,
+        broadcast: &mut Broadcast,
+        format: Option<&MessageFormat>,
+        t_ns: u64,
+    ) {
         if !self.span.contains(t_ns) {
             return;
         }
-        let Lie { by_m, drift_m_s, random_m, turn_rad } = self.lie;
+        let Broadcast { beacon, message } = broadcast;
+        let Lie { by_m, drift_m_s, random_m, turn_rad, message: of_message } = self.lie;
+        if let (Some(bytes), Some(format), false) = (&mut *message, format, of_message.is_none()) {
+            let mut changed = bytes.to_vec();
+            of_message.falsify_message(&mut changed, format, self.seed, beacon.tick);
+            *bytes = changed.into();
+        }
         let since_s = (t_ns - self.span.from_ns) as f64 / 1e9;
-        let drawn_m = draw_in_disc(self.seed, beacon.tick << 1, random_m);
+        let drawn_m = draw_point_in_disc(self.seed, beacon.tick << 1, random_m);
         let off_m = |axis: usize| by_m[axis] + drift_m_s[axis] * since_s + drawn_m[axis];
         beacon.x_m += off_m(0);
         beacon.y_m += off_m(1);
@@ -214,9 +295,10 @@ impl LieFault {
 }
 
 /// Returns a point drawn uniformly from the disc of this radius, by the random draws `counter` and the next one.
-fn draw_in_disc(seed: u64, counter: u64, radius_m: f64) -> [f64; 2] {
-    let radius_m = radius_m * draw(seed, counter).sqrt();
-    let (sin, cos) = portable_math::sin_cos(std::f64::consts::TAU * draw(seed, counter | 1));
+fn draw_point_in_disc(seed: u64, counter: u64, radius_m: f64) -> [f64; 2] {
+    let radius_m = radius_m * draw_unit_by_number(seed, counter).sqrt();
+    let (sin, cos) =
+        portable_math::sin_cos(std::f64::consts::TAU * draw_unit_by_number(seed, counter | 1));
     [radius_m * cos, radius_m * sin]
 }
 
@@ -273,18 +355,18 @@ pub enum SensorFaultKind {
 impl SensorFault {
     /// Returns the position error of entry `item` of the sample of `tick`, m: drawn uniformly from the disc of
     /// radius `bound_m`.
-    pub fn offset_m(&self, tick: u64, item: u64) -> [f64; 2] {
+    pub fn position_error_m(&self, tick: u64, item: u64) -> [f64; 2] {
         let SensorFaultKind::Noise { bound_m, .. } = self.kind else { return [0.0, 0.0] };
         // A sample has far fewer than 2^10 positions, and each uses two draws.
-        draw_in_disc(self.seed, (tick << 10 | item) << 1, bound_m)
+        draw_point_in_disc(self.seed, (tick << 10 | item) << 1, bound_m)
     }
 
     /// Returns the heading error of the sample of `tick`, rad, drawn uniformly within its bound.
-    pub fn heading_offset_rad(&self, tick: u64) -> f64 {
+    pub fn heading_error_rad(&self, tick: u64) -> f64 {
         let SensorFaultKind::Noise { heading_bound_rad, .. } = self.kind else { return 0.0 };
         // Of the draws of an odometry sample, its position uses only number 0.
         let counter = (tick << 10 | 1) << 1;
-        heading_bound_rad * (2.0 * draw(self.seed, counter) - 1.0)
+        heading_bound_rad * (2.0 * draw_unit_by_number(self.seed, counter) - 1.0)
     }
 }
 
@@ -314,17 +396,19 @@ pub enum WheelFaultKind {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::law_message::MessageArray;
+    use crate::message::Beacon;
 
-    const MS: u64 = 1_000_000;
+    const NS_PER_MS: u64 = 1_000_000;
 
-    fn link(kind: LinkFaultKind) -> LinkFault {
-        LinkFault { span: Span { from_ns: 100, until_ns: Span::END_NS }, kind, seed: 7 }
+    fn link_fault(kind: LinkFaultKind) -> LinkFault {
+        LinkFault { span: Span { from_ns: 100, until_ns: Span::UNBOUNDED_END_NS }, kind, seed: 7 }
     }
 
     /// Returns the ticks whose messages are lost, for one message per tick of 1 ms.
     fn lost_ticks(fault: &LinkFault, distance_m: Option<f64>, ticks: u64) -> Vec<bool> {
-        let sent = |tick| Transmission { tick, t_ns: 100 + tick * MS, distance_m };
-        (0..ticks).map(|tick| fault.transmission(sent(tick)) == Passage::Lost).collect()
+        let sent = |tick| Transmission { tick, t_ns: 100 + tick * NS_PER_MS, distance_m };
+        (0..ticks).map(|tick| fault.transmission(sent(tick)) == TransmissionResult::Lost).collect()
     }
 
     fn lost_fraction(lost: &[bool]) -> f64 {
@@ -337,7 +421,15 @@ mod tests {
         let cut = LinkFault { span, kind: LinkFaultKind::Cut, seed: 7 };
         let passages = [99, 100, 999, 1000]
             .map(|t_ns| cut.transmission(Transmission { tick: 0, t_ns, distance_m: None }));
-        assert_eq!(passages, [Passage::At(99), Passage::Lost, Passage::Lost, Passage::At(1000)]);
+        assert_eq!(
+            passages,
+            [
+                TransmissionResult::NotBefore(99),
+                TransmissionResult::Lost,
+                TransmissionResult::Lost,
+                TransmissionResult::NotBefore(1000)
+            ]
+        );
         let bounds = [5, 100, 1000].map(|t_ns| span.next_bound_ns(t_ns));
         assert_eq!(bounds, [Some(100), Some(1000), None]);
     }
@@ -345,8 +437,11 @@ mod tests {
     #[test]
     fn loss_has_its_probability_and_burst_length() {
         for burst in [1, 5] {
-            let lost =
-                lost_ticks(&link(LinkFaultKind::Loss { probability: 0.3, burst }), None, 50_000);
+            let lost = lost_ticks(
+                &link_fault(LinkFaultKind::Loss { probability: 0.3, burst }),
+                None,
+                50_000,
+            );
             assert!((lost_fraction(&lost) - 0.3).abs() < 0.02, "{}", lost_fraction(&lost));
             let whole = lost.chunks(burst as usize);
             assert!(whole.clone().all(|chunk| chunk.iter().all(|&lost| lost == chunk[0])));
@@ -355,8 +450,10 @@ mod tests {
 
     #[test]
     fn bursts_have_their_share_and_mean_and_are_deterministic() {
-        for (probability, mean_burst_ns) in [(0.2, 100 * MS), (0.5, 30 * MS), (0.9, 400 * MS)] {
-            let bursty = link(LinkFaultKind::Bursts { probability, mean_burst_ns });
+        for (probability, mean_burst_ns) in
+            [(0.2, 100 * NS_PER_MS), (0.5, 30 * NS_PER_MS), (0.9, 400 * NS_PER_MS)]
+        {
+            let bursty = link_fault(LinkFaultKind::Bursts { probability, mean_burst_ns });
             let found = lost_ticks(&bursty, None, 1_000_000);
             let share = lost_fraction(&found);
             assert!((share / probability - 1.0).abs() < 0.1, "{share} of {probability}");
@@ -365,16 +462,19 @@ mod tests {
             // Gaps and bursts of less than a millisecond do not show.
             let expected_ms = mean_burst_ns as f64 / 1e6;
             assert!((mean_ms / expected_ms - 1.0).abs() < 0.15, "{mean_ms} of {expected_ms} ms");
-            let asked =
-                |tick: u64| Transmission { tick: 0, t_ns: 100 + tick * MS, distance_m: None };
-            let again = |tick| bursty.transmission(asked(tick)) == Passage::Lost;
+            let asked = |tick: u64| Transmission {
+                tick: 0,
+                t_ns: 100 + tick * NS_PER_MS,
+                distance_m: None,
+            };
+            let again = |tick| bursty.transmission(asked(tick)) == TransmissionResult::Lost;
             assert!([77_003, 5, 940_000].iter().all(|&tick| again(tick) == found[tick as usize]));
         }
     }
 
     #[test]
     fn fading_grows_with_distance_and_needs_a_known_one() {
-        let fading = link(LinkFaultKind::Fading { range_m: 2.0, exponent: 2.0 });
+        let fading = link_fault(LinkFaultKind::Fading { range_m: 2.0, exponent: 2.0 });
         for (distance_m, expected) in [
             (None, 1.0),
             (Some(0.0), 1.0),
@@ -389,50 +489,105 @@ mod tests {
 
     #[test]
     fn delay_lies_between_its_bounds() {
-        let late = link(LinkFaultKind::Delay { delay_ns: 50, jitter_ns: 10 });
+        let late = link_fault(LinkFaultKind::Delay { delay_ns: 50, jitter_ns: 10 });
         let sent = |tick| Transmission { tick, t_ns: 200, distance_m: None };
-        let found: Vec<Passage> = (0..1000).map(|tick| late.transmission(sent(tick))).collect();
-        assert!(found.iter().all(|p| matches!(p, Passage::At(t_ns) if (250..260).contains(t_ns))));
+        let found: Vec<TransmissionResult> =
+            (0..1000).map(|tick| late.transmission(sent(tick))).collect();
+        assert!(found.iter().all(
+            |p| matches!(p, TransmissionResult::NotBefore(t_ns) if (250..260).contains(t_ns))
+        ));
         assert!(found.iter().any(|passage| *passage != found[0]));
     }
 
     #[test]
     fn lie_changes_only_motion_and_frame_in_its_span() {
-        let span = Span { from_ns: 1000 * MS, until_ns: 3000 * MS };
-        let lie = Lie { by_m: [0.5, -0.25], drift_m_s: [0.0, 0.125], random_m: 0.0, turn_rad: 0.5 };
+        let span = Span { from_ns: 1000 * NS_PER_MS, until_ns: 3000 * NS_PER_MS };
+        let lie =
+            Lie { by_m: [0.5, -0.25], drift_m_s: [0.0, 0.125], turn_rad: 0.5, ..Lie::default() };
         let said =
             Beacon { tick: 3, x_m: 1.0, vx_m_s: 0.25, frame_scale: 2.0, ..Beacon::default() };
         let heard = |lie, t_ns| {
-            let mut beacon = said;
-            LieFault { span, lie, seed: 7 }.falsify_beacon(&mut beacon, t_ns);
-            beacon
+            let mut broadcast = Broadcast::from(said);
+            LieFault { span, lie, seed: 7 }.falsify_broadcast(&mut broadcast, None, t_ns);
+            broadcast.beacon
         };
-        assert_eq!([999 * MS, 3000 * MS].map(|t_ns| heard(lie, t_ns)), [said; 2]);
+        assert_eq!([999 * NS_PER_MS, 3000 * NS_PER_MS].map(|t_ns| heard(lie, t_ns)), [said; 2]);
         let expected = Beacon { x_m: 1.5, vy_m_s: 0.125, frame_heading_rad: 0.5, ..said };
-        assert_eq!(heard(lie, 2000 * MS), Beacon { y_m: -0.125, ..expected });
+        assert_eq!(heard(lie, 2000 * NS_PER_MS), Beacon { y_m: -0.125, ..expected });
         let random = Lie { random_m: 0.5, ..Lie::default() };
-        let drawn = heard(random, 2000 * MS);
-        assert_eq!(drawn, heard(random, 2500 * MS), "by the tick alone");
+        let drawn = heard(random, 2000 * NS_PER_MS);
+        assert_eq!(drawn, heard(random, 2500 * NS_PER_MS), "by the tick alone");
         let off_m = (drawn.position() - said.position()).norm();
         assert!(off_m > 0.0 && off_m <= 0.5, "{off_m}");
         assert_eq!(Beacon { x_m: said.x_m, y_m: said.y_m, ..drawn }, said);
     }
 
+    /// Returns the message 1, -2, 0.5 at `tick` after the lie.
+    fn falsified_message(message: MessageLie, tick: u64) -> Vec<f64> {
+        let array = MessageArray { name: "x_m".into(), shape: vec![3].into() };
+        let format = MessageFormat::with_arrays(vec![array]);
+        let bytes = format.encode(&[("x_m", &[1.0, -2.0, 0.5])]).unwrap();
+        let span = Span { from_ns: 100, until_ns: Span::UNBOUNDED_END_NS };
+        let lie = LieFault { span, lie: Lie { message, ..Lie::default() }, seed: 7 };
+        let sent = Broadcast { beacon: Beacon { tick, ..Beacon::default() }, message: Some(bytes) };
+        let (mut early, mut late) = (sent.clone(), sent.clone());
+        lie.falsify_broadcast(&mut early, Some(&format), 99);
+        lie.falsify_broadcast(&mut late, Some(&format), 100);
+        assert_eq!(early, sent, "before the fault");
+        assert_eq!(late.beacon, sent.beacon);
+        let (_, numbers) = format.decode_arrays(late.message.as_ref().unwrap()).next().unwrap();
+        numbers
+    }
+
+    #[test]
+    fn lie_in_messages_scales_offsets_and_draws_each_number() {
+        let none = MessageLie::default();
+        assert_eq!(falsified_message(none, 3), [1.0, -2.0, 0.5]);
+        let linear = MessageLie { scale: -2.0, offset: 0.25, ..none };
+        assert_eq!(falsified_message(linear, 3), [-1.75, 4.25, -0.75]);
+        let noisy = MessageLie { noise: 0.5, ..none };
+        let errors =
+            |tick| [0, 1, 2].map(|i| falsified_message(noisy, tick)[i] - [1.0, -2.0, 0.5][i]);
+        assert_eq!(errors(3), errors(3), "by seed and tick alone");
+        assert_ne!(errors(3), errors(4));
+        let all: Vec<f64> = (0..2000).flat_map(errors).collect();
+        assert!(all.iter().all(|error| error.abs() <= 0.5));
+        let mean = all.iter().sum::<f64>() / all.len() as f64;
+        assert!(mean.abs() < 0.02, "{mean}");
+        assert!(all.iter().filter(|error| error.abs() > 0.25).count().abs_diff(3000) < 150);
+        assert_ne!(errors(3)[0], errors(3)[1]);
+    }
+
+    #[test]
+    fn bits_of_messages_flip_with_their_probability() {
+        let flipped = |bit_flips, tick| {
+            let numbers =
+                falsified_message(MessageLie { bit_flips, ..MessageLie::default() }, tick);
+            let pairs = numbers.iter().zip([1.0f64, -2.0, 0.5]);
+            pairs.map(|(a, b)| (a.to_bits() ^ b.to_bits()).count_ones()).sum::<u32>()
+        };
+        assert_eq!(flipped(1.0, 3), 192);
+        let share = (0..1000).map(|tick| flipped(0.1, tick)).sum::<u32>() as f64 / 192e3;
+        assert!((share - 0.1).abs() < 0.005, "{share}");
+    }
+
     #[test]
     fn noise_fills_its_disc_and_stays_within_it() {
         let noisy = SensorFault {
-            span: Span { from_ns: 0, until_ns: Span::END_NS },
+            span: Span { from_ns: 0, until_ns: Span::UNBOUNDED_END_NS },
             sensor: Sensor::Proximity,
             kind: SensorFaultKind::Noise { bound_m: 0.02, heading_bound_rad: 0.3 },
             seed: 3,
         };
-        let offsets: Vec<f64> =
-            (0..10_000).map(|n| noisy.offset_m(n / 8, n % 8)).map(|[x, y]| x.hypot(y)).collect();
+        let offsets: Vec<f64> = (0..10_000)
+            .map(|n| noisy.position_error_m(n / 8, n % 8))
+            .map(|[x, y]| x.hypot(y))
+            .collect();
         assert!(offsets.iter().all(|&off| off <= 0.02));
         // Half of the disc's area lies within 0.71 of its radius.
         let inner = offsets.iter().filter(|&&off| off < 0.02 * 0.5f64.sqrt()).count();
         assert!((4700..5300).contains(&inner), "{inner}");
-        let turned: Vec<f64> = (0..10_000).map(|tick| noisy.heading_offset_rad(tick)).collect();
+        let turned: Vec<f64> = (0..10_000).map(|tick| noisy.heading_error_rad(tick)).collect();
         assert!(turned.iter().all(|turned_rad| turned_rad.abs() <= 0.3));
         for part in 0..6 {
             let from = -0.3 + 0.1 * f64::from(part);

@@ -9,43 +9,44 @@ use crate::message::{LatencyHeader, LatencyRow};
 use crate::stage::Stage;
 
 /// Maximum time between two batches in real time, ns. A killed process loses at most the values of this time.
-const SEND_EVERY_NS: u64 = 100_000_000;
+const SEND_INTERVAL_MAX_NS: u64 = 100_000_000;
 /// Minimum capacity of a recorder, in values. A batch is sent once half of it is used.
-const ROWS_MAX: usize = 1024;
+const CAPACITY_ROWS_MIN: usize = 1024;
 /// Minimum capacity of a recorder, in ticks. The values not sent then cover twice the lead over the supervisor
 /// that the plant may have in lockstep.
-const TICKS_MIN: usize = 16;
+const CAPACITY_TICKS_MIN: usize = 16;
 
-/// Returns the capacity of a recorder for at most `rows_per_tick` values per tick: the maximum length of a batch.
-pub fn rows_max(rows_per_tick: usize) -> usize {
-    ROWS_MAX.max(TICKS_MIN * rows_per_tick)
+/// Returns the capacity of a recorder for at most `measurements_per_tick_max` values per tick: the maximum length of a
+/// batch.
+pub fn recorder_capacity(rows_per_tick: usize) -> usize {
+    CAPACITY_ROWS_MIN.max(CAPACITY_TICKS_MIN * rows_per_tick)
 }
 
 /// Recorded values that have not been sent.
 #[derive(Debug)]
-pub struct Recorder {
+pub struct LatencyRecorder {
     rows: Vec<LatencyRow>,
     rows_max: usize,
     header: LatencyHeader,
     /// Number of values dropped since the last batch because the recorder was full.
-    dropped: u64,
-    sent_ns: u64,
+    dropped_count: u64,
+    last_send_ns: u64,
 }
 
-impl Recorder {
-    /// Creates a recorder for at most `rows_per_tick` values per tick, with room for many ticks.
-    pub fn for_ticks_of(incarnation: u64, rows_per_tick: usize) -> Recorder {
-        Recorder::new(incarnation, rows_max(rows_per_tick))
+impl LatencyRecorder {
+    /// Creates a recorder for at most `measurements_per_tick_max` values per tick, with room for many ticks.
+    pub fn for_incarnation(incarnation: u64, rows_per_tick: usize) -> LatencyRecorder {
+        LatencyRecorder::new(incarnation, recorder_capacity(rows_per_tick))
     }
 
     /// Creates a recorder with room for `rows_max` values.
-    pub fn new(incarnation: u64, rows_max: usize) -> Recorder {
-        Recorder {
+    pub fn new(incarnation: u64, rows_max: usize) -> LatencyRecorder {
+        LatencyRecorder {
             rows: Vec::with_capacity(rows_max),
             rows_max,
             header: LatencyHeader { incarnation, ..LatencyHeader::default() },
-            dropped: 0,
-            sent_ns: 0,
+            dropped_count: 0,
+            last_send_ns: 0,
         }
     }
 
@@ -55,17 +56,17 @@ impl Recorder {
         if self.rows.len() < self.rows_max {
             self.rows.push(LatencyRow { stage: stage as u32, from: from as u32, value_ns });
         } else {
-            self.dropped += 1;
+            self.dropped_count += 1;
         }
     }
 
     /// Records the age sums of an edge since the last call. `from`: scenario index, from 1, of the sending robot.
     pub fn record_age(&mut self, from: usize, sums: &AgeSums) {
-        let rows = sums.rows(from);
+        let rows = sums.to_rows(from);
         if self.rows.len() + rows.len() <= self.rows_max {
             self.rows.extend(rows);
         } else {
-            self.dropped += rows.len() as u64;
+            self.dropped_count += rows.len() as u64;
         }
     }
 
@@ -75,13 +76,13 @@ impl Recorder {
     }
 
     /// Counts samples that should have been received and were overwritten before.
-    pub fn count_lost(&mut self, samples: u64) {
+    pub fn count_lost_samples(&mut self, samples: u64) {
         self.header.samples_lost = self.header.samples_lost.saturating_add(samples);
     }
 
     /// Returns whether a batch should be sent at `now_ns`.
     pub fn is_due(&self, now_ns: u64) -> bool {
-        let waited = now_ns >= self.sent_ns.saturating_add(SEND_EVERY_NS);
+        let waited = now_ns >= self.last_send_ns.saturating_add(SEND_INTERVAL_MAX_NS);
         !self.rows.is_empty() && (waited || self.is_half_full())
     }
 
@@ -96,10 +97,10 @@ impl Recorder {
     }
 
     /// Begins the next batch, after the last one was sent at `now_ns`.
-    pub fn clear(&mut self, now_ns: u64) {
-        self.header.first_row += self.rows.len() as u64 + std::mem::take(&mut self.dropped);
+    pub fn begin_next_batch(&mut self, now_ns: u64) {
+        self.header.first_row += self.rows.len() as u64 + std::mem::take(&mut self.dropped_count);
         self.rows.clear();
-        self.sent_ns = now_ns;
+        self.last_send_ns = now_ns;
     }
 }
 
@@ -109,24 +110,24 @@ mod tests {
 
     #[test]
     fn batch_is_due_after_100_ms_or_at_half_capacity() {
-        let mut recorder = Recorder::new(0, 4);
+        let mut recorder = LatencyRecorder::new(0, 4);
         assert!(!recorder.is_due(u64::MAX), "there is nothing to send");
-        recorder.clear(7);
+        recorder.begin_next_batch(7);
         recorder.record(Stage::Wake, 0, 1);
-        assert!(!recorder.is_due(7 + SEND_EVERY_NS - 1));
-        assert!(recorder.is_due(7 + SEND_EVERY_NS));
+        assert!(!recorder.is_due(7 + SEND_INTERVAL_MAX_NS - 1));
+        assert!(recorder.is_due(7 + SEND_INTERVAL_MAX_NS));
         recorder.record(Stage::Wake, 0, 2);
         assert!(recorder.is_due(7));
     }
 
     #[test]
     fn dropped_values_leave_a_gap_in_row_numbers() {
-        let mut recorder = Recorder::new(3, 4);
+        let mut recorder = LatencyRecorder::new(3, 4);
         (0..6).for_each(|value_ns| recorder.record(Stage::BeaconAge, 2, value_ns));
         let (header, rows) = recorder.batch();
         assert_eq!((header.incarnation, header.first_row, rows.len()), (3, 0, 4));
         assert_eq!(rows[3], LatencyRow { stage: 4, from: 2, value_ns: 3 });
-        recorder.clear(0);
+        recorder.begin_next_batch(0);
         recorder.record(Stage::BeaconAge, 2, 6);
         assert_eq!(recorder.batch().0.first_row, 6);
     }

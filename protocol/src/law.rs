@@ -7,7 +7,7 @@ use crate::law_message::MessageFormat;
 
 /// Key of the gain with the maximum number of Byzantine in-neighbors (F), a whole number: the robot discards up
 /// to this many values on either side.
-pub const LIARS_MAX: &str = "liars_max";
+pub const LIARS_MAX_KEY: &str = "liars_max";
 
 /// Source of the reference (alpha*), and with it of a robot's error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,19 +17,19 @@ pub enum Reference {
     /// The front points of the robot's in-neighbors, each with an offset. (13) (24) (45)
     Offsets,
     /// The mean of the front points of the robot's in-neighbors. (46)
-    Middle,
+    NeighborMean,
     /// A goal in `map` that only the robot knows.
     Goal,
     /// The target that the robot's law names at a sample, if it names one.
-    Free,
+    LawTarget,
 }
 
 impl Reference {
     /// Returns whether the reference is local: no lost neighbor removes it.
     pub fn is_local(self) -> bool {
         match self {
-            Reference::Trajectory | Reference::Goal | Reference::Free => true,
-            Reference::Offsets | Reference::Middle => false,
+            Reference::Trajectory | Reference::Goal | Reference::LawTarget => true,
+            Reference::Offsets | Reference::NeighborMean => false,
         }
     }
 }
@@ -41,7 +41,7 @@ pub struct Role {
     /// Keyword in files.
     pub name: &'static str,
     /// Verb phrase for robots of this role, the heading of a list of them.
-    pub does: &'static str,
+    pub verb_phrase: &'static str,
     /// Reference against which the error is measured.
     pub reference: Reference,
     /// Whether offsets rotate and scale with this robot's frame. At most one robot of a scenario has such a role.
@@ -55,7 +55,7 @@ impl Role {
     /// Leader: follows the trajectory m(t). The formation rotates and scales with it.
     pub const LEADER: Role = Role {
         name: "leader",
-        does: "leads",
+        verb_phrase: "leads",
         reference: Reference::Trajectory,
         leads: true,
         gives_way: false,
@@ -63,7 +63,7 @@ impl Role {
     /// Formation robot: keeps its slot.
     pub const FORMATION: Role = Role {
         name: "formation",
-        does: "keep a slot",
+        verb_phrase: "keep a slot",
         reference: Reference::Offsets,
         leads: false,
         gives_way: false,
@@ -71,15 +71,15 @@ impl Role {
     /// Follower (containment control): moves into the convex hull of the leaders.
     pub const CONTAINED: Role = Role {
         name: "contained",
-        does: "stay in the hull",
-        reference: Reference::Middle,
+        verb_phrase: "stay in the hull",
+        reference: Reference::NeighborMean,
         leads: false,
         gives_way: true,
     };
     /// Goal robot: moves to a goal of its own, without a formation.
     pub const GOAL: Role = Role {
         name: "goal",
-        does: "go to goals",
+        verb_phrase: "go to goals",
         reference: Reference::Goal,
         leads: false,
         gives_way: false,
@@ -87,8 +87,8 @@ impl Role {
     /// Free robot: its law decides where it goes, and may name a target by which it is judged.
     pub const FREE: Role = Role {
         name: "free",
-        does: "follow their own laws",
-        reference: Reference::Free,
+        verb_phrase: "follow their own laws",
+        reference: Reference::LawTarget,
         leads: false,
         gives_way: false,
     };
@@ -103,8 +103,10 @@ pub struct LawDescription {
     pub role: Role,
     /// Equation of the chapter that the law implements.
     pub source: &'static str,
-    /// Keys of the law's gains, with unit suffixes. All are required and positive.
-    pub gains: &'static [&'static str],
+    /// Keys of the law's gains, with unit suffixes. All are required, and positive unless they have a range.
+    pub gain_keys: &'static [&'static str],
+    /// Lowest and highest value of gains that need not be positive, by key.
+    pub gain_ranges: &'static [(&'static str, [f64; 2])],
     /// Whether the law uses the derivative of the reference (alpha*'), which a robot knows from the published
     /// velocities of its in-neighbors.
     pub feed_forward: bool,
@@ -114,9 +116,19 @@ pub struct LawDescription {
     /// Parameters of the law that its robots may change; `None` if it takes none.
     pub params: Option<&'static toml::Table>,
     /// Format of the messages that the law sends with its beacons; `None` if it sends none.
-    pub message: Option<&'static MessageFormat>,
+    pub message_format: Option<&'static MessageFormat>,
+    /// Maximum number of messages of an in-neighbor that are kept between two calls of the law; 0 if it takes only the
+    /// newest one.
+    pub queued_messages_max: usize,
     /// Whether the law may withhold its beacon at a sample, as in event-triggered control.
-    pub withholds: bool,
+    pub may_withhold_beacon: bool,
     /// Names of the signals that the law records, see [`crate::signals`].
     pub signals: &'static [&'static str],
+}
+
+impl LawDescription {
+    /// Returns the lowest and the highest value of a gain; `None` for a gain that may have any value above 0.
+    pub fn gain_range(&self, key: &str) -> Option<[f64; 2]> {
+        self.gain_ranges.iter().find(|(name, _)| *name == key).map(|(_, range)| *range)
+    }
 }

@@ -14,6 +14,9 @@ use crate::message::Beacon;
 /// Maximum length of a message, bytes.
 pub const MESSAGE_BYTES_MAX: usize = 1 << 16;
 
+/// Number of beacons that are queued for a receiver if the sender's law sends messages; then the oldest one is dropped.
+pub const MESSAGE_QUEUE_LENGTH: usize = 16;
+
 /// Format of the messages of a law.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -48,31 +51,31 @@ impl MessageArray {
 pub enum MessageFlaw {
     /// The length does not fit the format.
     #[error("the message has {found} bytes, expected {expected}")]
-    Length { found: usize, expected: String },
+    WrongLength { found: usize, expected: String },
     /// A number is NaN or infinite.
     #[error("the message has {number} in `{array}`, expected finite numbers")]
     NotFinite { array: String, number: String },
     /// An array of the format is not given.
     #[error("the message has no `{array}`, expected {expected}")]
-    Missing { array: String, expected: String },
+    MissingArray { array: String, expected: String },
     /// An array is not in the format.
     #[error("the message has `{array}`, which is not declared, expected {expected}")]
-    Unknown { array: String, expected: String },
+    UnknownArray { array: String, expected: String },
     /// An array has another number of numbers than the format.
     #[error("`{array}` has {found} numbers, expected {expected}")]
-    Count { array: String, found: usize, expected: usize },
+    WrongCount { array: String, found: usize, expected: usize },
     /// The law declares no messages.
     #[error(
         "the law declares no message, expected `message = {{ NAME = SHAPE }}` or `message_bytes_max = N` in its \
          table [laws.NAME]"
     )]
-    Undeclared,
+    UndeclaredMessage,
     /// The law does not declare that it withholds beacons.
     #[error(
         "the law withholds its beacon and does not declare that, expected `withholds = true` in its table \
          [laws.NAME]"
     )]
-    MayNotWithhold,
+    UndeclaredWithholding,
 }
 
 impl MessageFormat {
@@ -111,18 +114,18 @@ impl MessageFormat {
     /// # Errors
     ///
     /// The length is wrong, or a number is not finite.
-    pub fn check(&self, bytes: &[u8]) -> Result<(), MessageFlaw> {
+    pub fn check_bytes(&self, bytes: &[u8]) -> Result<(), MessageFlaw> {
         let found = bytes.len();
         if self.is_bytes() {
             let fits = (1..=self.bytes_max).contains(&found);
             let expected = format!("1 to {}", self.bytes_max);
-            return if fits { Ok(()) } else { Err(MessageFlaw::Length { found, expected }) };
+            return if fits { Ok(()) } else { Err(MessageFlaw::WrongLength { found, expected }) };
         }
         if found != self.bytes_max {
             let expected = format!("{}: {}", self.bytes_max, self.describe());
-            return Err(MessageFlaw::Length { found, expected });
+            return Err(MessageFlaw::WrongLength { found, expected });
         }
-        for (array, numbers) in self.split(bytes) {
+        for (array, numbers) in self.decode_arrays(bytes) {
             if let Some(number) = numbers.into_iter().find(|number| !number.is_finite()) {
                 let (array, number) = (array.name.to_string(), number.to_string());
                 return Err(MessageFlaw::NotFinite { array, number });
@@ -139,7 +142,7 @@ impl MessageFormat {
     pub fn encode(&self, given: &[(&str, &[f64])]) -> Result<Arc<[u8]>, MessageFlaw> {
         let is_declared = |name: &str| self.arrays.iter().any(|array| array.name == name);
         if let Some((name, _)) = given.iter().find(|(name, _)| !is_declared(name)) {
-            return Err(MessageFlaw::Unknown {
+            return Err(MessageFlaw::UnknownArray {
                 array: (*name).to_owned(),
                 expected: self.describe(),
             });
@@ -148,20 +151,22 @@ impl MessageFormat {
         for array in self.arrays.iter() {
             let name = || array.name.to_string();
             let found = given.iter().find(|(given, _)| *given == array.name);
-            let (_, numbers) = found
-                .ok_or_else(|| MessageFlaw::Missing { array: name(), expected: self.describe() })?;
+            let (_, numbers) = found.ok_or_else(|| MessageFlaw::MissingArray {
+                array: name(),
+                expected: self.describe(),
+            })?;
             let (found, expected) = (numbers.len(), array.count());
             if found != expected {
-                return Err(MessageFlaw::Count { array: name(), found, expected });
+                return Err(MessageFlaw::WrongCount { array: name(), found, expected });
             }
             numbers.iter().for_each(|number| bytes.extend(number.to_le_bytes()));
         }
-        self.check(&bytes)?;
+        self.check_bytes(&bytes)?;
         Ok(bytes.into())
     }
 
     /// Returns the arrays of a message of this format, each with its numbers, row by row.
-    pub fn split<'a>(
+    pub fn decode_arrays<'a>(
         &'a self,
         bytes: &'a [u8],
     ) -> impl Iterator<Item = (&'a MessageArray, Vec<f64>)> {
@@ -189,14 +194,14 @@ pub struct ReceivedMessage {
 impl ReceivedMessage {
     /// Returns the numbers of an array, row by row; `None` if the format has no such array.
     pub fn numbers(&self, name: &str) -> Option<Vec<f64>> {
-        let mut arrays = self.format.split(&self.bytes);
+        let mut arrays = self.format.decode_arrays(&self.bytes);
         arrays.find(|(array, _)| array.name == name).map(|(_, numbers)| numbers)
     }
 }
 
 /// Choice of a law of what to send to the out-neighbors with an answer.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub enum Outgoing {
+pub enum SendDecision {
     /// The beacon without a message.
     #[default]
     Beacon,
@@ -206,7 +211,7 @@ pub enum Outgoing {
     Withheld,
 }
 
-impl Outgoing {
+impl SendDecision {
     /// Checks a law's choice against what the law declares.
     ///
     /// # Errors
@@ -218,10 +223,12 @@ impl Outgoing {
         withholds: bool,
     ) -> Result<(), MessageFlaw> {
         match self {
-            Outgoing::Beacon => Ok(()),
-            Outgoing::Message(bytes) => format.ok_or(MessageFlaw::Undeclared)?.check(bytes),
-            Outgoing::Withheld if withholds => Ok(()),
-            Outgoing::Withheld => Err(MessageFlaw::MayNotWithhold),
+            SendDecision::Beacon => Ok(()),
+            SendDecision::Message(bytes) => {
+                format.ok_or(MessageFlaw::UndeclaredMessage)?.check_bytes(bytes)
+            }
+            SendDecision::Withheld if withholds => Ok(()),
+            SendDecision::Withheld => Err(MessageFlaw::UndeclaredWithholding),
         }
     }
 }
@@ -241,7 +248,7 @@ impl From<Beacon> for Broadcast {
     }
 }
 
-/// Beacons and messages that one incarnation of a robot has sent.
+/// Beacons and messages that one incarnation of a robot has sent, and messages that were dropped before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SentCounts {
     /// Number of beacons.
@@ -250,13 +257,15 @@ pub struct SentCounts {
     pub messages: u64,
     /// Hash of all messages and their ticks; 0 without messages.
     pub message_hash: u64,
+    /// Number of messages of in-neighbors that it did not process: a queue was full, or it was frozen.
+    pub dropped_messages: u64,
 }
 
 impl SentCounts {
     /// Counts what leaves with the answer to the sample of `tick`.
-    pub fn count(&mut self, tick: u64, outgoing: &Outgoing) {
-        self.beacons += u64::from(*outgoing != Outgoing::Withheld);
-        if let Outgoing::Message(bytes) = outgoing {
+    pub fn count_sent(&mut self, tick: u64, outgoing: &SendDecision) {
+        self.beacons += u64::from(*outgoing != SendDecision::Withheld);
+        if let SendDecision::Message(bytes) = outgoing {
             self.messages += 1;
             let hash = hash_bytes(self.message_hash, &tick.to_le_bytes());
             self.message_hash = hash_bytes(hash, bytes);
@@ -268,12 +277,35 @@ impl SentCounts {
         SentCounts {
             beacons: self.beacons + next.beacons,
             messages: self.messages + next.messages,
+            dropped_messages: self.dropped_messages.saturating_add(next.dropped_messages),
             message_hash: match (self.messages, next.messages) {
                 (_, 0) => self.message_hash,
                 (0, _) => next.message_hash,
                 _ => hash_bytes(self.message_hash, &next.message_hash.to_le_bytes()),
             },
         }
+    }
+}
+
+/// Counter of the messages of one neighbor that are missing between those received.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct GapCounter {
+    /// Incarnation and message number of the newest beacon; `None` before the first.
+    newest_incarnation_and_number: Option<(u64, u64)>,
+}
+
+impl GapCounter {
+    /// Records a received beacon, and returns the number of messages sent between it and the newest before it. Beacons
+    /// before the first one, and of an earlier incarnation, do not count.
+    pub fn record_beacon(&mut self, beacon: &Beacon, has_message: bool) -> u64 {
+        let (incarnation, number) = (beacon.incarnation, beacon.messages_sent);
+        let before = self.newest_incarnation_and_number.filter(|(of, _)| *of == incarnation);
+        match self.newest_incarnation_and_number {
+            Some(newest) if newest > (incarnation, number) => return 0,
+            _ => self.newest_incarnation_and_number = Some((incarnation, number)),
+        }
+        let between = |(_, newest): (u64, u64)| number - newest;
+        before.map_or(0, between).saturating_sub(u64::from(has_message))
     }
 }
 
@@ -331,21 +363,24 @@ mod tests {
         );
         let bytes = MessageFormat::with_bytes(4);
         for wrong in [&[][..], &[0; 5]] {
-            let flaw = bytes.check(wrong).unwrap_err().to_string();
+            let flaw = bytes.check_bytes(wrong).unwrap_err().to_string();
             assert!(flaw.ends_with("expected 1 to 4"), "{flaw}");
         }
-        assert_eq!(bytes.check(&[1; 4]), Ok(()));
-        let none = Outgoing::Message([1][..].into()).check(None, true);
-        assert_eq!(none, Err(MessageFlaw::Undeclared));
-        assert_eq!(Outgoing::Withheld.check(Some(&bytes), false), Err(MessageFlaw::MayNotWithhold));
+        assert_eq!(bytes.check_bytes(&[1; 4]), Ok(()));
+        let none = SendDecision::Message([1][..].into()).check(None, true);
+        assert_eq!(none, Err(MessageFlaw::UndeclaredMessage));
+        assert_eq!(
+            SendDecision::Withheld.check(Some(&bytes), false),
+            Err(MessageFlaw::UndeclaredWithholding)
+        );
     }
 
     #[test]
     fn hash_of_messages_depends_on_ticks_and_incarnations() {
         let sent = |ticks: &[u64]| {
             let mut counts = SentCounts::default();
-            let message = Outgoing::Message([1, 2][..].into());
-            ticks.iter().for_each(|&tick| counts.count(tick, &message));
+            let message = SendDecision::Message([1, 2][..].into());
+            ticks.iter().for_each(|&tick| counts.count_sent(tick, &message));
             counts
         };
         assert_ne!(sent(&[1, 2]).message_hash, sent(&[1, 3]).message_hash);
@@ -355,16 +390,34 @@ mod tests {
         assert_eq!(sent(&[1]).plus_next_incarnation(SentCounts::default()), sent(&[1]));
     }
 
+    #[test]
+    fn gaps_count_messages_within_an_incarnation() {
+        let mut gaps = GapCounter::default();
+        let mut record = |incarnation, messages_sent, has_message| {
+            let beacon = Beacon { incarnation, messages_sent, ..Beacon::default() };
+            gaps.record_beacon(&beacon, has_message)
+        };
+        assert_eq!(record(0, 5, true), 0, "those before the first do not count");
+        assert_eq!(record(0, 6, true), 0);
+        assert_eq!(record(0, 6, false), 0, "a beacon without a message");
+        assert_eq!(record(0, 9, true), 2, "7 and 8");
+        assert_eq!(record(0, 12, false), 3, "10 to 12");
+        assert_eq!(record(0, 11, true), 0, "overtaken");
+        assert_eq!(record(1, 40, true), 0, "another incarnation");
+        assert_eq!(record(1, u64::MAX, true), u64::MAX - 41);
+    }
+
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(10_000))]
         #[test]
         fn garbage_is_refused_or_has_the_declared_shape(
             bytes in proptest::collection::vec(any::<u8>(), 0..80),
         ) {
             let format = format();
-            if format.check(&bytes).is_ok() {
+            if format.check_bytes(&bytes).is_ok() {
                 prop_assert_eq!(bytes.len(), format.bytes_max);
                 let finite = |(_, numbers): (_, Vec<f64>)| numbers.iter().all(|n| n.is_finite());
-                prop_assert!(format.split(&bytes).all(finite));
+                prop_assert!(format.decode_arrays(&bytes).all(finite));
             }
         }
     }

@@ -4,36 +4,47 @@
 //! Messages enter when they are sent and leave when they may be received. A pure function of times and seeds: no
 //! I/O, no clock.
 
-use crate::fault::{LinkFault, Passage, Transmission};
+use crate::fault::{LinkFault, Transmission, TransmissionResult};
 
 /// Maximum number of messages in transit. Beyond it, the oldest one is lost.
-const WAITING_MAX: usize = 4096;
+const IN_TRANSIT_MESSAGES_MAX: usize = 4096;
 
 /// A link with faults.
 #[derive(Debug, Clone)]
-pub struct Link<M> {
+pub struct FaultyLink<M> {
     faults: Vec<LinkFault>,
     /// Whether a user has cut the link.
-    cut: bool,
+    is_cut: bool,
     /// Messages in transit, with the run times at which they may be received, ns.
-    waiting: Vec<(u64, M)>,
+    in_transit_messages: Vec<(u64, M)>,
     lost_count: u64,
 }
 
-impl<M: Clone> Link<M> {
+impl<M: Clone> FaultyLink<M> {
     /// Creates a link with these faults.
-    pub fn new(faults: &[LinkFault]) -> Link<M> {
-        Link { faults: faults.to_vec(), cut: false, waiting: Vec::new(), lost_count: 0 }
+    pub fn new(faults: &[LinkFault]) -> FaultyLink<M> {
+        FaultyLink {
+            faults: faults.to_vec(),
+            is_cut: false,
+            in_transit_messages: Vec::new(),
+            lost_count: 0,
+        }
     }
 
     /// Cuts the link or restores it, on behalf of a user. Messages in transit still arrive.
     pub fn set_cut(&mut self, cut: bool) {
-        self.cut = cut;
+        self.is_cut = cut;
     }
 
-    /// Sends a message. Returns it if it may be received at once; otherwise it is lost or kept for [`Link::next_due_message`].
+    /// Returns whether every message passes at once: the link has no faults and is not cut.
+    pub fn is_transparent(&self) -> bool {
+        self.faults.is_empty() && !self.is_cut
+    }
+
+    /// Sends a message. Returns it if it may be received at once; otherwise it is lost or kept for
+    /// [`FaultyLink::next_due_message`].
     pub fn send(&mut self, message: &M, transmission: Transmission) -> Option<M> {
-        if self.cut {
+        if self.is_cut {
             self.lost_count += 1;
             return None;
         }
@@ -41,8 +52,8 @@ impl<M: Clone> Link<M> {
         let mut due_ns = t_ns;
         for fault in &self.faults {
             match fault.transmission(transmission) {
-                Passage::At(at_ns) => due_ns = due_ns.max(at_ns),
-                Passage::Lost => {
+                TransmissionResult::NotBefore(at_ns) => due_ns = due_ns.max(at_ns),
+                TransmissionResult::Lost => {
                     self.lost_count += 1;
                     return None;
                 }
@@ -51,11 +62,11 @@ impl<M: Clone> Link<M> {
         if due_ns == t_ns {
             return Some(message.clone());
         }
-        if self.waiting.len() == WAITING_MAX {
-            self.waiting.remove(0);
+        if self.in_transit_messages.len() == IN_TRANSIT_MESSAGES_MAX {
+            self.in_transit_messages.remove(0);
             self.lost_count += 1;
         }
-        self.waiting.push((due_ns, message.clone()));
+        self.in_transit_messages.push((due_ns, message.clone()));
         None
     }
 
@@ -63,8 +74,8 @@ impl<M: Clone> Link<M> {
     pub fn next_due_message(&mut self, t_ns: u64) -> Option<M> {
         // `min_by_key` returns the first of equal keys, so messages stay in order.
         let (place, (due_ns, _)) =
-            self.waiting.iter().enumerate().min_by_key(|(_, (due_ns, _))| *due_ns)?;
-        (*due_ns <= t_ns).then(|| self.waiting.remove(place).1)
+            self.in_transit_messages.iter().enumerate().min_by_key(|(_, (due_ns, _))| *due_ns)?;
+        (*due_ns <= t_ns).then(|| self.in_transit_messages.remove(place).1)
     }
 
     /// Returns the number of lost messages.
@@ -79,12 +90,12 @@ mod tests {
     use crate::fault::{LinkFaultKind, Span};
 
     /// Creates a link whose messages are the times at which they were sent, ns.
-    fn link(kind: LinkFaultKind) -> Link<u64> {
+    fn link(kind: LinkFaultKind) -> FaultyLink<u64> {
         let span = Span { from_ns: 10, until_ns: 20 };
-        Link::new(&[LinkFault { span, kind, seed: 1 }])
+        FaultyLink::new(&[LinkFault { span, kind, seed: 1 }])
     }
 
-    fn pass_message(link: &mut Link<u64>, t_ns: u64) -> Option<u64> {
+    fn pass_message(link: &mut FaultyLink<u64>, t_ns: u64) -> Option<u64> {
         link.send(&t_ns, Transmission { tick: t_ns, t_ns, distance_m: None })
     }
 
@@ -117,9 +128,12 @@ mod tests {
     #[test]
     fn messages_in_transit_are_bounded() {
         let mut link = link(LinkFaultKind::Delay { delay_ns: u64::MAX, jitter_ns: 0 });
-        for _ in 0..2 * WAITING_MAX {
+        for _ in 0..2 * IN_TRANSIT_MESSAGES_MAX {
             assert_eq!(pass_message(&mut link, 15), None);
         }
-        assert_eq!((link.waiting.len(), link.lost_count()), (WAITING_MAX, WAITING_MAX as u64));
+        assert_eq!(
+            (link.in_transit_messages.len(), link.lost_count()),
+            (IN_TRANSIT_MESSAGES_MAX, IN_TRANSIT_MESSAGES_MAX as u64)
+        );
     }
 }

@@ -22,7 +22,7 @@ pub const POSITION_MAX_M: f64 = 1e9;
 pub const SPEED_MAX_M_S: f64 = 1e6;
 /// Maximum angle, scale, turn rate or other rate, in SI units: products of two stay far from overflow. Messages
 /// with larger values are refused.
-pub const OTHER_MAX: f64 = 1e9;
+pub const ANGLE_SCALE_AND_RATE_MAX: f64 = 1e9;
 /// Maximum incarnation number. A larger one is garbage, and would make the plant refuse the real robot.
 pub const INCARNATION_MAX: u64 = u32::MAX as u64;
 /// Maximum number of backup leaders (deputies) of a leader.
@@ -54,6 +54,11 @@ pub unsafe trait Plain: Copy + 'static {
         (bytes.len() == size_of::<Self>())
             .then(|| unsafe { bytes.as_ptr().cast::<Self>().read_unaligned() })
     }
+}
+
+// SAFETY: a plain number.
+unsafe impl Plain for u8 {
+    const LAYOUT: u64 = layout::text(layout::START, "u8");
 }
 
 // SAFETY: a plain number.
@@ -111,7 +116,7 @@ macro_rules! message {
 
 message! {
     /// Plant to agent: sensor data of a robot: its own pose and twist, robots in range, and walls.
-    Odometry / 5 {
+    Odometry / 6 {
         /// Plant tick, from 0.
         tick: u64,
         /// Time since the start of the run, ns.
@@ -149,6 +154,8 @@ message! {
         walls_count: u32,
         /// 1 if more walls were in range than the list holds.
         walls_cut: u32,
+        /// Classes of the robots in `near`, in the same order; 0 unless robots sense classes.
+        near_class: [u8; PROXIMITY_MAX],
         /// For each convex part of a wall or obstacle within the sensing radius, its point nearest to the own
         /// front point, m; nearest part first. Walls are seen by the proximity sensor.
         walls: [[f64; 2]; WALLS_MAX],
@@ -167,20 +174,26 @@ impl Odometry {
     }
 
     /// Returns the front points of the robots within the sensing radius, nearest first, m.
-    pub fn proximity(&self) -> impl Iterator<Item = Vec2> {
+    pub fn proximity_front_points(&self) -> impl Iterator<Item = Vec2> {
         let count = (self.proximity_count as usize).min(self.proximity_max());
         self.near[..count].iter().map(|&[x, y]| Vec2::new(x, y))
     }
 
+    /// Returns the classes of these robots, in the same order.
+    pub fn near_classes(&self) -> &[u8] {
+        let count = (self.proximity_count as usize).min(self.proximity_max());
+        &self.near_class[..count]
+    }
+
     /// Returns the velocities of these front points, m/s, in the same order; empty if they are not sensed.
-    pub fn velocities(&self) -> impl Iterator<Item = Vec2> {
+    pub fn proximity_velocities(&self) -> impl Iterator<Item = Vec2> {
         let (most, count) = (self.proximity_max(), self.proximity_count as usize);
         let sensed = if self.velocities_sensed == 1 { count.min(most) } else { 0 };
         self.near[PROXIMITY_MAX - most..][..sensed].iter().map(|&[x, y]| Vec2::new(x, y))
     }
 
     /// Returns the nearest points of the walls within the sensing radius, nearest first, m.
-    pub fn walls(&self) -> impl Iterator<Item = Vec2> {
+    pub fn nearest_wall_points(&self) -> impl Iterator<Item = Vec2> {
         let count = (self.walls_count as usize).min(WALLS_MAX);
         self.walls[..count].iter().map(|&[x, y]| Vec2::new(x, y))
     }
@@ -222,14 +235,14 @@ impl Command {
     pub fn is_plausible(&self) -> bool {
         self.v_m_s.abs() <= SPEED_MAX_M_S
             && self.side_m_s.abs() <= SPEED_MAX_M_S
-            && self.w_rad_s.abs() <= OTHER_MAX
+            && self.w_rad_s.abs() <= ANGLE_SCALE_AND_RATE_MAX
             && self.incarnation <= INCARNATION_MAX
     }
 }
 
 message! {
     /// Agent to the robots that receive from it: front point, published velocity and the leader's frame.
-    Beacon / 3 {
+    Beacon / 4 {
         /// Tick of the odometry sample that this was computed from.
         tick: u64,
         /// Stamp of that odometry sample, ns.
@@ -262,6 +275,9 @@ message! {
         frame_scale: f64,
         /// Rate of change of the scale (delta'), 1/s.
         frame_scale_rate_per_s: f64,
+        /// Number of messages of the control law that this incarnation has sent, with the one after this header, so
+        /// that a receiver can count the messages dropped by its queue.
+        messages_sent: u64,
     }
 }
 
@@ -277,7 +293,7 @@ impl Beacon {
     }
 
     /// Returns the leader's frame and its stamp, ns; `None` if it is not valid.
-    pub fn frame(&self) -> Option<(u64, LeaderFrame)> {
+    pub fn leader_frame(&self) -> Option<(u64, LeaderFrame)> {
         let frame = LeaderFrame {
             heading_rad: self.frame_heading_rad,
             turn_rate_rad_s: self.frame_turn_rate_rad_s,
@@ -289,8 +305,8 @@ impl Beacon {
     }
 
     /// Returns a copy of the beacon with this frame.
-    pub fn with_frame(self, frame: Option<(u64, LeaderFrame)>) -> Beacon {
-        let (stamp_ns, known) = frame.unwrap_or((0, LeaderFrame::STILL));
+    pub fn with_leader_frame(self, frame: Option<(u64, LeaderFrame)>) -> Beacon {
+        let (stamp_ns, known) = frame.unwrap_or((0, LeaderFrame::IDENTITY));
         Beacon {
             frame_known: u64::from(frame.is_some()),
             frame_stamp_ns: stamp_ns,
@@ -314,7 +330,7 @@ impl Beacon {
         let within = |numbers: &[f64], max: f64| numbers.iter().all(|number| number.abs() <= max);
         within(&[self.x_m, self.y_m], POSITION_MAX_M)
             && within(&[self.vx_m_s, self.vy_m_s], SPEED_MAX_M_S)
-            && within(&self.frame_numbers(), OTHER_MAX)
+            && within(&self.frame_numbers(), ANGLE_SCALE_AND_RATE_MAX)
             && self.incarnation <= INCARNATION_MAX
             && self.frame_rank <= DEPUTIES_MAX
     }
@@ -331,8 +347,9 @@ impl Beacon {
 }
 
 message! {
-    /// Agent to supervisor, before the slice of [`NeighborStatus`]: status of the agent.
-    StatusHeader / 6 {
+    /// Agent to supervisor: status of the agent. After it follow the [`NeighborStatus`] of each in-neighbor and, if the
+    /// run records messages, the bytes of the message of the control law at that sample.
+    StatusHeader / 8 {
         /// Tick of the newest odometry sample received; 0 before the first.
         tick: u64,
         /// Time since the start of the run of that sample, ns.
@@ -353,6 +370,9 @@ message! {
         messages_sent: u64,
         /// Hash of these messages and their ticks; 0 without messages.
         message_hash: u64,
+        /// Number of messages of in-neighbors that no control cycle processed: a queue was full, or the robot was
+        /// frozen.
+        messages_dropped: u64,
         /// 1 if the law of a free robot named a target at that sample.
         target_known: u64,
         /// Position of the target, m.
@@ -363,7 +383,7 @@ message! {
         signals_recorded: u64,
         /// Values of these signals.
         signals: [f64; SIGNALS_MAX],
-        /// Reception state of the leader's frame, a [`Contact`] as a number.
+        /// Reception state of the leader's frame, a [`ReceptionState`] as a number.
         frame: u64,
         /// Time since the start of the run at which that state began, ns.
         frame_since_t_ns: u64,
@@ -373,10 +393,40 @@ message! {
         goal_since_t_ns: u64,
         /// The current goal, m.
         goal_m: [f64; 2],
+        /// Number of [`NeighborStatus`] that follow.
+        neighbors: u64,
     }
 }
 
 impl StatusHeader {
+    /// Returns the maximum length of the bytes after the header, for this number of in-neighbors and backup neighbors,
+    /// and this maximum length of a recorded message, bytes.
+    pub const fn payload_bytes_max(neighbors: usize, message_bytes_max: usize) -> usize {
+        neighbors * size_of::<NeighborStatus>() + message_bytes_max
+    }
+
+    /// Returns the bytes after the header. `message` is empty if no message is recorded.
+    pub fn encode_payload(
+        neighbors: impl ExactSizeIterator<Item = NeighborStatus>,
+        message: &[u8],
+    ) -> Vec<u8> {
+        let length = StatusHeader::payload_bytes_max(neighbors.len(), message.len());
+        let mut payload = Vec::with_capacity(length);
+        neighbors.for_each(|neighbor| payload.extend(neighbor.bytes()));
+        payload.extend(message);
+        payload
+    }
+
+    /// Splits the bytes after the header into the states of the neighbors and the recorded message, which is empty if
+    /// there is none. Returns `None` if the bytes are incomplete.
+    pub fn split_payload<'a>(&self, payload: &'a [u8]) -> Option<(Vec<NeighborStatus>, &'a [u8])> {
+        let count = usize::try_from(self.neighbors).ok()?;
+        let length = count.checked_mul(size_of::<NeighborStatus>())?;
+        let (neighbors, message) = payload.split_at_checked(length)?;
+        let neighbors = neighbors.chunks_exact(size_of::<NeighborStatus>());
+        Some((neighbors.map(NeighborStatus::from_bytes).collect::<Option<_>>()?, message))
+    }
+
     /// Returns the target that the law of a free robot named at that sample; `None` if it named none.
     pub fn target(&self) -> Option<Target> {
         let target =
@@ -449,7 +499,7 @@ message! {
     NeighborStatus / 2 {
         /// Scenario index of the neighbor, from 1.
         robot: u64,
-        /// Reception state, a [`Contact`] as a number.
+        /// Reception state, a [`ReceptionState`] as a number.
         contact: u64,
         /// Tick at which that state began.
         since_tick: u64,
@@ -466,16 +516,18 @@ message! {
 wire_enum! {
     /// Reception state of a neighbor.
     #[derive(Default)]
-    Contact: u64 {
+    ReceptionState: u64 {
         /// Initial state: this incarnation has received no beacon.
         #[default]
-        Unheard = 0 "unheard",
+        NothingReceived = 0 "unheard",
         /// Recent beacon: used as received.
         Fresh = 1 "fresh",
         /// Beacon older than the stale threshold: extrapolated by its published velocity.
         Stale = 2 "stale",
         /// Beacon older than the lost threshold: timed out, so the silence policy applies.
         Lost = 3 "lost",
+        /// Out of the range of communication by distance, after it was in range: nothing is known about it.
+        Apart = 4 "apart",
     }
 }
 
@@ -595,7 +647,7 @@ message! {
         robot: u64,
         /// Desired total number of starts of its process.
         starts: u64,
-        /// Desired process state, a [`Wanted`] as a number.
+        /// Desired process state, a [`WantedState`] as a number.
         wanted: u64,
     }
 }
@@ -627,7 +679,7 @@ message! {
         status: u64,
         /// 1 if it exited before its host was ordered to end the run.
         ended_early: u64,
-        /// State of the process at the last poll by its host, a [`Polled`] as a number.
+        /// State of the process at the last poll by its host, a [`PolledState`] as a number.
         state: u64,
         /// CPU time of the process at that poll, ns.
         computed_ns: u64,
@@ -689,7 +741,7 @@ wire_enum! {
 wire_enum! {
     /// Desired state of a process.
     #[derive(Default)]
-    Wanted: u64 {
+    WantedState: u64 {
         /// Running process.
         #[default]
         Running = 0 "running",
@@ -703,10 +755,10 @@ wire_enum! {
 wire_enum! {
     /// Process state of a robot on another host at the last poll by that host.
     #[derive(Default)]
-    Polled: u64 {
+    PolledState: u64 {
         /// Unknown state: not polled since the last order, or stopped as ordered.
         #[default]
-        Not = 0 "not polled",
+        NotPolled = 0 "not polled",
         /// Running, or waiting for a CPU core.
         Runnable = 1 "runnable",
         /// Waiting for anything else.
@@ -768,8 +820,23 @@ mod tests {
     fn layout_hashes_equal_those_of_earlier_builds() {
         assert_eq!(
             (Command::LAYOUT, Beacon::LAYOUT),
-            (0xb2c2_5179_10a1_fdbd, 0x1189_c96e_91a2_16ce)
+            (0xb2c2_5179_10a1_fdbd, 0x7149_9a2e_1144_cf98)
         );
+    }
+
+    #[test]
+    fn status_payload_splits_into_neighbors_and_message() {
+        let rows = [1, 2].map(|robot| NeighborStatus { robot, ..NeighborStatus::default() });
+        let header = StatusHeader { neighbors: 2, ..StatusHeader::default() };
+        for message in [&[][..], &[7, 8, 9]] {
+            let payload = StatusHeader::encode_payload(rows.into_iter(), message);
+            assert_eq!(payload.len(), StatusHeader::payload_bytes_max(2, message.len()));
+            assert_eq!(header.split_payload(&payload), Some((rows.to_vec(), message)));
+        }
+        assert_eq!(header.split_payload(&[0; 3]), None);
+        let neighbors = u64::MAX;
+        let garbage = StatusHeader { neighbors, ..StatusHeader::default() };
+        assert_eq!(garbage.split_payload(&[0; 3]), None);
     }
 
     #[test]

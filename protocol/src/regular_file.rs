@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// Policy for a symbolic link as the last part of a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Links {
+pub enum SymlinkPolicy {
     /// The link's target is opened.
     Followed,
     /// A link is an error.
@@ -22,15 +22,15 @@ pub enum Links {
 /// # Errors
 ///
 /// The file is missing, is a directory, named pipe, socket or device, or is a symbolic link and these are refused.
-pub fn open(path: &Path, links: Links) -> io::Result<File> {
+pub fn open(path: &Path, links: SymlinkPolicy) -> io::Result<File> {
     let found = match links {
-        Links::Followed => fs::metadata(path),
-        Links::Refused => fs::symlink_metadata(path),
+        SymlinkPolicy::Followed => fs::metadata(path),
+        SymlinkPolicy::Refused => fs::symlink_metadata(path),
     }?;
-    must_be_regular(&found)?;
+    check_is_regular(&found)?;
     let file = File::open(path)?;
     // The path may refer to another file by now.
-    must_be_regular(&file.metadata()?)?;
+    check_is_regular(&file.metadata()?)?;
     Ok(file)
 }
 
@@ -39,7 +39,7 @@ pub fn open(path: &Path, links: Links) -> io::Result<File> {
 /// # Errors
 ///
 /// The error says which kind of file it is instead.
-pub fn must_be_regular(found: &fs::Metadata) -> io::Result<()> {
+pub fn check_is_regular(found: &fs::Metadata) -> io::Result<()> {
     match (found.is_file(), found.is_symlink(), found.is_dir()) {
         (true, ..) => Ok(()),
         (_, true, _) => Err(io::Error::other("it is a symbolic link, expected a regular file")),
@@ -53,8 +53,8 @@ pub fn must_be_regular(found: &fs::Metadata) -> io::Result<()> {
 /// # Errors
 ///
 /// Errors of [`open`], and a file of more than `bytes_max` bytes.
-pub fn read(path: &Path, links: Links, bytes_max: u64) -> io::Result<Vec<u8>> {
-    read_open(&open(path, links)?, bytes_max)
+pub fn read(path: &Path, links: SymlinkPolicy, bytes_max: u64) -> io::Result<Vec<u8>> {
+    read_rest(&open(path, links)?, bytes_max)
 }
 
 /// Reads the rest of an open file.
@@ -62,7 +62,7 @@ pub fn read(path: &Path, links: Links, bytes_max: u64) -> io::Result<Vec<u8>> {
 /// # Errors
 ///
 /// The rest has more than `bytes_max` bytes, or cannot be read.
-pub fn read_open(file: &File, bytes_max: u64) -> io::Result<Vec<u8>> {
+pub fn read_rest(file: &File, bytes_max: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     // One byte more detects a file that is larger; it may grow while it is read.
     file.take(bytes_max.saturating_add(1)).read_to_end(&mut bytes)?;
@@ -78,8 +78,8 @@ pub fn read_open(file: &File, bytes_max: u64) -> io::Result<Vec<u8>> {
 /// # Errors
 ///
 /// Errors of [`read`], and text that is not UTF-8.
-pub fn read_to_string(path: &Path, links: Links, bytes_max: u64) -> io::Result<String> {
-    text(read(path, links, bytes_max)?)
+pub fn read_to_string(path: &Path, links: SymlinkPolicy, bytes_max: u64) -> io::Result<String> {
+    decode_utf8(read(path, links, bytes_max)?)
 }
 
 /// Converts bytes to text.
@@ -87,7 +87,7 @@ pub fn read_to_string(path: &Path, links: Links, bytes_max: u64) -> io::Result<S
 /// # Errors
 ///
 /// The bytes are not UTF-8. The error has the offset of the first invalid byte.
-pub fn text(bytes: Vec<u8>) -> io::Result<String> {
+pub fn decode_utf8(bytes: Vec<u8>) -> io::Result<String> {
     String::from_utf8(bytes).map_err(|error| {
         let offset = error.utf8_error().valid_up_to();
         io::Error::new(io::ErrorKind::InvalidData, format!("it is not UTF-8 at byte {offset}"))
@@ -113,20 +113,24 @@ mod tests {
             let text = read_to_string(&at(name), links, bytes_max);
             text.map_err(|error| error.to_string())
         };
-        for links in [Links::Followed, Links::Refused] {
+        for links in [SymlinkPolicy::Followed, SymlinkPolicy::Refused] {
             assert_eq!(read("file", links, 4).as_deref(), Ok("four"));
             assert!(read("file", links, 3).unwrap_err().contains("more than 3 bytes"));
             assert!(read("socket", links, 9).unwrap_err().contains("no regular file"));
             assert!(read(".", links, 9).unwrap_err().contains("a directory"));
             assert!(read("none", links, 9).is_err());
         }
-        assert_eq!(read("link", Links::Followed, 4).as_deref(), Ok("four"));
-        assert!(read("link", Links::Refused, 4).unwrap_err().contains("a symbolic link"));
+        assert_eq!(read("link", SymlinkPolicy::Followed, 4).as_deref(), Ok("four"));
+        assert!(read("link", SymlinkPolicy::Refused, 4).unwrap_err().contains("a symbolic link"));
         assert!(
-            read("device", Links::Followed, 9).unwrap_err().contains("a pipe, socket or device")
+            read("device", SymlinkPolicy::Followed, 9)
+                .unwrap_err()
+                .contains("a pipe, socket or device")
         );
-        assert!(read("device", Links::Refused, 9).unwrap_err().contains("a symbolic link"));
+        assert!(read("device", SymlinkPolicy::Refused, 9).unwrap_err().contains("a symbolic link"));
         fs::write(at("file"), [b'a', 0xff]).unwrap();
-        assert!(read("file", Links::Refused, 9).unwrap_err().contains("not UTF-8 at byte 1"));
+        assert!(
+            read("file", SymlinkPolicy::Refused, 9).unwrap_err().contains("not UTF-8 at byte 1")
+        );
     }
 }

@@ -14,14 +14,14 @@ use std::path::PathBuf;
 use formation::obstacle::Obstacle;
 use serde::{Deserialize, Serialize};
 
-use crate::brief::{Brief, Format};
+use crate::brief::{Brief, FormatVersion};
 
 /// Configuration of the ROS 2 process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ros2Brief {
     /// Format of the brief.
-    pub format: Format,
+    pub format: FormatVersion,
     /// Directory of the files that the processes of this run share.
     pub run_root: PathBuf,
     /// Address on which the bridge listens, or of the router to which it connects.

@@ -10,7 +10,7 @@ pub const SIGNALS_MAX: usize = 16;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SignalValues {
     /// Bit i is set if signal i was recorded.
-    recorded: u64,
+    recorded_bits: u64,
     values: [f64; SIGNALS_MAX],
 }
 
@@ -22,7 +22,7 @@ impl Default for SignalValues {
 
 impl SignalValues {
     /// Values of a sample at which the law recorded no signal.
-    pub const NONE: SignalValues = SignalValues { recorded: 0, values: [0.0; SIGNALS_MAX] };
+    pub const NONE: SignalValues = SignalValues { recorded_bits: 0, values: [0.0; SIGNALS_MAX] };
 
     /// Creates the values from their form in a status message. A value that is not finite is left out.
     pub fn from_parts(recorded: u64, values: [f64; SIGNALS_MAX]) -> SignalValues {
@@ -34,7 +34,7 @@ impl SignalValues {
 
     /// Returns the values in the form of a status message: a bit for each recorded signal, and all values.
     pub fn parts(&self) -> (u64, [f64; SIGNALS_MAX]) {
-        (self.recorded, self.values)
+        (self.recorded_bits, self.values)
     }
 
     /// Records signal `i`. Does nothing if the value is not finite.
@@ -45,18 +45,18 @@ impl SignalValues {
     pub fn set(&mut self, i: usize, value: f64) {
         if value.is_finite() {
             self.values[i] = value;
-            self.recorded |= 1 << i;
+            self.recorded_bits |= 1 << i;
         }
     }
 
     /// Returns whether no signal was recorded.
     pub fn is_empty(&self) -> bool {
-        self.recorded == 0
+        self.recorded_bits == 0
     }
 
     /// Returns the recorded values with the indices of their signals.
     pub fn iter(&self) -> impl Iterator<Item = (usize, f64)> {
-        let SignalValues { recorded, values } = *self;
+        let SignalValues { recorded_bits: recorded, values } = *self;
         values.into_iter().enumerate().filter(move |(i, _)| recorded >> i & 1 == 1)
     }
 }

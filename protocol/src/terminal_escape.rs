@@ -11,21 +11,21 @@ pub fn is_hidden(c: char) -> bool {
 
 /// Returns the text on one line, with every hidden character as an escape such as `\u{1b}`.
 pub fn escape_to_one_line(text: &str) -> Cow<'_, str> {
-    escaped(text, is_hidden, |c| c.escape_default().to_string())
+    escape_hidden(text, is_hidden, |c| c.escape_default().to_string())
 }
 
 /// Returns the text with every hidden character as an escape, except line breaks and tabs.
-pub fn lines(text: &str) -> Cow<'_, str> {
+pub fn escape_lines(text: &str) -> Cow<'_, str> {
     let hidden = |c| is_hidden(c) && c != '\n' && c != '\t';
-    escaped(text, hidden, |c| c.escape_default().to_string())
+    escape_hidden(text, hidden, |c| c.escape_default().to_string())
 }
 
 /// Returns equivalent JSON without hidden characters, except line breaks outside of its strings.
-pub fn json(text: &str) -> Cow<'_, str> {
-    escaped(text, |c| is_hidden(c) && c != '\n', |c| format!("\\u{:04x}", u32::from(c)))
+pub fn escape_json(text: &str) -> Cow<'_, str> {
+    escape_hidden(text, |c| is_hidden(c) && c != '\n', |c| format!("\\u{:04x}", u32::from(c)))
 }
 
-fn escaped(
+fn escape_hidden(
     text: &str,
     hidden: impl Fn(char) -> bool,
     escape: impl Fn(char) -> String,
@@ -52,8 +52,8 @@ mod tests {
     fn control_characters_are_escaped_and_other_text_is_kept() {
         assert_eq!(escape_to_one_line("a\u{1b}[2Jb\r\n"), r"a\u{1b}[2Jb\r\n");
         assert_eq!(escape_to_one_line("\u{9b}31m \u{202e}"), r"\u{9b}31m \u{202e}");
-        assert_eq!(lines("a\tb\n\u{7}c"), "a\tb\n\\u{7}c");
-        assert_eq!(json("[\"\u{9b}\u{202e}\"]\n"), "[\"\\u009b\\u202e\"]\n");
-        assert!(matches!(lines("grün, 最後\n"), Cow::Borrowed(_)));
+        assert_eq!(escape_lines("a\tb\n\u{7}c"), "a\tb\n\\u{7}c");
+        assert_eq!(escape_json("[\"\u{9b}\u{202e}\"]\n"), "[\"\\u009b\\u202e\"]\n");
+        assert!(matches!(escape_lines("grün, 最後\n"), Cow::Borrowed(_)));
     }
 }

@@ -2,7 +2,7 @@
 
 /// One wake-up of a process's timer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Wake {
+pub struct WakeUp {
     /// Deadline of the wait, ns.
     pub due_ns: u64,
     /// Wake-up latency: time from the deadline to the return of the wait, ns.

@@ -42,10 +42,10 @@ pub(crate) fn nonzero_counts<const N: usize>(
 
 #[cfg(test)]
 mod tests {
-    use crate::dropped::Dropped;
-    use crate::goal::Refused;
-    use crate::message::{Contact, Phase, Polled, Wanted};
-    use crate::stage::{Cause, Stage};
+    use crate::dropped::DropReason;
+    use crate::goal::RefusalReason;
+    use crate::message::{Phase, PolledState, ReceptionState, WantedState};
+    use crate::stage::{LatenessCause, Stage};
 
     /// Numbers are indices of lists, and keywords are columns: neither may change.
     #[test]
@@ -63,14 +63,30 @@ mod tests {
             }
             assert_eq!(from_number(all.len()), None);
         }
-        check(&Contact::ALL, |c| *c as usize, |n| Contact::from_number(n as u64), |c| c.keyword());
+        check(
+            &ReceptionState::ALL,
+            |c| *c as usize,
+            |n| ReceptionState::from_number(n as u64),
+            |c| c.keyword(),
+        );
         check(&Phase::ALL, |p| *p as usize, |n| Phase::from_number(n as u64), |p| p.keyword());
-        check(&Wanted::ALL, |w| *w as usize, |n| Wanted::from_number(n as u64), |w| w.keyword());
-        check(&Polled::ALL, |p| *p as usize, |n| Polled::from_number(n as u64), |p| p.keyword());
+        check(
+            &WantedState::ALL,
+            |w| *w as usize,
+            |n| WantedState::from_number(n as u64),
+            |w| w.keyword(),
+        );
+        check(
+            &PolledState::ALL,
+            |p| *p as usize,
+            |n| PolledState::from_number(n as u64),
+            |p| p.keyword(),
+        );
         check(&Stage::ALL, |s| *s as usize, |n| Stage::from_number(n as u32), |s| s.keyword());
-        check(&Dropped::ALL, |d| *d as usize, Dropped::from_number, |d| d.keyword());
-        check(&Refused::ALL, |r| *r as usize, Refused::from_number, |r| r.keyword());
-        let late: Vec<&str> = Cause::ALL.iter().map(|cause| cause.stage().keyword()).collect();
+        check(&DropReason::ALL, |d| *d as usize, DropReason::from_number, |d| d.keyword());
+        check(&RefusalReason::ALL, |r| *r as usize, RefusalReason::from_number, |r| r.keyword());
+        let late: Vec<&str> =
+            LatenessCause::ALL.iter().map(|cause| cause.stage().keyword()).collect();
         assert_eq!(late, ["late_work", "late_core", "late_faults", "late_host", "late_unknown"]);
     }
 }

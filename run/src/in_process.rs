@@ -3,34 +3,34 @@
 //! processes, which tests check. Used for training, for predictions and for campaigns of many runs. It is
 //! not a deployment: no robot is late, lost or killed except as planned.
 //!
-//! This is a driver of a [`Course`], which decides what follows from an event, as with processes. `measured` is a
-//! complete run, recorded like a run with processes.
+//! This is a driver of a [`RunStateMachine`], which decides what follows from an event, as with processes. `measured`
+//! is a complete run, recorded like a run with processes.
 
 pub mod measured;
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
 
-use agent::control_cycle::{self, ControlCycle, Inbox};
+use agent::control_cycle::{ControlCycle, Inbox, ReceivedBeacon};
 use agent::controller::Controller;
 use agent::laws::{LawOutput, Situation};
 use experiment::briefs;
 use experiment::scenario::{FaultKind, Scenario};
-use plant::motion::Unicycles;
-use plant::simulation_step::{Delivery, SimulationStepper, StepError};
+use plant::motion::UnicycleMotion;
+use plant::simulation_step::{ReceivedCommand, SimulationStepper, StepError};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::law_message::Broadcast;
 
-use crate::course::{Course, Records};
-use crate::lifecycle::{Death, Event, Order, ProcessState};
+use crate::course::{RecordSink, RunStateMachine};
+use crate::lifecycle::{DriverOrder, LifecycleEvent, ProcessDeath, ProcessState};
 
 /// Exit cause of a killed process, as text.
 const KILLED_CAUSE: &str = "signal 9";
 
 /// Reason why a scenario cannot run within one process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum NotInProcess {
+pub enum InProcessError {
     /// A program moves the robots.
     #[error(
         "an external program simulates the robots ([plant]), and a run within one process starts no program"
@@ -38,25 +38,27 @@ pub enum NotInProcess {
     PlantProgram,
     /// A fault kills the plant.
     #[error("a fault kills the plant, which has no process in a run within one process")]
-    KillsThePlant,
+    PlantKill,
 }
 
 /// Lockstep run in progress. `F` creates the controller of a robot from its brief and incarnation number. `J`
 /// receives the records; `()` takes none.
-pub struct InProcess<F, J = ()> {
+pub struct InProcessRun<F, J = ()> {
     scenario: Scenario,
-    think: F,
-    agents: Vec<AgentBrief>,
+    create_controller: F,
+    agent_briefs: Vec<AgentBrief>,
     plant: SimulationStepper,
     ticks: u64,
     robots: Vec<RobotProcess>,
+    /// Indices, from 0, of the robots that each robot receives from: in-neighbors, then spares.
+    senders: Vec<Box<[usize]>>,
     /// Beacon of each robot at the previous tick.
     beacons: Vec<Option<Broadcast>>,
     /// Commands of the robots at the current tick.
-    commands: Vec<Delivery>,
-    course: Course<J>,
+    commands: Vec<ReceivedCommand>,
+    state_machine: RunStateMachine<J>,
     /// Events caused by the orders already executed, still to be processed.
-    follows: VecDeque<Event>,
+    pending_events: VecDeque<LifecycleEvent>,
     /// Clock for latency measurements, ns; constant if the run is not measured.
     clock_ns: fn() -> u64,
 }
@@ -67,64 +69,67 @@ struct RobotProcess {
     cycle: Option<ControlCycle>,
     /// First tick at which the robot takes part since its start or thaw; `None` while the plant does not
     /// wait for it.
-    member_since: Option<u64>,
+    member_since_tick: Option<u64>,
     /// Time at which the robot finished sensing the current tick, ns.
     sensed_ns: u64,
     /// Whether the robot has a status report for the supervisor.
-    reports: bool,
+    has_status_report: bool,
+    /// Message that this report contains; empty if there is none.
+    recorded_message: Vec<u8>,
 }
 
 impl RobotProcess {
     /// Returns the control cycle and the first tick of a robot that takes part; otherwise `None`.
-    fn taking_part(&mut self) -> Option<(&mut ControlCycle, u64)> {
-        self.cycle.as_mut().zip(self.member_since)
+    fn participating_cycle(&mut self) -> Option<(&mut ControlCycle, u64)> {
+        self.cycle.as_mut().zip(self.member_since_tick)
     }
 }
 
-impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
+impl<F: Fn(&AgentBrief, u64) -> Controller> InProcessRun<F> {
     /// Creates the run at the start, before the first sample, without records. Fails if the scenario needs separate
     /// processes.
-    pub fn new(scenario: Scenario, think: F) -> Result<InProcess<F>, NotInProcess> {
-        InProcess::with_journal(scenario, think, ())
+    pub fn new(scenario: Scenario, think: F) -> Result<InProcessRun<F>, InProcessError> {
+        InProcessRun::with_journal(scenario, think, ())
     }
 }
 
-impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
+impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
     /// Creates the run at the start, before the first sample. Its records go to `journal`. Fails if the scenario
     /// needs separate processes.
     pub fn with_journal(
         scenario: Scenario,
         think: F,
         journal: J,
-    ) -> Result<InProcess<F, J>, NotInProcess> {
-        if scenario.plant.is_some() {
-            return Err(NotInProcess::PlantProgram);
+    ) -> Result<InProcessRun<F, J>, InProcessError> {
+        if scenario.plant_program.is_some() {
+            return Err(InProcessError::PlantProgram);
         }
         if scenario.faults.iter().any(|fault| fault.kind == FaultKind::KillPlant) {
-            return Err(NotInProcess::KillsThePlant);
+            return Err(InProcessError::PlantKill);
         }
-        let plant = briefs::plant(&scenario, Pace::Lockstep, "/nowhere".as_ref());
-        let agents: Vec<AgentBrief> = agents(&scenario).collect();
+        let plant = briefs::plant_brief(&scenario, Pace::Lockstep, "/nowhere".as_ref());
+        let agents: Vec<AgentBrief> = agent_briefs(&scenario).collect();
         let cycle = |brief: &AgentBrief| ControlCycle::new(brief.clone(), think(brief, 0), 0);
         let robot = |brief| RobotProcess { cycle: Some(cycle(brief)), ..RobotProcess::default() };
         let robots: Vec<RobotProcess> = agents.iter().map(robot).collect();
-        Ok(InProcess {
-            plant: SimulationStepper::new(&plant, Unicycles::new(&plant)),
+        Ok(InProcessRun {
+            plant: SimulationStepper::new(&plant, UnicycleMotion::new(&plant)),
             ticks: plant.duration_ns / plant.period_ns,
+            senders: agents.iter().map(sender_indices).collect(),
             beacons: vec![None; robots.len()],
             commands: Vec::with_capacity(robots.len()),
-            course: Course::new(&scenario, false, journal),
-            follows: VecDeque::new(),
+            state_machine: RunStateMachine::new(&scenario, false, journal),
+            pending_events: VecDeque::new(),
             clock_ns: || 0,
             scenario,
-            think,
-            agents,
+            create_controller: think,
+            agent_briefs: agents,
             robots,
         })
     }
 
     /// Returns the current tick.
-    pub fn tick(&self) -> u64 {
+    pub fn current_tick(&self) -> u64 {
         self.world().tick()
     }
 
@@ -145,141 +150,162 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
 
     /// Returns for each robot, in scenario order, whether it is alive.
     pub fn alive_robots(&self) -> &[bool] {
-        self.course.lifecycles().alive_robots()
+        self.state_machine.lifecycles().alive_robots()
     }
 
     /// Returns whether this robot is dead and no restart is planned or in progress.
-    pub fn is_gone(&self, robot: usize) -> bool {
-        let lifecycles = self.course.lifecycles();
-        lifecycles.process_state(robot) == ProcessState::Down && !lifecycles.will_be_replaced(robot)
+    pub fn is_permanently_dead(&self, robot: usize) -> bool {
+        let lifecycles = self.state_machine.lifecycles();
+        lifecycles.process_state(robot) == ProcessState::Dead && !lifecycles.will_be_replaced(robot)
     }
 
-    /// Returns what the control law of this robot sees at the current tick, after [`Self::sense`]. `None`
+    /// Returns what the control law of this robot sees at the current tick, after [`Self::sense_robots`]. `None`
     /// if the robot has no reference to track, or does not take part.
     pub fn situation(&self, robot: usize) -> Option<Situation<'_>> {
-        let RobotProcess { cycle, member_since, .. } = &self.robots[robot];
+        let RobotProcess { cycle, member_since_tick: member_since, .. } = &self.robots[robot];
         cycle.as_ref().zip(*member_since)?.0.controller().situation()
     }
 
     /// Executes the kills, freezes and restarts of this tick; then lets all robots that take part sense, and receive
     /// the beacons of the previous tick.
-    pub fn sense(&mut self) {
-        self.act();
-        let InProcess { robots, plant, agents, beacons, clock_ns, .. } = self;
+    pub fn sense_robots(&mut self) {
+        self.execute_planned_events();
+        let InProcessRun { robots, plant, senders, beacons, clock_ns, .. } = self;
+        // A robot's sample is sent when the robot before has sensed.
+        let mut now_ns = clock_ns();
         for (place, robot) in robots.iter_mut().enumerate() {
-            let Some((cycle, member_since)) = robot.taking_part() else { continue };
-            let odometry = plant.sense(place, clock_ns());
+            let Some((cycle, member_since)) = robot.participating_cycle() else { continue };
+            let odometry = plant.sense(place, now_ns);
             // Only from robots that take part; backup neighbors count while their edge is open.
-            let heard = agents[place].senders().enumerate().filter_map(|(place, sender)| {
-                let Broadcast { beacon, message } = beacons[sender.index - 1].clone()?;
-                let delivery = control_cycle::Delivery { place, beacon, message, received_ns: 0 };
-                Some(Ok::<_, Infallible>(delivery))
+            let heard = senders[place].iter().enumerate().filter_map(|(sender_index, &sender)| {
+                let broadcast = beacons[sender].as_ref()?;
+                Some(Ok::<_, Infallible>(ReceivedBeacon {
+                    sender_index,
+                    broadcast,
+                    received_ns: 0,
+                }))
             });
             let Ok(()) = cycle.sense(Inbox {
                 received_ns: clock_ns(),
                 odometry: Some(&odometry),
-                member_since,
+                participant_since_tick: member_since,
                 beacons: heard,
-                cuts: &[],
+                link_faults: &[],
                 goal: None,
             });
-            robot.sensed_ns = clock_ns();
+            now_ns = clock_ns();
+            robot.sensed_ns = now_ns;
         }
     }
 
     /// Lets all robots that take part reply to the current tick with the law output that `wish` returns for
     /// a robot's index and control cycle; then advances the plant by one period.
     pub fn step(&mut self, mut wish: impl FnMut(usize, &mut ControlCycle) -> LawOutput) {
-        let InProcess { robots, plant, beacons, commands, clock_ns, .. } = self;
+        let InProcessRun { robots, plant, beacons, commands, clock_ns, .. } = self;
+        let mut now_ns = clock_ns();
         for (place, robot) in robots.iter_mut().enumerate() {
             let sensed_ns = robot.sensed_ns;
             beacons[place] = None;
-            robot.reports = false;
-            let Some((cycle, _)) = robot.taking_part() else { continue };
+            robot.has_status_report = false;
+            let Some((cycle, _)) = robot.participating_cycle() else { continue };
             // Time during which other robots compute is not part of this robot's cycle.
-            let idle_ns = clock_ns().saturating_sub(sensed_ns);
+            let idle_ns = now_ns.saturating_sub(sensed_ns);
             let wish = wish(place, cycle);
             let outbox = cycle.act(wish);
             if let Some(answer) = outbox.answer {
                 let sent_ns = clock_ns();
+                now_ns = sent_ns;
                 cycle.record_sent(sent_ns.saturating_sub(idle_ns));
                 beacons[place] = answer.outgoing_broadcast();
                 let command = answer.command;
-                commands.push(Delivery {
+                commands.push(ReceivedCommand {
                     robot: place,
                     command,
                     received_ns: sent_ns,
-                    is_retired: false,
+                    is_from_dead_incarnation: false,
                 });
             }
-            robot.reports = outbox.report;
+            robot.has_status_report = outbox.status_is_due;
+            robot.recorded_message = outbox.recorded_message;
         }
         let passed: Result<(), StepError> = plant.step(commands.drain(..).map(Ok), *clock_ns);
         passed.expect("unicycles do not fail");
     }
 
     /// Handles the planned events of the current tick, and all that follow from them.
-    fn act(&mut self) {
+    fn execute_planned_events(&mut self) {
         let now_ns = self.world().t_ns();
-        if self.tick() == 0 {
+        if self.current_tick() == 0 {
             for robot in 0..self.robots.len() {
-                self.handle(Event::Reported { robot, takes_part: true });
+                self.handle_event(LifecycleEvent::StatusReported { robot, takes_part: true });
             }
         }
-        while let Some(orders) = self.course.handle_planned(now_ns) {
-            self.execute(orders);
+        while let Some(orders) = self.state_machine.handle_planned_event(now_ns) {
+            self.execute_orders(orders);
         }
-        while !self.course.lifecycles().is_at_rest(now_ns) {
-            self.handle(Event::Due);
-            while let Some(event) = self.follows.pop_front() {
-                self.handle(event);
+        while !self.state_machine.lifecycles().is_idle(now_ns) {
+            self.handle_event(LifecycleEvent::TimePassed);
+            while let Some(event) = self.pending_events.pop_front() {
+                self.handle_event(event);
             }
         }
     }
 
     /// Handles an event, and executes the orders that follow from it.
-    fn handle(&mut self, event: Event) {
-        let orders = self.course.handle(self.world().t_ns(), event);
-        self.execute(orders);
+    fn handle_event(&mut self, event: LifecycleEvent) {
+        let orders = self.state_machine.handle_event(self.world().t_ns(), event);
+        self.execute_orders(orders);
     }
 
     /// Executes orders. No load is started, because there are no processes that it could slow down.
-    fn execute(&mut self, orders: Vec<Order>) {
+    fn execute_orders(&mut self, orders: Vec<DriverOrder>) {
         let now_ns = self.world().t_ns();
         for order in orders {
             match order {
-                Order::Start { robot, incarnation } => {
-                    let brief = &self.agents[robot];
-                    let controller = (self.think)(brief, incarnation);
+                DriverOrder::Start { robot, incarnation } => {
+                    let brief = &self.agent_briefs[robot];
+                    let controller = (self.create_controller)(brief, incarnation);
                     self.robots[robot].cycle =
                         Some(ControlCycle::new(brief.clone(), controller, now_ns));
-                    self.follows.push_back(Event::Reported { robot, takes_part: true });
+                    self.pending_events
+                        .push_back(LifecycleEvent::StatusReported { robot, takes_part: true });
                 }
-                Order::Kill(robot) => {
+                DriverOrder::Kill(robot) => {
                     self.robots[robot].cycle = None;
-                    self.follows.push_back(Event::Died(Death {
+                    self.pending_events.push_back(LifecycleEvent::ProcessDied(ProcessDeath {
                         robot,
                         cause: KILLED_CAUSE.into(),
-                        success: false,
-                        gave_up: false,
-                        starting_up: false,
-                        alive_ns: 0,
+                        exited_successfully: false,
+                        is_infrastructure_failure: false,
+                        is_before_motion: false,
+                        last_seen_alive_ns: 0,
                         fault: 0,
                     }));
                 }
-                Order::CleanUp(robot) => self.follows.push_back(Event::Cleaned { robot }),
-                Order::Join(robot) => self.robots[robot].member_since = Some(self.tick()),
-                Order::Leave(robot) => {
-                    self.robots[robot].member_since = None;
+                DriverOrder::CleanUp(robot) => {
+                    self.pending_events.push_back(LifecycleEvent::CleanedUp { robot })
+                }
+                DriverOrder::JoinBarrier(robot) => {
+                    self.robots[robot].member_since_tick = Some(self.current_tick())
+                }
+                DriverOrder::LeaveBarrier(robot) => {
+                    self.robots[robot].member_since_tick = None;
                     self.beacons[robot] = None;
                 }
-                Order::StartLoad { fault, .. } => {
-                    self.handle(Event::LoadStarted { fault, detail: "0 processes".into() });
+                DriverOrder::StartLoad { fault, .. } => {
+                    self.handle_event(LifecycleEvent::LoadStarted {
+                        fault,
+                        detail: "0 processes".into(),
+                    });
                 }
                 // A robot that left the barrier stands still.
-                Order::Stop(_) | Order::GoOn(_) | Order::EndLoad { .. } => {}
-                Order::KillPlant => unreachable!("a scenario that kills the plant is rejected"),
-                Order::TellLinks(_) | Order::WarnOfDeath { .. } | Order::EndRun { .. } => {
+                DriverOrder::Stop(_) | DriverOrder::Resume(_) | DriverOrder::EndLoad { .. } => {}
+                DriverOrder::KillPlant => {
+                    unreachable!("a scenario that kills the plant is rejected")
+                }
+                DriverOrder::SendCutLinks(_)
+                | DriverOrder::WarnOfDeath { .. }
+                | DriverOrder::EndRun { .. } => {
                     unreachable!("no link is cut by hand, and no robot dies without a plan")
                 }
             }
@@ -287,8 +313,14 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
     }
 }
 
+/// Returns the indices, from 0, of the robots that this one receives from, in the order of its brief.
+fn sender_indices(brief: &AgentBrief) -> Box<[usize]> {
+    brief.senders().map(|sender| sender.index - 1).collect()
+}
+
 /// Returns the brief of each robot, in scenario order.
-pub fn agents(scenario: &Scenario) -> impl Iterator<Item = AgentBrief> {
+pub fn agent_briefs(scenario: &Scenario) -> impl Iterator<Item = AgentBrief> {
+    let briefs = briefs::AgentBriefs::new(scenario);
     let robots = 0..scenario.robots.len();
-    robots.map(|i| briefs::agent(scenario, i, Pace::Lockstep, "/nowhere".as_ref()))
+    robots.map(move |i| briefs.brief(i, Pace::Lockstep, "/nowhere".as_ref()))
 }

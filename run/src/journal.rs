@@ -6,8 +6,8 @@
 
 use std::collections::BTreeSet;
 
-use formation::seconds;
-use protocol::message::Contact;
+use formation::ns_to_seconds;
+use protocol::message::ReceptionState;
 
 use outcome::metrics::{Metrics, OrphanChange, ReferenceChange};
 use outcome::results::run_dir::{RunDir, RunDirError};
@@ -17,51 +17,51 @@ use crate::reports::StatusChange;
 
 /// Journal, with its outputs.
 pub struct Journal<'a> {
-    names: Vec<String>,
+    robot_names: Vec<String>,
     /// Directory of the run.
     pub run_dir: &'a mut RunDir,
     /// Metrics of the run.
     pub metrics: &'a mut Metrics,
-    /// Events that were added since the last call of [`Journal::take_added`]; `None` if they are not kept.
-    added: Option<Vec<EventLine>>,
+    /// Events that were added since the last call of [`Journal::take_added_events`]; `None` if they are not kept.
+    added_events: Option<Vec<EventLine>>,
     /// Backup leaders that lead at present.
-    leading: BTreeSet<usize>,
-    waiting: Lines,
+    leading_deputies: BTreeSet<usize>,
+    pending_records: PendingRecords,
 }
 
 /// Record of one event.
 #[derive(Debug, Clone, PartialEq)]
-struct Line {
+struct EventRecord {
     /// Run time, ns.
     t_ns: u64,
     kind: &'static str,
     /// Index of the robot; `None` for an event of the whole run.
     robot: Option<usize>,
     detail: String,
-    change: Option<Change>,
+    change: Option<RecordedChange>,
 }
 
 /// Change that an event tells of, for the columns of `events.csv` and for the metrics, to which it is applied once all
 /// earlier events are known.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Change {
+enum RecordedChange {
     /// New contact state of another robot.
-    Heard { other: usize, contact: Contact },
+    Reception { other_robot: usize, reception_state: ReceptionState },
     /// New contact state of the leader's frame.
-    FrameHeard(Contact),
+    LeaderFrameReception(ReceptionState),
     /// New references of a robot.
-    Rewired(ReferenceChange),
+    References(ReferenceChange),
     /// New goal, m.
     Goal([f64; 2]),
     /// Interactive cut or repair of the link from this robot.
-    Link { from: usize },
+    Link { sender: usize },
 }
 
 /// Records that wait for earlier events.
 #[derive(Debug, Default)]
-struct Lines {
+struct PendingRecords {
     /// Records, each with the number of earlier restarts of its robot at the same time.
-    records: Vec<(usize, Line)>,
+    records: Vec<(usize, EventRecord)>,
 }
 
 impl<'a> Journal<'a> {
@@ -72,38 +72,51 @@ impl<'a> Journal<'a> {
         metrics: &'a mut Metrics,
     ) -> Journal<'a> {
         Journal {
-            names,
+            robot_names: names,
             run_dir,
             metrics,
-            added: None,
-            waiting: Lines::default(),
-            leading: BTreeSet::new(),
+            added_events: None,
+            pending_records: PendingRecords::default(),
+            leading_deputies: BTreeSet::new(),
         }
     }
 
-    /// Keeps each added event until [`Journal::take_added`] returns it.
-    pub fn keep_added(&mut self) {
-        self.added = Some(Vec::new());
+    /// Keeps each added event until [`Journal::take_added_events`] returns it.
+    pub fn collect_added_events(&mut self) {
+        self.added_events = Some(Vec::new());
     }
 
     /// Removes and returns the events that were added since the last call, in the order in which they were added.
-    pub fn take_added(&mut self) -> Vec<EventLine> {
-        self.added.as_mut().map(std::mem::take).unwrap_or_default()
+    pub fn take_added_events(&mut self) -> Vec<EventLine> {
+        self.added_events.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// Returns the name of a robot.
-    pub fn name(&self, robot: usize) -> &str {
-        &self.names[robot]
+    pub fn robot_name(&self, robot: usize) -> &str {
+        &self.robot_names[robot]
     }
 
     /// Adds an event of a robot, or of the whole run.
-    pub fn event(&mut self, t_ns: u64, kind: &'static str, robot: Option<usize>, detail: String) {
+    pub fn add_event(
+        &mut self,
+        t_ns: u64,
+        kind: &'static str,
+        robot: Option<usize>,
+        detail: String,
+    ) {
         // A replacement tracks its in-neighbors again.
-        let anew =
-            robot.filter(|_| kind == RESTART).map(|robot| ReferenceChange::Restarted { robot });
-        robot.filter(|_| anew.is_some()).inspect(|robot| _ = self.leading.remove(robot));
+        let anew = robot
+            .filter(|_| kind == RESTART_KIND)
+            .map(|robot| ReferenceChange::Restarted { robot });
+        robot.filter(|_| anew.is_some()).inspect(|robot| _ = self.leading_deputies.remove(robot));
         anew.into_iter().for_each(|anew| self.metrics.announce_rewiring(t_ns, anew));
-        self.line(Line { t_ns, kind, robot, detail, change: anew.map(Change::Rewired) });
+        self.add_record(EventRecord {
+            t_ns,
+            kind,
+            robot,
+            detail,
+            change: anew.map(RecordedChange::References),
+        });
     }
 
     /// Adds a change in a robot's status. `own_goal_m` is the robot's goal unless one comes from outside, m.
@@ -114,16 +127,20 @@ impl<'a> Journal<'a> {
         own_goal_m: Option<[f64; 2]>,
     ) {
         match *change {
-            StatusChange::Heard { other, contact, since_ns } => {
-                self.add_contact(since_ns, robot, other, contact);
+            StatusChange::ReceptionChanged {
+                other_robot: other,
+                reception_state: contact,
+                since_ns,
+            } => {
+                self.add_reception_state(since_ns, robot, other, contact);
             }
-            StatusChange::FrameHeard { contact, since_ns } => {
-                self.add_frame_contact(since_ns, robot, contact);
+            StatusChange::LeaderFrameReceptionChanged { reception_state: contact, since_ns } => {
+                self.add_leader_frame_reception(since_ns, robot, contact);
             }
-            StatusChange::ReferenceUse { other, yes, since_ns } => {
-                self.goes_by(since_ns, robot, other, yes);
+            StatusChange::ReferenceUseChanged { other_robot: other, is_used: yes, since_ns } => {
+                self.add_reference_use(since_ns, robot, other, yes);
             }
-            StatusChange::GoesTo { outside_m, since_ns } => {
+            StatusChange::GoalChanged { outside_goal_m: outside_m, since_ns } => {
                 if let Some(goal_m) = outside_m.or(own_goal_m) {
                     let whose = if outside_m.is_some() { "ros2" } else { "the scenario" };
                     self.add_goal(since_ns, robot, goal_m, whose);
@@ -133,39 +150,80 @@ impl<'a> Journal<'a> {
     }
 
     /// Adds a robot's report that its contact to another robot is in this state since `t_ns`.
-    fn add_contact(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
-        let detail = format!("{} {}", contact.keyword(), self.names[other]);
-        let change = Some(Change::Heard { other, contact });
-        self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, change });
+    fn add_reception_state(
+        &mut self,
+        t_ns: u64,
+        robot: usize,
+        other: usize,
+        contact: ReceptionState,
+    ) {
+        let detail = format!("{} {}", contact.keyword(), self.robot_names[other]);
+        let change =
+            Some(RecordedChange::Reception { other_robot: other, reception_state: contact });
+        self.add_record(EventRecord {
+            t_ns,
+            kind: CONTACT_KIND,
+            robot: Some(robot),
+            detail,
+            change,
+        });
     }
 
     /// Adds a robot's report that its contact to the leader's frame is in this state since `t_ns`.
-    fn add_frame_contact(&mut self, t_ns: u64, robot: usize, contact: Contact) {
+    fn add_leader_frame_reception(&mut self, t_ns: u64, robot: usize, contact: ReceptionState) {
         let detail = format!("{} frame of the leader", contact.keyword());
-        let change = Some(Change::FrameHeard(contact));
-        self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, change });
-        let leads = self.metrics.is_deputy(robot) && contact == Contact::Lost;
-        if leads != self.leading.contains(&robot) {
+        let change = Some(RecordedChange::LeaderFrameReception(contact));
+        self.add_record(EventRecord {
+            t_ns,
+            kind: CONTACT_KIND,
+            robot: Some(robot),
+            detail,
+            change,
+        });
+        let leads = self.metrics.is_deputy(robot) && contact == ReceptionState::Lost;
+        if leads != self.leading_deputies.contains(&robot) {
             match leads {
-                true => _ = self.leading.insert(robot),
-                false => _ = self.leading.remove(&robot),
+                true => _ = self.leading_deputies.insert(robot),
+                false => _ = self.leading_deputies.remove(&robot),
             }
             let detail = if leads { "leads" } else { "leads no longer" }.to_owned();
-            self.add_repair(t_ns, robot, ReferenceChange::Leads { robot, yes: leads }, detail);
+            self.add_reference_change(
+                t_ns,
+                robot,
+                ReferenceChange::DeputyLead { robot, is_leading: leads },
+                detail,
+            );
         }
     }
 
     /// Adds a robot's report that it uses another as a reference, or no longer does, since `t_ns`.
-    fn goes_by(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
+    fn add_reference_use(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
         let does = if yes { "uses" } else { "no longer uses" };
-        let detail = format!("{does} {}", self.names[other]);
-        self.add_repair(t_ns, robot, ReferenceChange::Uses { robot, other, yes }, detail);
+        let detail = format!("{does} {}", self.robot_names[other]);
+        self.add_reference_change(
+            t_ns,
+            robot,
+            ReferenceChange::ReferenceUse { robot, neighbor: other, is_used: yes },
+            detail,
+        );
     }
 
-    fn add_repair(&mut self, t_ns: u64, robot: usize, rewiring: ReferenceChange, detail: String) {
+    fn add_reference_change(
+        &mut self,
+        t_ns: u64,
+        robot: usize,
+        rewiring: ReferenceChange,
+        detail: String,
+    ) {
         self.metrics.announce_rewiring(t_ns, rewiring);
-        let change = Some(Change::Rewired(rewiring));
-        self.line(Line { t_ns, kind: REPAIR, robot: Some(robot), detail, change });
+        let change = Some(RecordedChange::References(rewiring));
+        self.add_record(EventRecord {
+            t_ns,
+            kind: REPAIR_KIND,
+            robot: Some(robot),
+            detail,
+            change,
+        });
     }
 
     /// Adds a robot's report that it drives to this goal, m, since `t_ns`, and the source of the goal.
@@ -174,47 +232,63 @@ impl<'a> Journal<'a> {
         self.metrics.set_goal(robot, goal_m.into());
         let [x_m, y_m] = goal_m;
         let detail = format!("to {x_m} {y_m} m, from {whose}");
-        let change = Some(Change::Goal(goal_m));
-        self.line(Line { t_ns, kind: GOAL, robot: Some(robot), detail, change });
+        let change = Some(RecordedChange::Goal(goal_m));
+        self.add_record(EventRecord { t_ns, kind: GOAL_KIND, robot: Some(robot), detail, change });
     }
 
     /// Adds the interactive cut or repair of the link between two robots.
-    pub fn link(&mut self, t_ns: u64, kind: &'static str, [from, to]: [usize; 2], detail: String) {
-        let change = Some(Change::Link { from });
-        self.line(Line { t_ns, kind, robot: Some(to), detail, change });
+    pub fn add_link_event(
+        &mut self,
+        t_ns: u64,
+        kind: &'static str,
+        [from, to]: [usize; 2],
+        detail: String,
+    ) {
+        let change = Some(RecordedChange::Link { sender: from });
+        self.add_record(EventRecord { t_ns, kind, robot: Some(to), detail, change });
     }
 
-    fn line(&mut self, line: Line) {
-        if self.added.is_some() {
+    fn add_record(&mut self, line: EventRecord) {
+        if self.added_events.is_some() {
             let event = self.event_line(line.clone());
-            self.added.iter_mut().for_each(|added| added.push(event.clone()));
+            self.added_events.iter_mut().for_each(|added| added.push(event.clone()));
         }
-        self.waiting.push(line);
+        self.pending_records.push(line);
     }
 
     /// Returns the record as a line of `events.csv`.
-    fn event_line(&self, Line { t_ns, kind, robot, detail, change }: Line) -> EventLine {
-        let name = |robot: usize| self.names[robot].clone();
+    fn event_line(
+        &self,
+        EventRecord { t_ns, kind, robot, detail, change }: EventRecord,
+    ) -> EventLine {
+        let name = |robot: usize| self.robot_names[robot].clone();
         let (other, state) = match change {
-            Some(Change::Heard { other, contact }) => (Some(other), contact.keyword()),
-            Some(Change::FrameHeard(contact)) => (None, contact.keyword()),
-            Some(Change::Rewired(ReferenceChange::Uses { other, yes, .. })) => {
-                (Some(other), if yes { "used" } else { "unused" })
+            Some(RecordedChange::Reception { other_robot: other, reception_state: contact }) => {
+                (Some(other), contact.keyword())
             }
-            Some(Change::Rewired(ReferenceChange::Leads { yes, .. })) => {
-                (None, if yes { "leads" } else { "follows" })
-            }
-            Some(Change::Link { from }) => (Some(from), ""),
-            Some(Change::Rewired(ReferenceChange::Restarted { .. }) | Change::Goal(_)) | None => {
-                (None, "")
-            }
+            Some(RecordedChange::LeaderFrameReception(contact)) => (None, contact.keyword()),
+            Some(RecordedChange::References(ReferenceChange::ReferenceUse {
+                neighbor: other,
+                is_used: yes,
+                ..
+            })) => (Some(other), if yes { "used" } else { "unused" }),
+            Some(RecordedChange::References(ReferenceChange::DeputyLead {
+                is_leading: yes,
+                ..
+            })) => (None, if yes { "leads" } else { "follows" }),
+            Some(RecordedChange::Link { sender: from }) => (Some(from), ""),
+            Some(
+                RecordedChange::References(ReferenceChange::Restarted { .. })
+                | RecordedChange::Goal(_),
+            )
+            | None => (None, ""),
         };
         let goal_m = match change {
-            Some(Change::Goal(goal_m)) => Some(goal_m),
+            Some(RecordedChange::Goal(goal_m)) => Some(goal_m),
             _ => None,
         };
         EventLine {
-            t_s: seconds(t_ns),
+            t_s: ns_to_seconds(t_ns),
             kind: kind.to_owned(),
             robot: robot.map_or(String::new(), name),
             detail,
@@ -226,24 +300,33 @@ impl<'a> Journal<'a> {
     }
 
     /// Writes all records before this run time, ns, at which all earlier events are known.
-    pub fn known_before(&mut self, t_ns: u64) -> Result<(), RunDirError> {
-        for OrphanChange { t_ns, robot, orphaned } in self.metrics.take_orphan_changes_before(t_ns)
+    pub fn write_events_before(&mut self, t_ns: u64) -> Result<(), RunDirError> {
+        for OrphanChange { t_ns, robot, is_orphaned: orphaned } in
+            self.metrics.take_orphan_changes_before(t_ns)
         {
             let (kind, detail) = match orphaned {
-                true => (ORPHANED, "no living leader reaches it"),
-                false => (LED_WORD, "a leader reaches it again"),
+                true => (ORPHANED_KIND, "no living leader reaches it"),
+                false => (LED_KIND, "a leader reaches it again"),
             };
-            self.event(t_ns, kind, Some(robot), detail.to_owned());
+            self.add_event(t_ns, kind, Some(robot), detail.to_owned());
         }
-        if self.waiting.records.is_empty() {
+        if self.pending_records.records.is_empty() {
             return Ok(());
         }
-        for line in self.waiting.take_records_before(t_ns) {
+        for line in self.pending_records.take_records_before(t_ns) {
             match (line.robot, line.change) {
-                (Some(robot), Some(Change::Heard { other, contact })) => {
-                    self.metrics.record_contact(robot, other, contact, line.t_ns);
+                (
+                    Some(robot),
+                    Some(RecordedChange::Reception {
+                        other_robot: other,
+                        reception_state: contact,
+                    }),
+                ) => {
+                    self.metrics.record_reception(robot, other, contact, line.t_ns);
                 }
-                (_, Some(Change::Rewired(rewiring))) => self.metrics.apply_rewiring(rewiring),
+                (_, Some(RecordedChange::References(rewiring))) => {
+                    self.metrics.apply_rewiring(rewiring)
+                }
                 _ => {}
             }
             let t_ns = line.t_ns;
@@ -255,47 +338,57 @@ impl<'a> Journal<'a> {
 }
 
 /// Kind of the event of a replacement's start.
-const RESTART: &str = "restart";
+const RESTART_KIND: &str = "restart";
 /// Kind of the events of contact states.
-const CONTACT: &str = "contact";
+const CONTACT_KIND: &str = "contact";
 /// Kind of the events of changed references.
-const REPAIR: &str = "repair";
+const REPAIR_KIND: &str = "repair";
 /// Kind of the events of new goals.
-const GOAL: &str = "goal";
+const GOAL_KIND: &str = "goal";
 /// Kinds of the events that the metrics derive from the graph.
-const ORPHANED: &str = "orphaned";
-const LED_WORD: &str = "led";
+const ORPHANED_KIND: &str = "orphaned";
+const LED_KIND: &str = "led";
 
 /// Returns the rank of events at the same time, in the order of causes: actions, in the order of execution;
 /// then their effects.
-fn rank(kind: &str) -> usize {
-    let follows =
-        ["died", "restart-ceiling", RESTART, "ready", CONTACT, REPAIR, ORPHANED, LED_WORD];
+fn causal_rank(kind: &str) -> usize {
+    let follows = [
+        "died",
+        "restart-ceiling",
+        RESTART_KIND,
+        "ready",
+        CONTACT_KIND,
+        REPAIR_KIND,
+        ORPHANED_KIND,
+        LED_KIND,
+    ];
     follows.iter().position(|&other| other == kind).map_or(0, |place| place + 1)
 }
 
-impl Lines {
-    fn push(&mut self, line: Line) {
+impl PendingRecords {
+    fn push(&mut self, line: EventRecord) {
         // A robot restarted interactively may be killed again at the same run time.
-        let is_same_event = |(_, other): &&(usize, Line)| {
-            ![CONTACT, REPAIR, ORPHANED, LED_WORD].contains(&line.kind)
-                && ![CONTACT, REPAIR, ORPHANED, LED_WORD].contains(&other.kind)
+        let is_same_event = |(_, other): &&(usize, EventRecord)| {
+            ![CONTACT_KIND, REPAIR_KIND, ORPHANED_KIND, LED_KIND].contains(&line.kind)
+                && ![CONTACT_KIND, REPAIR_KIND, ORPHANED_KIND, LED_KIND].contains(&other.kind)
                 && (other.t_ns, other.robot) == (line.t_ns, line.robot)
         };
         let round = match self.records.iter().rev().find(is_same_event) {
-            Some((round, other)) => round + usize::from(rank(line.kind) < rank(other.kind)),
+            Some((round, other)) => {
+                round + usize::from(causal_rank(line.kind) < causal_rank(other.kind))
+            }
             None => 0,
         };
         self.records.push((round, line));
     }
 
     /// Removes and returns the records before this run time, ns, in order.
-    fn take_records_before(&mut self, t_ns: u64) -> Vec<Line> {
+    fn take_records_before(&mut self, t_ns: u64) -> Vec<EventRecord> {
         // Stable sort: actions at the same time stay in the order of execution.
         self.records.sort_by(|(a_round, a), (b_round, b)| {
-            let key = |round: usize, line: &Line| (line.t_ns, round, rank(line.kind));
+            let key = |round: usize, line: &EventRecord| (line.t_ns, round, causal_rank(line.kind));
             let whose = || (a.robot, &a.detail).cmp(&(b.robot, &b.detail));
-            key(*a_round, a).cmp(&key(*b_round, b)).then_with(|| match rank(a.kind) {
+            key(*a_round, a).cmp(&key(*b_round, b)).then_with(|| match causal_rank(a.kind) {
                 0 => std::cmp::Ordering::Equal,
                 _ => whose(),
             })
@@ -320,7 +413,7 @@ mod tests {
     fn stale_report_before_the_ground_truth_of_its_cut_counts() {
         let mut scenario = row_of_three();
         let kind = FaultKind::Link { edge: 0, kind: LinkFaultKind::Cut };
-        scenario.faults = vec![Fault { at_ns: 2_000_000_000, for_ns: None, kind }];
+        scenario.faults = vec![Fault { start_ns: 2_000_000_000, duration_ns: None, kind }];
         let ends = scenario.graph.edges()[0];
         let place = tempfile::tempdir().unwrap();
         let mut run_dir = RunDir::create(&place.path().join("run"), &scenario).unwrap();
@@ -328,27 +421,27 @@ mod tests {
         let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
         let mut journal = Journal::new(names, &mut run_dir, &mut metrics);
         // Reports of robots may be newer than the ground truth that was read.
-        journal.add_contact(3_000_000_000, ends.to, ends.from, Contact::Stale);
+        journal.add_reception_state(3_000_000_000, ends.to, ends.from, ReceptionState::Stale);
         for tick in 0..5 {
-            journal.known_before(header(tick).t_ns).unwrap();
+            journal.write_events_before(header(tick).t_ns).unwrap();
             journal.metrics.add_truth(&header(tick), &rows([0.0, 1.0, 2.0]), &[true; 3]);
         }
         let [fault] = &metrics.finish().faults[..] else { panic!("one fault") };
         assert_eq!(fault.stale_after_s, Some(1.0));
     }
 
-    fn line(t_ns: u64, kind: &'static str, robot: usize) -> Line {
-        Line { t_ns, kind, robot: Some(robot), detail: String::new(), change: None }
+    fn event_record(t_ns: u64, kind: &'static str, robot: usize) -> EventRecord {
+        EventRecord { t_ns, kind, robot: Some(robot), detail: String::new(), change: None }
     }
 
-    fn kinds(lines: &[Line]) -> Vec<(u64, &str, usize)> {
+    fn event_kinds(lines: &[EventRecord]) -> Vec<(u64, &str, usize)> {
         lines.iter().map(|line| (line.t_ns, line.kind, line.robot.unwrap())).collect()
     }
 
     #[test]
     fn causes_precede_effects_at_equal_times() {
-        let mut lines = Lines::default();
-        lines.push(line(6, CONTACT, 0));
+        let mut lines = PendingRecords::default();
+        lines.push(event_record(6, CONTACT_KIND, 0));
         // In any order, because which robot dies and is ready first depends on the machine.
         for (kind, robot) in [
             ("kill", 2),
@@ -361,7 +454,7 @@ mod tests {
             ("kill", 2),
             ("died", 2),
         ] {
-            lines.push(line(5, kind, robot));
+            lines.push(event_record(5, kind, robot));
         }
         let expected = [
             (5, "kill", 2),
@@ -374,7 +467,7 @@ mod tests {
             (5, "kill", 2),
             (5, "died", 2),
         ];
-        assert_eq!(kinds(&lines.take_records_before(6)), expected);
+        assert_eq!(event_kinds(&lines.take_records_before(6)), expected);
         assert!(lines.take_records_before(6).is_empty(), "what comes later waits");
         assert_eq!(lines.take_records_before(u64::MAX).len(), 1);
     }
@@ -390,9 +483,9 @@ mod tests {
             reports.sort_unstable();
             reports.dedup();
             let told = |reports: &[(u64, usize, usize)]| {
-                let mut lines = Lines::default();
+                let mut lines = PendingRecords::default();
                 for &(t_ns, robot, about) in reports {
-                    lines.push(Line { detail: about.to_string(), ..line(t_ns, CONTACT, robot) });
+                    lines.push(EventRecord { detail: about.to_string(), ..event_record(t_ns, CONTACT_KIND, robot) });
                 }
                 lines.take_records_before(u64::MAX)
             };

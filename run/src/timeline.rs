@@ -6,13 +6,13 @@ use std::collections::VecDeque;
 
 use experiment::scenario::{FaultKind, Scenario};
 
-use crate::lifecycle::{Event, Initiator};
+use crate::lifecycle::{Initiator, LifecycleEvent};
 
 /// Planned events that have not happened, in order of time.
 #[derive(Debug)]
 pub struct Timeline {
     /// Events with the run times at which they are due, ns.
-    due: VecDeque<(u64, Event)>,
+    planned_events: VecDeque<(u64, LifecycleEvent)>,
 }
 
 impl Timeline {
@@ -20,22 +20,28 @@ impl Timeline {
     pub fn new(scenario: &Scenario) -> Timeline {
         let mut due = Vec::new();
         for (fault, planned) in scenario.faults.iter().enumerate() {
-            let (at_ns, who) = (planned.at_ns, Initiator::Plan);
+            let (at_ns, who) = (planned.start_ns, Initiator::Plan);
             let (first, last) = match planned.kind {
                 FaultKind::Kill { robot, restart_after_ns } => {
                     let restart_at_ns = restart_after_ns.map(|after_ns| at_ns + after_ns);
-                    (Event::Kill { robot, fault, restart_at_ns, who }, None)
+                    (LifecycleEvent::Kill { robot, fault, restart_at_ns, initiator: who }, None)
                 }
-                FaultKind::KillPlant => (Event::KillPlant { fault }, None),
+                FaultKind::KillPlant => (LifecycleEvent::KillPlant { fault }, None),
                 FaultKind::Freeze { robot } => {
-                    let ends = planned.for_ns.is_some();
-                    let freeze = Event::Freeze { robot, fault, ends, who };
-                    (freeze, Some(Event::Thaw { robot, fault, who }))
+                    let ends = planned.duration_ns.is_some();
+                    let freeze = LifecycleEvent::Freeze {
+                        robot,
+                        fault,
+                        has_planned_thaw: ends,
+                        initiator: who,
+                    };
+                    (freeze, Some(LifecycleEvent::Thaw { robot, fault, initiator: who }))
                 }
-                FaultKind::Load { processes } => {
-                    (Event::StartLoad { fault, processes }, Some(Event::EndLoad { fault }))
-                }
-                FaultKind::Slow { .. }
+                FaultKind::Load { processes } => (
+                    LifecycleEvent::StartLoad { fault, processes },
+                    Some(LifecycleEvent::EndLoad { fault }),
+                ),
+                FaultKind::Slowdown { .. }
                 | FaultKind::Link { .. }
                 | FaultKind::Stream { .. }
                 | FaultKind::Lie { .. }
@@ -44,20 +50,24 @@ impl Timeline {
                 | FaultKind::Partition { .. } => continue,
             };
             due.push((at_ns, first));
-            due.extend(planned.until_ns().zip(last));
+            due.extend(planned.end_ns().zip(last));
         }
         // Stable sort: an end and a start at the same time keep the order of the scenario, in every run.
         due.sort_by_key(|&(at_ns, _)| at_ns);
-        Timeline { due: due.into() }
+        Timeline { planned_events: due.into() }
     }
 
     /// Returns the run time of the next event, ns.
-    pub fn next_ns(&self) -> Option<u64> {
-        self.due.front().map(|&(at_ns, _)| at_ns)
+    pub fn next_event_ns(&self) -> Option<u64> {
+        self.planned_events.front().map(|&(at_ns, _)| at_ns)
     }
 
     /// Removes and returns the next event that is due at `now_ns`.
-    pub fn take_due(&mut self, now_ns: u64) -> Option<Event> {
-        if self.next_ns()? <= now_ns { Some(self.due.pop_front()?.1) } else { None }
+    pub fn take_due_event(&mut self, now_ns: u64) -> Option<LifecycleEvent> {
+        if self.next_event_ns()? <= now_ns {
+            Some(self.planned_events.pop_front()?.1)
+        } else {
+            None
+        }
     }
 }

@@ -14,7 +14,7 @@ fn main() -> ExitCode {
         print_error("usage: phalanx-manual DIR");
         return ExitCode::from(2);
     };
-    match write(directory.into()) {
+    match write_manual(directory.into()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             print_error(&error.to_string());
@@ -23,7 +23,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn write(directory: PathBuf) -> std::io::Result<()> {
+fn write_manual(directory: PathBuf) -> std::io::Result<()> {
     let (man, completions) = (directory.join("man1"), directory.join("completions"));
     std::fs::create_dir_all(&man)?;
     std::fs::create_dir_all(&completions)?;

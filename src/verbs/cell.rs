@@ -10,11 +10,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
-use experiment::campaign::file::Keep;
-use outcome::campaign::folder::{append_failure, complete, partial_dir, prepare_run};
-use protocol::process::{Stop, exit};
+use experiment::campaign::file::FileRetention;
+use outcome::campaign::folder::{append_failure, complete_run, partial_dir, prepare_run};
+use protocol::process::{StopFlag, exit};
 
-use super::execute::{End, ExecutionOptions, execute};
+use super::execute::{ExecutionOptions, RunEnd, execute};
 use super::screen::print_failure;
 use experiment::scenario::Scenario;
 use outcome::results::manifest::Manifest;
@@ -27,25 +27,25 @@ pub(super) struct CellArgs {
     #[arg(long, value_name = "DIR", hide = true, conflicts_with_all = ["out", "view", "output"])]
     pub(super) cell: Option<PathBuf>,
     /// Files to keep.
-    #[arg(long, hide = true, requires = "cell", default_value = "summary", value_parser = parse_keep)]
-    keep: Keep,
+    #[arg(long, hide = true, requires = "cell", default_value = "summary", value_parser = parse_file_retention)]
+    keep: FileRetention,
     /// Deadline of the run, s.
-    #[arg(long, value_name = "SECONDS", hide = true, requires = "cell", value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", hide = true, requires = "cell", value_parser = parse_seconds)]
     deadline_s: Option<Duration>,
 }
 
-fn seconds(text: &str) -> Result<Duration, String> {
+fn parse_seconds(text: &str) -> Result<Duration, String> {
     let number: f64 = text.parse().map_err(|_| "must be a number".to_owned())?;
     Duration::try_from_secs_f64(number).map_err(|error| error.to_string())
 }
 
-fn parse_keep(word: &str) -> Result<Keep, String> {
-    let mut all = [Keep::Summary, Keep::Failed, Keep::All].into_iter();
+fn parse_file_retention(word: &str) -> Result<FileRetention, String> {
+    let mut all = [FileRetention::Summary, FileRetention::Failed, FileRetention::All].into_iter();
     all.find(|keep| keep.keyword() == word).ok_or_else(|| "must be summary, failed or all".into())
 }
 
 /// Executes a valid scenario as a run of a campaign and returns the exit code.
-pub(super) fn run(
+pub(super) fn execute_campaign_run(
     args: &CellArgs,
     cell: &std::path::Path,
     scenario: &Scenario,
@@ -64,7 +64,7 @@ pub(super) fn run(
     let _ = std::fs::remove_dir_all(&out);
     let late = Arc::new(AtomicBool::new(false));
     let bell = args.deadline_s.map(|deadline| (deadline, Arc::clone(&late)));
-    let ring = move |stop: &Stop| {
+    let ring = move |stop: &StopFlag| {
         let Some((deadline, late)) = bell else { return };
         let stop = stop.clone();
         // Never joined: the thread ends with the process.
@@ -74,8 +74,11 @@ pub(super) fn run(
             stop.request();
         });
     };
-    let how =
-        ExecutionOptions { recorded: keep != Keep::Summary, on_start: Some(Box::new(ring)), ..how };
+    let how = ExecutionOptions {
+        is_recorded: keep != FileRetention::Summary,
+        on_start: Some(Box::new(ring)),
+        ..how
+    };
     let remove = || {
         let _ = std::fs::remove_dir_all(&out);
     };
@@ -84,7 +87,7 @@ pub(super) fn run(
         if let Err(error) = append_failure(cell, why) {
             print_failure(&format_args!("cannot write next to {}: {error}", cell.display()));
         }
-        exit::INFRASTRUCTURE
+        exit::INFRASTRUCTURE_FAILURE
     };
     let report_failure = |why: String| {
         print_failure(&why);
@@ -95,23 +98,23 @@ pub(super) fn run(
         Err(error) => return report_failure(error.to_string()),
     };
     match ended.end {
-        End::AsPlanned if ended.written => {
+        RunEnd::AsPlanned if ended.all_files_written => {
             let passed = ended.summary.exit == exit::OK;
-            match complete(&out, cell, keep, passed) {
+            match complete_run(&out, cell, keep, passed) {
                 Ok(()) => exit::OK,
                 Err(error) => {
                     report_failure(format!("cannot complete {}: {error}", cell.display()))
                 }
             }
         }
-        End::Interrupted if late.load(Ordering::Relaxed) => {
+        RunEnd::Interrupted if late.load(Ordering::Relaxed) => {
             report_failure(format!("took more than {:?}", args.deadline_s.unwrap_or_default()))
         }
-        End::Interrupted => {
+        RunEnd::Interrupted => {
             remove();
             exit::INTERRUPTED
         }
-        End::AsPlanned => failed("some files could not be written"),
-        End::Failed(why) => failed(&why),
+        RunEnd::AsPlanned => failed("some files could not be written"),
+        RunEnd::Failed(why) => failed(&why),
     }
 }

@@ -7,56 +7,57 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use crate::pool::processes::ByProcesses;
+use crate::pool::processes::ProcessExecutor;
 use crate::pool::{AttemptResult, RunExecutor};
-use experiment::campaign::cells::Cell;
-use experiment::campaign::file::{Campaign, Keep};
+use experiment::campaign::cells::CampaignRun;
+use experiment::campaign::file::{Campaign, FileRetention};
 use experiment::scenario::Scenario;
-use experiment::scenario::read::read_to_run;
-use outcome::campaign::folder::{Folder, complete, partial_dir, prepare_run};
+use experiment::scenario::read::{read_for_run, scenario_folder};
+use outcome::campaign::folder::{CampaignFolder, complete_run, partial_dir, prepare_run};
 use outcome::metrics::Metrics;
 use outcome::metrics::summary::ProcessUsage;
-use outcome::results::manifest::{Build, Manifest};
-use outcome::results::outcome::Outcome;
+use outcome::results::manifest::{BuildInfo, Manifest};
+use outcome::results::outcome::RunOutcome;
+use outcome::results::programs::Programs;
 use outcome::results::run_dir::{RunDir, RunDirError};
 use outcome::results::usage;
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::clock::now_ns;
-use protocol::process::{Stop, exit};
+use protocol::process::{StopFlag, exit};
 
-use super::execute::judge;
-use run::in_process::measured::{self, Measured, controller};
+use super::execute::evaluate_and_write;
+use run::in_process::measured::{self, MeasuredRun, create_controller};
 
 /// Execution of a campaign's runs within this process.
 pub(super) struct InProcessExecutor<'a> {
     pub(super) campaign: &'a Campaign,
-    pub(super) folder: &'a Folder,
+    pub(super) folder: &'a CampaignFolder,
     pub(super) catalog: &'a Catalog,
-    pub(super) build: &'a Build,
-    pub(super) stop: &'a Stop,
+    pub(super) build: &'a BuildInfo,
+    pub(super) stop: &'a StopFlag,
     /// Fallback for runs that need processes.
-    pub(super) processes: ByProcesses<'a>,
+    pub(super) process_executor: ProcessExecutor<'a>,
     /// Number of runs that needed processes, and the reason for the first of them.
-    pub(super) by_processes: Mutex<(usize, &'static str)>,
+    pub(super) process_fallback: Mutex<(usize, &'static str)>,
 }
 
 impl RunExecutor for InProcessExecutor<'_> {
-    fn attempt(&self, cell: &Cell) -> AttemptResult {
-        let read = read_to_run(&cell.scenario, &cell.overrides, self.catalog);
+    fn attempt(&self, cell: &CampaignRun) -> AttemptResult {
+        let read = read_for_run(&cell.scenario, &cell.overrides, self.catalog);
         let (scenario, text) = match read {
             Ok((scenario, text, _)) => (scenario, text),
             Err(diagnostic) => return AttemptResult::Refused(diagnostic.render(false)),
         };
-        if let Some(why) = measured::needs_processes(&scenario) {
+        if let Some(why) = measured::reason_for_processes(&scenario) {
             let mut counted =
-                self.by_processes.lock().expect("no thread panics while it holds the lock");
+                self.process_fallback.lock().expect("no thread panics while it holds the lock");
             counted.1 = if counted.0 == 0 { why } else { counted.1 };
             counted.0 += 1;
             drop(counted);
-            return self.processes.attempt(cell);
+            return self.process_executor.attempt(cell);
         }
-        let run = self.folder.run(&cell.id);
+        let run = self.folder.run_path(&cell.id);
         let part = partial_dir(&run);
         // Removes the partial directory of an earlier attempt.
         let _ = std::fs::remove_dir_all(&part);
@@ -82,45 +83,58 @@ impl InProcessExecutor<'_> {
         part: &Path,
         run: &Path,
     ) -> Result<AttemptResult, String> {
-        let (keep, pace) = (self.campaign.keep, Pace::Lockstep);
+        let (keep, pace) = (self.campaign.file_retention, Pace::Lockstep);
         if prepare_run(run, keep).map_err(format_error)? {
             return Ok(AttemptResult::Done);
         }
-        let manifest = Manifest::collect(scenario, from, pace, self.build);
-        let mut run_dir = begin(scenario, text, &manifest, part, keep).map_err(format_error)?;
+        let programs = Programs::read(scenario, scenario_folder(from))
+            .map_err(|(path, error)| format!("cannot read {}: {error}", path.display()))?;
+        let mut manifest = Manifest::collect(scenario, from, pace, self.build);
+        manifest.programs = programs.manifest_files();
+        let is_recorded = keep != FileRetention::Summary;
+        let begun = create_run_dir(scenario, text, &manifest, part, is_recorded, &programs);
+        let mut run_dir = begun.map_err(format_error)?;
         let mut metrics = Metrics::new(scenario, pace);
         let began = Instant::now();
         let deadline = Duration::from_secs_f64(self.campaign.deadline_s);
         let goes_on = || !self.stop.is_requested() && began.elapsed() < deadline;
         let (mut outcome, ran) = simulate_to_end(scenario, &mut run_dir, &mut metrics, goes_on);
         ran.map_err(format_error)?;
-        if outcome.interrupted {
+        if outcome.was_interrupted {
             return match self.stop.is_requested() {
                 true => Ok(AttemptResult::Stopped),
                 false => Err(format!("took more than {deadline:?}")),
             };
         }
-        let judged = judge(scenario, pace, &metrics, &mut outcome, exit::OK, &mut run_dir);
-        if let Some(error) = judged.unwritten.first() {
-            return Err(error.to_string());
+        let launcher = self.process_executor.launcher;
+        let ended = (exit::OK, launcher, self.stop);
+        let judged =
+            evaluate_and_write(scenario, pace, &metrics, &mut outcome, ended, &mut run_dir);
+        if let Some(error) = judged.first_error() {
+            return Err(error);
         }
         let passed = judged.summary.exit == exit::OK;
-        complete(part, run, keep, passed)
+        complete_run(part, run, keep, passed)
             .map_err(|error| format!("cannot complete {}: {error}", run.display()))?;
         Ok(AttemptResult::Done)
     }
 }
 
-/// Creates the directory `part` of a run, with the files written before the first ground truth sample.
-pub(super) fn begin(
+/// Creates the directory `part` of a run, with the files written before the first ground truth sample, and copies of
+/// these programs. It is recorded if `is_recorded`, or if a program computes metrics from it.
+pub(super) fn create_run_dir(
     scenario: &Scenario,
     text: &str,
     manifest: &Manifest,
     part: &Path,
-    keep: Keep,
+    is_recorded: bool,
+    programs: &Programs,
 ) -> Result<RunDir, RunDirError> {
     let mut run_dir = RunDir::create(part, scenario)?;
-    run_dir.begin(text, manifest, keep != Keep::Summary)?;
+    run_dir.write_initial_files(text, manifest, is_recorded || scenario.has_metric_programs())?;
+    if scenario.has_metric_programs() {
+        run_dir.write_programs(programs)?;
+    }
     Ok(run_dir)
 }
 
@@ -130,14 +144,14 @@ pub(super) fn simulate_to_end(
     run_dir: &mut RunDir,
     metrics: &mut Metrics,
     goes_on: impl Fn() -> bool,
-) -> (Outcome, Result<(), RunDirError>) {
+) -> (RunOutcome, Result<(), RunDirError>) {
     let usage_before = usage::read_this_thread();
-    let run = Measured::new(scenario, controller, run_dir, metrics, now_ns);
+    let run = MeasuredRun::new(scenario, create_controller, run_dir, metrics, now_ns);
     let mut run = run.expect("it needs no processes");
     let began = Instant::now();
     let (interrupted, ran) = loop {
-        match run.truth() {
-            Ok(false) if goes_on() => run.tick(),
+        match run.record_truth_sample() {
+            Ok(false) if goes_on() => run.advance_tick(),
             Ok(last) => break (!last, Ok(())),
             Err(error) => break (false, Err(error)),
         }
@@ -145,12 +159,12 @@ pub(super) fn simulate_to_end(
     let wall = began.elapsed();
     let (outcome, _, told) = run.finish();
     let usage = usage::read_this_thread().usage_since(&usage_before);
-    let usages = vec![ProcessUsage { name: NAME.into(), starts: 1, usage }];
-    (Outcome { interrupted, wall, usages, ..outcome }, ran.and(told))
+    let usages = vec![ProcessUsage { name: THREAD_NAME.into(), starts: 1, usage }];
+    (RunOutcome { was_interrupted: interrupted, wall_time: wall, usages, ..outcome }, ran.and(told))
 }
 
 /// Name of the thread that computes the run, in the list of its processes.
-const NAME: &str = "all";
+const THREAD_NAME: &str = "all";
 
 /// Returns the result of an attempt. Converts panics and errors into failures of this run, so that other
 /// runs continue.

@@ -10,9 +10,9 @@ use serde::Serialize;
 use supervisor::requirements::Requirements;
 
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, print, print_info, print_result};
+use super::screen::{OutputFormat, print, print_info, print_result};
 use experiment::check::{self, Theory};
-use experiment::drawing::{Drawing, draw_graph};
+use experiment::drawing::{DrawingLanguage, draw_graph};
 
 /// Arguments of `phalanx check`.
 #[derive(Debug, Args)]
@@ -20,26 +20,26 @@ pub struct CheckArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
     /// Output format.
-    #[arg(long, value_enum, default_value_t = Output::Text)]
-    output: Output,
+    #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
+    output: OutputFormat,
     /// Print the formation graph as a drawing instead.
-    #[arg(long, value_parser = drawings(), value_name = "FORMAT", conflicts_with = "output")]
-    graph: Option<Drawing>,
+    #[arg(long, value_parser = drawing_parser(), value_name = "FORMAT", conflicts_with = "output")]
+    graph: Option<DrawingLanguage>,
 }
 
 /// Minimum time between two progress lines of a check.
-const PROGRESS_EVERY: Duration = Duration::from_secs(2);
+const PROGRESS_INTERVAL_MIN: Duration = Duration::from_secs(2);
 
 /// Progress lines on stderr for a check that takes long.
 struct CheckProgress {
-    shown: Instant,
+    last_shown: Instant,
 }
 
 impl CheckProgress {
-    /// Prints how many single failures and link cuts have been checked, at most once in [`PROGRESS_EVERY`].
-    fn show(&mut self, done: usize, all: usize) {
-        if self.shown.elapsed() >= PROGRESS_EVERY {
-            self.shown = Instant::now();
+    /// Prints how many single failures and link cuts have been checked, at most once in [`PROGRESS_INTERVAL_MIN`].
+    fn print_if_due(&mut self, done: usize, all: usize) {
+        if self.last_shown.elapsed() >= PROGRESS_INTERVAL_MIN {
+            self.last_shown = Instant::now();
             print_info(&format!("{done} of {all} single deaths and cuts checked"));
         }
     }
@@ -47,18 +47,19 @@ impl CheckProgress {
 
 /// Results of a check, as JSON has them.
 #[derive(Serialize)]
-struct Checked<'t> {
+struct CheckResults<'t> {
     #[serde(flatten)]
     theory: &'t Theory<'t>,
     /// Resources of the machine that a run needs.
     needs: Requirements,
 }
 
-fn drawings() -> impl TypedValueParser<Value = Drawing> {
+fn drawing_parser() -> impl TypedValueParser<Value = DrawingLanguage> {
     let mermaid =
         PossibleValue::new("mermaid").help("Mermaid, which GitHub and many editors render");
     let dot = PossibleValue::new("dot").help("Graphviz; convert with `| dot -Tsvg`");
-    let drawing = |word: String| if word == "dot" { Drawing::Dot } else { Drawing::Mermaid };
+    let drawing =
+        |word: String| if word == "dot" { DrawingLanguage::Dot } else { DrawingLanguage::Mermaid };
     PossibleValuesParser::new([mermaid, dot]).map(drawing)
 }
 
@@ -71,11 +72,12 @@ pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> Result<u8, u8> {
     for refusal in needs.refusals() {
         print_info(&format!("warning: this machine would refuse the run: {refusal}"));
     }
-    let mut lines = CheckProgress { shown: Instant::now() };
-    let theory = Theory::with_progress(&scenario, &mut |done, all| lines.show(done, all));
+    let mut lines = CheckProgress { last_shown: Instant::now() };
+    let theory =
+        Theory::compute_with_progress(&scenario, &mut |done, all| lines.print_if_due(done, all));
     let text = match args.output {
-        Output::Text => check::report(&scenario, &theory) + &needs.to_string(),
-        Output::Json => to_json(&Checked { theory: &theory, needs }),
+        OutputFormat::Text => check::format_report(&scenario, &theory) + &needs.to_string(),
+        OutputFormat::Json => to_json(&CheckResults { theory: &theory, needs }),
     };
     Ok(print_result(args.output, &text))
 }

@@ -16,10 +16,10 @@ pub struct CleanArgs {
 }
 
 pub(super) fn clean(args: &CleanArgs) -> u8 {
-    let (said, failures) = dead_runs::remove(&run_root::base(), args.dry_run);
+    let (said, failures) = dead_runs::remove_dead_runs(&run_root::base_directory(), args.dry_run);
     let printed = print(&said);
     for failure in &failures {
         print_failure(failure);
     }
-    if failures.is_empty() { printed } else { exit::INFRASTRUCTURE }
+    if failures.is_empty() { printed } else { exit::INFRASTRUCTURE_FAILURE }
 }

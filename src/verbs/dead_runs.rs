@@ -8,16 +8,16 @@ use std::fs;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
-use protocol::run_root::{ExitedRunRoot, dead_roots};
+use protocol::run_root::{ExitedRunRoot, lock_dead_roots};
 use protocol::scratch;
 use supervisor::orphan_processes;
 
 /// Removes the remains of dead runs below `base`, or only lists them if `dry_run`. Returns the text to
 /// print, and the errors.
-pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
+pub fn remove_dead_runs(base: &Path, dry_run: bool) -> (String, Vec<String>) {
     let (mut listing, mut failures) = (String::new(), Vec::new());
     let verb = if dry_run { "would remove" } else { "removed" };
-    for root in dead_roots(base) {
+    for root in lock_dead_roots(base) {
         let what = describe_dead_root(&root);
         let ended = if dry_run {
             Vec::new()

@@ -5,7 +5,7 @@ use protocol::process::exit;
 
 mod examine;
 
-use super::screen::{Output, print_result};
+use super::screen::{OutputFormat, print_result};
 use outcome::results::summary::to_json;
 
 /// Arguments of `phalanx doctor`.
@@ -15,8 +15,8 @@ pub struct DoctorArgs {
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     robots: u32,
     /// Output format.
-    #[arg(long, value_enum, default_value_t = Output::Text)]
-    output: Output,
+    #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
+    output: OutputFormat,
 }
 
 pub(super) fn doctor(args: &DoctorArgs) -> u8 {
@@ -24,9 +24,9 @@ pub(super) fn doctor(args: &DoctorArgs) -> u8 {
     let printed = print_result(
         args.output,
         &match args.output {
-            Output::Text => examine::screen(&findings),
-            Output::Json => to_json(&findings),
+            OutputFormat::Text => examine::format_findings(&findings),
+            OutputFormat::Json => to_json(&findings),
         },
     );
-    if examine::is_wrong(&findings) { exit::INFRASTRUCTURE } else { printed }
+    if examine::has_error_finding(&findings) { exit::INFRASTRUCTURE_FAILURE } else { printed }
 }

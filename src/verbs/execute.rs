@@ -4,48 +4,49 @@
 use std::path::{Path, PathBuf};
 
 use protocol::brief::Pace;
-use protocol::process::{Stop, exit, never_block_on_stderr};
+use protocol::process::{StopFlag, exit, never_block_on_stderr};
 use protocol::ros2::Ros2Brief;
 use run::journal::Journal;
-use supervisor::run::launch::Connections;
+use supervisor::metric_programs::compute_metrics;
+use supervisor::run::launch::RunConnections;
 use supervisor::run::{Run, RunError, exit_code};
 use supervisor::spawn::Launcher;
-use supervisor::view::{Bound, View, ViewError};
+use supervisor::view::{BoundServer, View, ViewError};
 
 use super::Failure;
 use super::fleet::HostPart;
-use super::screen::{end_progress, print_failure, print_info, progress, show_progress};
-use experiment::scenario::read::folder;
+use super::screen::{end_progress, print_failure, print_info, run_progress_bar, show_progress};
+use experiment::scenario::read::scenario_folder;
 use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::Metrics;
 use outcome::metrics::expect::FailedRobot;
 use outcome::metrics::summary::Summary;
-use outcome::report::screen::screen;
+use outcome::report::screen::format_screen;
 use outcome::results::checksums;
-use outcome::results::manifest::{Build, Manifest};
-use outcome::results::outcome::Outcome;
+use outcome::results::manifest::{BuildInfo, Manifest};
+use outcome::results::outcome::RunOutcome;
 use outcome::results::programs::Programs;
 use outcome::results::run_dir::{RunDir, RunDirError, RunLocation};
-use outcome::results::scene::scene;
+use outcome::results::scene::build_scene;
 use outcome::results::summary;
 
 /// Callback that receives the stop flag of the run before it begins.
-type OnStart = Box<dyn FnOnce(&Stop)>;
+type StartCallback = Box<dyn FnOnce(&StopFlag)>;
 
 /// Options of an execution.
 pub(super) struct ExecutionOptions {
     pub(super) pace: Pace,
     pub(super) launcher: Launcher,
-    pub(super) unmeasured: bool,
+    pub(super) is_unmeasured: bool,
     /// Whether samples and recording are written.
-    pub(super) recorded: bool,
+    pub(super) is_recorded: bool,
     pub(super) live_view: Option<LiveView>,
     /// Contents of the programs of the scenario.
     pub(super) programs: Programs,
     /// Callback that receives the stop flag.
-    pub(super) on_start: Option<OnStart>,
+    pub(super) on_start: Option<StartCallback>,
     /// This host's part of a run on several hosts.
-    pub(super) part: Option<HostPart>,
+    pub(super) host_part: Option<HostPart>,
     /// Configuration of the ROS 2 bridge, without its run root.
     pub(super) ros2: Option<Ros2Brief>,
 }
@@ -56,12 +57,12 @@ impl ExecutionOptions {
         ExecutionOptions {
             pace,
             launcher,
-            unmeasured: false,
-            recorded: true,
+            is_unmeasured: false,
+            is_recorded: true,
             live_view: None,
             programs,
             on_start: None,
-            part: None,
+            host_part: None,
             ros2: None,
         }
     }
@@ -69,29 +70,29 @@ impl ExecutionOptions {
 
 /// Live view of the run, on a bound port.
 pub(super) struct LiveView {
-    pub(super) bound: Bound,
+    pub(super) bound_port: BoundServer,
     /// Whether clients may inject faults.
-    pub(super) control: bool,
+    pub(super) allows_control: bool,
 }
 
 /// Result of an execution.
-pub(super) struct Execution {
+pub(super) struct ExecutionResult {
     /// Whether the robots started to move.
-    pub(super) began: bool,
+    pub(super) has_begun: bool,
     /// Directory of the run.
-    pub(super) out: PathBuf,
+    pub(super) run_dir: PathBuf,
     /// Whether all files were written.
-    pub(super) written: bool,
+    pub(super) all_files_written: bool,
     pub(super) summary: Summary,
     /// Summary as text of at most one screen.
-    pub(super) screen: String,
-    pub(super) end: End,
+    pub(super) summary_text: String,
+    pub(super) end: RunEnd,
     /// Failed processes, by the names of their logs, and how each failed. The text begins with the name.
-    pub(super) failed: Vec<(String, String)>,
+    pub(super) failed_processes: Vec<(String, String)>,
 }
 
 /// Kind of end of a run.
-pub(super) enum End {
+pub(super) enum RunEnd {
     /// The run reached its planned end, or a planned fault killed the plant. The measured values are a
     /// result in both cases.
     AsPlanned,
@@ -101,18 +102,22 @@ pub(super) enum End {
     Failed(String),
 }
 
-impl End {
-    fn from_outcome(scenario: &Scenario, outcome: &Outcome, result: &Result<(), RunError>) -> End {
-        let t_ns = outcome.truth.map(|truth| truth.t_ns);
+impl RunEnd {
+    fn from_outcome(
+        scenario: &Scenario,
+        outcome: &RunOutcome,
+        result: &Result<(), RunError>,
+    ) -> RunEnd {
+        let t_ns = outcome.newest_truth.map(|truth| truth.t_ns);
         let kills_plant = scenario.faults.iter().any(|fault| {
             fault.kind == FaultKind::KillPlant
-                && t_ns.is_some_and(|t_ns| fault.at_ns <= t_ns + scenario.period_ns)
+                && t_ns.is_some_and(|t_ns| fault.start_ns <= t_ns + scenario.period_ns)
         });
         match result {
-            Err(RunError::PlantDied { .. }) if kills_plant => End::AsPlanned,
-            Err(error) => End::Failed(error.to_string()),
-            Ok(()) if outcome.interrupted => End::Interrupted,
-            Ok(()) => End::AsPlanned,
+            Err(RunError::PlantDied { .. }) if kills_plant => RunEnd::AsPlanned,
+            Err(error) => RunEnd::Failed(error.to_string()),
+            Ok(()) if outcome.was_interrupted => RunEnd::Interrupted,
+            Ok(()) => RunEnd::AsPlanned,
         }
     }
 }
@@ -120,26 +125,50 @@ impl End {
 /// Evaluated and recorded run.
 pub(super) struct EvaluatedRun {
     pub(super) summary: Summary,
-    screen: String,
+    summary_text: String,
     /// Errors of the files that could not be written.
-    pub(super) unwritten: Vec<RunDirError>,
+    pub(super) write_errors: Vec<RunDirError>,
+    /// Error of a program that computes metrics.
+    pub(super) metrics_error: Option<String>,
 }
 
-/// Compares the measured values with the expectations and writes the results. `ended_with` is the exit code
-/// without expectations.
-pub(super) fn judge(
+impl EvaluatedRun {
+    /// Returns the error that makes the results incomplete, if there is one.
+    pub(super) fn first_error(&self) -> Option<String> {
+        let unwritten = self.write_errors.first().map(ToString::to_string);
+        unwritten.or_else(|| self.metrics_error.clone())
+    }
+}
+
+/// Computes the metrics of programs with `launcher`, compares the measured values with the expectations and writes
+/// the results. The stop flag ends these programs.
+pub(super) fn evaluate_and_write(
     scenario: &Scenario,
     pace: Pace,
     metrics: &Metrics,
-    outcome: &mut Outcome,
-    ended_with: u8,
+    outcome: &mut RunOutcome,
+    (mut ended_with, launcher, stop): (u8, &Launcher, &StopFlag),
     run_dir: &mut RunDir,
 ) -> EvaluatedRun {
-    let mut summary = summary::judge(scenario, pace, metrics, outcome, ended_with);
+    let unwritten = run_dir.write_final_files(
+        &metrics.pair_distances(),
+        &mut outcome.latency,
+        outcome.wall_time,
+    );
+    let mut metrics_error = None;
+    let is_complete =
+        outcome.newest_truth.is_some() && !outcome.was_interrupted && unwritten.is_empty();
+    if is_complete && ended_with != exit::INFRASTRUCTURE_FAILURE {
+        match compute_metrics(scenario, run_dir.path(), launcher, stop) {
+            Ok(computed) => outcome.program_metrics = computed,
+            Err(why) => (metrics_error, ended_with) = (Some(why), exit::INFRASTRUCTURE_FAILURE),
+        }
+    }
+    let mut summary = summary::evaluate_run(scenario, pace, metrics, outcome, ended_with);
     // The verdict does not depend on whether it can be written.
-    let screen = screen(&summary);
-    let unwritten = run_dir.finish(&mut summary, &metrics.pairs(), &mut outcome.latency);
-    EvaluatedRun { summary, screen, unwritten }
+    let screen = format_screen(&summary);
+    let unwritten = run_dir.finish(&mut summary, unwritten);
+    EvaluatedRun { summary, summary_text: screen, write_errors: unwritten, metrics_error }
 }
 
 /// Executes a valid scenario and records everything. `text` is the effective scenario text.
@@ -149,31 +178,39 @@ pub(super) fn execute(
     manifest: &Manifest,
     place: &RunLocation,
     mut how: ExecutionOptions,
-) -> Result<Execution, Failure> {
-    let stop = super::stop()?;
+) -> Result<ExecutionResult, Failure> {
+    let stop = super::stop_flag_on_signals()?;
     never_block_on_stderr();
     if let Some(on_start) = how.on_start.take() {
         on_start(&stop);
     }
     let (out, mut run_dir) = place.create_with(|out| RunDir::create(out, scenario))?;
-    run_dir.begin(text, manifest, how.recorded && !how.unmeasured)?;
+    // Programs that compute metrics read the tables and the recording.
+    let is_recorded = how.is_recorded || scenario.has_metric_programs();
+    run_dir.write_initial_files(text, manifest, is_recorded && !how.is_unmeasured)?;
     run_dir.write_programs(&how.programs)?;
-    how.part.as_ref().map_or(Ok(()), |part| run_dir.write_fleet(&part.text))?;
+    how.host_part.as_ref().map_or(Ok(()), |part| run_dir.write_fleet(&part.fleet_text))?;
     let mut metrics = Metrics::new(scenario, how.pace);
-    if how.unmeasured {
-        metrics.stop();
+    if how.is_unmeasured {
+        metrics.stop_measuring();
     }
-    let pace = how.pace;
+    let (pace, launcher, stopped) = (how.pace, how.launcher.clone(), stop.clone());
     let mut view = how.live_view.take().map(|view| view.serve(scenario, pace)).transpose()?;
     let (mut outcome, result) =
         execute_to_completion(scenario, how, &mut run_dir, &mut metrics, view.as_mut(), stop);
     let ended_with = exit_code(&outcome, &result);
-    let end = End::from_outcome(scenario, &outcome, &result);
+    let mut end = RunEnd::from_outcome(scenario, &outcome, &result);
     if let Err(error) = &result {
         print_failure(error);
     }
-    let judged = judge(scenario, pace, &metrics, &mut outcome, ended_with, &mut run_dir);
-    let EvaluatedRun { summary, screen, unwritten } = judged;
+    let ended = (ended_with, &launcher, &stopped);
+    let judged = evaluate_and_write(scenario, pace, &metrics, &mut outcome, ended, &mut run_dir);
+    let EvaluatedRun { summary, summary_text: screen, write_errors: unwritten, metrics_error } =
+        judged;
+    if let Some(why) = metrics_error {
+        print_failure(&why);
+        end = RunEnd::Failed(why);
+    }
     let ended = result.as_ref().err().map(ToString::to_string);
     let unwritten: Vec<String> = unwritten.iter().map(ToString::to_string).collect();
     for error in unwritten.iter().filter(|&error| ended.as_ref() != Some(error)) {
@@ -184,15 +221,23 @@ pub(super) fn execute(
         let text = error.map_or_else(|| screen.clone(), |error| format!("error: {error}"));
         view.send_end_of_run(summary.exit, &text);
     }
-    let (began, written) = (outcome.truth.is_some(), unwritten.is_empty());
+    let (began, written) = (outcome.newest_truth.is_some(), unwritten.is_empty());
     let failed = failed_processes(scenario, &outcome, &result);
-    Ok(Execution { began, out, written, summary, screen, end, failed })
+    Ok(ExecutionResult {
+        has_begun: began,
+        run_dir: out,
+        all_files_written: written,
+        summary,
+        summary_text: screen,
+        end,
+        failed_processes: failed,
+    })
 }
 
 /// Returns the failed processes, by the names of their logs, and how each failed.
 fn failed_processes(
     scenario: &Scenario,
-    outcome: &Outcome,
+    outcome: &RunOutcome,
     result: &Result<(), RunError>,
 ) -> Vec<(String, String)> {
     let robots = outcome.failed_robots.iter().map(|FailedRobot { robot, cause }| {
@@ -205,8 +250,8 @@ fn failed_processes(
 
 impl LiveView {
     fn serve(self, scenario: &Scenario, pace: Pace) -> Result<View, ViewError> {
-        print_info(&format!("view: {}", self.bound.url()));
-        self.bound.serve(scene(scenario, pace), self.control)
+        print_info(&format!("view: {}", self.bound_port.url()));
+        self.bound_port.serve(build_scene(scenario, pace), self.allows_control)
     }
 }
 
@@ -217,13 +262,13 @@ fn execute_to_completion(
     run_dir: &mut RunDir,
     metrics: &mut Metrics,
     view: Option<&mut View>,
-    stop: Stop,
-) -> (Outcome, Result<(), RunError>) {
-    let bar = progress(scenario.duration_ns);
-    let open_to = Connections {
-        hands: view.as_ref().is_some_and(|view| view.takes_requests()),
+    stop: StopFlag,
+) -> (RunOutcome, Result<(), RunError>) {
+    let bar = run_progress_bar(scenario.duration_ns);
+    let open_to = RunConnections {
+        accepts_requests: view.as_ref().is_some_and(|view| view.takes_requests()),
         view,
-        hosts: how.part.map(|part| part.brief),
+        bridge_brief: how.host_part.map(|part| part.brief),
         ros2: how.ros2,
     };
     let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
@@ -233,7 +278,7 @@ fn execute_to_completion(
         Ok(run) => run.run_to_end(|t_ns| show_progress(bar, t_ns)),
         Err(error) => {
             let interrupted = matches!(error, RunError::Interrupted { .. });
-            (Outcome { interrupted, ..Outcome::default() }, Err(error))
+            (RunOutcome { was_interrupted: interrupted, ..RunOutcome::default() }, Err(error))
         }
     };
     end_progress(bar);
@@ -242,7 +287,7 @@ fn execute_to_completion(
 
 /// Reads the programs of a scenario from the folder of its file. On an error, prints it and returns the exit code.
 pub(super) fn read_programs(scenario: &Scenario, path: &Path) -> Result<Programs, u8> {
-    Programs::read(scenario, folder(path)).map_err(|(path, error)| {
+    Programs::read(scenario, scenario_folder(path)).map_err(|(path, error)| {
         print_failure(&format_args!("cannot read {}: {error}", path.display()))
     })
 }
@@ -255,7 +300,7 @@ pub(super) fn repeat_run(
     programs: Programs,
     out: &Path,
     launcher: Launcher,
-    build: &Build,
+    build: &BuildInfo,
 ) -> Result<(), u8> {
     let pace = Pace::Lockstep;
     let mut manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
@@ -263,8 +308,8 @@ pub(super) fn repeat_run(
     let how = ExecutionOptions::new(pace, launcher, programs);
     let ended = execute(scenario, text, &manifest, &RunLocation::Path(out.into()), how);
     let ended = ended.map_err(|error| print_failure(&error))?;
-    if !(ended.began && ended.written) || ended.summary.interrupted {
-        return Err(exit::INFRASTRUCTURE);
+    if !(ended.has_begun && ended.all_files_written) || ended.summary.interrupted {
+        return Err(exit::INFRASTRUCTURE_FAILURE);
     }
-    checksums::write(out, out).map_err(|error| print_failure(&error))
+    checksums::write_checksums(out, out).map_err(|error| print_failure(&error))
 }

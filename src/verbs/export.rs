@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use outcome::recording::export::{ExportError, Exported, export as write_tables};
+use outcome::recording::export::{ExportError, ExportResult, export as write_tables};
 use protocol::process::exit;
 
 use super::check_in_run_folder;
 use super::screen::{print, print_failure};
-use outcome::results::run_dir::RECORDING;
+use outcome::results::run_dir::RECORDING_FILE;
 
 /// Arguments of `phalanx export`.
 #[derive(Debug, Args)]
@@ -27,7 +27,7 @@ pub struct ExportArgs {
 
 pub(super) fn export(args: &ExportArgs) -> Result<u8, u8> {
     let (file, out) = if args.run.is_dir() {
-        (args.run.join(RECORDING), args.run.join("export"))
+        (args.run.join(RECORDING_FILE), args.run.join("export"))
     } else {
         let stem = args.run.file_stem().unwrap_or_default().to_string_lossy();
         (args.run.clone(), args.run.with_file_name(format!("{stem}-export")))
@@ -35,7 +35,7 @@ pub(super) fn export(args: &ExportArgs) -> Result<u8, u8> {
     check_in_run_folder(&file)?;
     let out = args.out.clone().unwrap_or(out);
     match write_tables(&file, &out, args.allow_damage) {
-        Ok(Exported { tables, integrity }) => {
+        Ok(ExportResult { tables, integrity }) => {
             if !integrity.is_complete() {
                 tracing::warn!("{} is damaged: {integrity}; the rest is exported", file.display());
             }
@@ -46,11 +46,11 @@ pub(super) fn export(args: &ExportArgs) -> Result<u8, u8> {
         Err(error) => {
             let code = print_failure(&error);
             Err(match error {
-                ExportError::Damaged(..)
-                | ExportError::Another { .. }
-                | ExportError::Message(..) => exit::EXPECTATION_MISSED,
+                ExportError::DamagedRecording(..)
+                | ExportError::OtherRecording { .. }
+                | ExportError::MalformedMessage(..) => exit::EXPECTATION_MISSED,
                 ExportError::Write(..) => code,
-                _ => exit::USAGE,
+                _ => exit::USAGE_ERROR,
             })
         }
     }

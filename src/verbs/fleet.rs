@@ -29,7 +29,7 @@ pub(super) struct HostPart {
     /// Configuration (brief) of the bridge, without its run root.
     pub(super) brief: BridgeBrief,
     /// Text of the fleet file.
-    pub(super) text: String,
+    pub(super) fleet_text: String,
 }
 
 impl HostPart {
@@ -41,7 +41,7 @@ impl HostPart {
         effective: &str,
     ) -> Result<HostPart, u8> {
         let (brief, text) = member.brief_and_text(scenario, effective)?;
-        Ok(HostPart { brief, text })
+        Ok(HostPart { brief, fleet_text: text })
     }
 
     /// Returns whether the plant runs on this host.
@@ -52,7 +52,7 @@ impl HostPart {
 
 impl FleetArgs {
     /// Returns whether the run is on several hosts.
-    pub(super) fn is_given(&self) -> bool {
+    pub(super) fn has_fleet(&self) -> bool {
         self.fleet.is_some()
     }
 

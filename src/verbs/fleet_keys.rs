@@ -12,11 +12,11 @@ use super::with_bridge::make_certificates;
 #[derive(Debug, Args)]
 pub struct FleetVerbArgs {
     #[command(subcommand)]
-    act: Act,
+    act: FleetSubcommand,
 }
 
 #[derive(Debug, Subcommand)]
-enum Act {
+enum FleetSubcommand {
     /// Create certificates for the hosts of a fleet and an authority that signs them, in the folder that
     /// the fleet file names: ca.pem, HOST.pem and HOST.key. Existing files are kept.
     Keys(KeysArgs),
@@ -33,8 +33,8 @@ struct KeysArgs {
 }
 
 /// Runs the fleet subcommand and returns the exit code.
-pub(super) fn fleet(args: &FleetVerbArgs) -> Result<u8, u8> {
+pub(super) fn run_fleet_subcommand(args: &FleetVerbArgs) -> Result<u8, u8> {
     match &args.act {
-        Act::Keys(KeysArgs { fleet, days }) => make_certificates(fleet, *days),
+        FleetSubcommand::Keys(KeysArgs { fleet, days }) => make_certificates(fleet, *days),
     }
 }

@@ -46,10 +46,10 @@ use std::path::{Path, PathBuf};
 use clap::Subcommand;
 use experiment::scenario::file::check_inside_folder;
 use protocol::catalog::Catalog;
-use protocol::process::{Stop, fail_at_file_size_limits, quiet_iceoryx2};
+use protocol::process::{StopFlag, fail_at_file_size_limits, limit_iceoryx2_log};
 use protocol::run_root;
 
-use outcome::results::manifest::Build;
+use outcome::results::manifest::BuildInfo;
 use supervisor::spawn::Launcher;
 
 pub(crate) use screen::print;
@@ -58,8 +58,8 @@ pub(crate) use screen::print;
 type Failure = Box<dyn std::error::Error>;
 
 /// Returns the stop flag that SIGINT and SIGTERM set. A second signal ends the process at once.
-fn stop() -> Result<Stop, String> {
-    Stop::stop_on_signals().map_err(|error| format!("cannot handle signals: {error}"))
+fn stop_flag_on_signals() -> Result<StopFlag, String> {
+    StopFlag::for_run_ending_signals().map_err(|error| format!("cannot handle signals: {error}"))
 }
 
 /// User-facing subcommands.
@@ -96,15 +96,15 @@ pub enum Verb {
 
 /// Runs a subcommand and returns the exit code. `catalog` lists the laws, methods and roles that agents
 /// know, `launcher` starts processes, and `build` describes this program in manifests.
-pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) -> u8 {
+pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &BuildInfo) -> u8 {
     screen::log_to_stderr();
-    quiet_iceoryx2();
+    limit_iceoryx2_log();
     fail_at_file_size_limits();
     let ended = match verb {
         Verb::New(args) => Ok(new::new(args, catalog)),
         Verb::Run(args) => args.run(catalog, launcher.clone(), build),
         Verb::Sweep(args) => sweep::sweep(args, catalog, launcher, build),
-        Verb::Hunt(args) => Ok(hunt::hunt(args, catalog, build)),
+        Verb::Hunt(args) => Ok(hunt::hunt(args, catalog, launcher, build)),
         Verb::Check(args) => check::check(args, catalog),
         Verb::Schema(args) => Ok(schema::schema(args, catalog)),
         Verb::Report(args) => report::report(args, catalog),
@@ -112,7 +112,7 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
         Verb::Clean(args) => Ok(clean::clean(args)),
         Verb::Recover(args) => recover::recover(args),
         Verb::Export(args) => export::export(args),
-        Verb::Fleet(args) => fleet_keys::fleet(args),
+        Verb::Fleet(args) => fleet_keys::run_fleet_subcommand(args),
         Verb::Verify(args) => verify::verify(args, catalog, launcher.clone(), build),
     };
     // The error has already been reported.
@@ -120,10 +120,10 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
 }
 
 /// Rejects an output directory `out` inside the directory of run roots, where later runs would find a
-/// directory that they did not create. A run root in use is allowed: `phalanx bench` keeps the directories of its runs in
-/// its own. `what` names the option or folder in the message.
+/// directory that they did not create. A run root in use is allowed: `phalanx bench` keeps the directories of its runs
+/// in its own. `what` names the option or folder in the message.
 fn reject_inside_run_roots(out: &Path, what: &str) -> Result<(), u8> {
-    let (base, path) = (resolve_path(&run_root::base()), resolve_path(out));
+    let (base, path) = (resolve_path(&run_root::base_directory()), resolve_path(out));
     if !path.starts_with(&base) || run_root::is_in_live_root(&base, &path) {
         return Ok(());
     }

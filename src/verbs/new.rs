@@ -14,21 +14,21 @@ use protocol::process::exit;
 use super::screen::{print, print_failure};
 use experiment::schema;
 
-const SCENARIO: &str = include_str!("new/scenario.toml");
-const LAW: &str = include_str!("new/law.rs");
+const SCENARIO_TEMPLATE: &str = include_str!("new/scenario.toml");
+const LAW_TEMPLATE: &str = include_str!("new/law.rs");
 
 /// Arguments of `phalanx new`.
 #[derive(Debug, Args)]
 pub struct NewArgs {
     /// Name of the experiment and of the folder to create: a letter, then letters, digits, `-` or `_`.
-    #[arg(value_name = "NAME", value_parser = name)]
+    #[arg(value_name = "NAME", value_parser = parse_name)]
     name: String,
     /// Start from one of the shipped scenarios.
     #[arg(long, value_name = "SCENARIO", value_parser = PossibleValuesParser::new(shipped::SCENARIOS.iter().map(|(name, _)| *name)))]
     from: Option<String>,
 }
 
-fn name(word: &str) -> Result<String, String> {
+fn parse_name(word: &str) -> Result<String, String> {
     let mut letters = word.chars();
     let begins = letters.next().is_some_and(|letter| letter.is_ascii_alphabetic());
     let goes_on = letters.all(|letter| letter.is_ascii_alphanumeric() || "-_".contains(letter));
@@ -47,7 +47,7 @@ pub(super) fn new(NewArgs { name, from }: &NewArgs, catalog: &Catalog) -> u8 {
                 "{} exists already; choose another name",
                 folder.display()
             ));
-            return exit::USAGE;
+            return exit::USAGE_ERROR;
         }
         return print_failure(&format_args!("cannot create {}: {error}", folder.display()));
     }
@@ -58,19 +58,23 @@ pub(super) fn new(NewArgs { name, from }: &NewArgs, catalog: &Catalog) -> u8 {
                 text.replace(&format!("name = \"{shipped}\""), &format!("name = \"{name}\""));
             format!("#:schema scenario.schema.json\n{text}")
         }
-        None => SCENARIO.replace("NAME", name),
+        None => SCENARIO_TEMPLATE.replace("NAME", name),
     };
-    let named = shipped::FILES.iter().filter(|(file, _)| scenario.contains(file));
+    let named = shipped::REFERENCED_FILES.iter().filter(|(file, _)| scenario.contains(file));
     let named: Vec<_> =
         named.map(|&(file, text)| (file, text.to_owned(), "the scenario names it")).collect();
     let files = [
         ("scenario.toml", scenario, "the experiment, with comments"),
         (
             "scenario.schema.json",
-            schema::schema(catalog),
+            schema::scenario_schema(catalog),
             "for completion and validation in editors",
         ),
-        ("law.rs", LAW.to_owned(), "a control law to start from; delete it if you need none"),
+        (
+            "law.rs",
+            LAW_TEMPLATE.to_owned(),
+            "a control law to start from; delete it if you need none",
+        ),
     ];
     let files = files.into_iter().chain(named);
     let mut listing = String::new();

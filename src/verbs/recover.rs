@@ -23,7 +23,7 @@ pub(super) fn recover(args: &RecoverArgs) -> Result<u8, u8> {
     check_in_run_folder(&args.file)?;
     let out = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
     match rebuild(&args.file, &out) {
-        Ok(RecoverOutcome::Complete { checked }) => {
+        Ok(RecoverOutcome::Complete { is_checked: checked }) => {
             let limit = match checked {
                 true => "",
                 false => {

@@ -8,7 +8,7 @@ use protocol::process::exit;
 
 use super::screen::{print, print_failure, print_invalid_file, print_misuse};
 use experiment::scenario::read::{Overrides, read};
-use outcome::results::page::{self, Written};
+use outcome::results::page::{self, WrittenPage};
 
 /// Arguments of `phalanx report`.
 #[derive(Debug, Args)]
@@ -28,11 +28,11 @@ pub(super) fn report(
     // The run has already printed the warnings.
     let (scenario, ..) =
         read(&scenario, &Overrides::default(), catalog).map_err(|why| print_invalid_file(&why))?;
-    let written = page::write(run_dir, &scenario, None).and_then(|written| {
-        let animated = animate.as_ref().map(|path| page::animate(run_dir, &scenario, path));
+    let written = page::write_page(run_dir, &scenario, None).and_then(|written| {
+        let animated = animate.as_ref().map(|path| page::write_animation(run_dir, &scenario, path));
         animated.transpose().map(|_| written)
     });
-    let Written { path, cut_short, damage, is_checked } =
+    let WrittenPage { path, cut_short_note: cut_short, damage, is_checked } =
         written.map_err(|error| print_failure(&error))?;
     let unchecked = (cut_short.is_none() && !is_checked)
         .then_some("its tables have no checksums to verify them");

@@ -14,13 +14,13 @@ use super::screen::print_misuse;
 use super::with_bridge::ros2_brief;
 
 /// Default address of the rmw_zenoh router.
-const ROUTER: &str = "127.0.0.1:7447";
+const ROUTER_ADDRESS: &str = "127.0.0.1:7447";
 /// Prefix of an address at which this process is the router.
-const LISTEN: &str = "listen/";
+const LISTEN_PREFIX: &str = "listen/";
 /// Maximum ROS domain ID.
 const DOMAIN_MAX: u32 = 232;
 /// Maximum publishing rate, Hz: the highest sample rate of a plant in real time.
-const HZ_MAX: f64 = 1_000.0;
+const RATE_HZ_MAX: f64 = 1_000.0;
 
 /// ROS 2 options of a run.
 #[derive(Debug, Args)]
@@ -33,8 +33,8 @@ pub(super) struct Ros2Args {
         value_name = "[listen/]ADDR",
         num_args = 0..=1,
         require_equals = true,
-        default_missing_value = ROUTER,
-        value_parser = endpoint
+        default_missing_value = ROUTER_ADDRESS,
+        value_parser = parse_endpoint
     )]
     ros2: Option<Endpoint>,
     /// ROS domain ID [default: ROS_DOMAIN_ID of the environment, or 0].
@@ -46,7 +46,7 @@ pub(super) struct Ros2Args {
     )]
     ros2_domain: Option<u32>,
     /// Messages per second and robot.
-    #[arg(long, value_name = "HZ", requires = "ros2", default_value = "50", value_parser = hz)]
+    #[arg(long, value_name = "HZ", requires = "ros2", default_value = "50", value_parser = parse_hz)]
     ros2_hz: f64,
 }
 
@@ -57,14 +57,14 @@ struct Endpoint {
     listens: bool,
 }
 
-fn endpoint(word: &str) -> Result<Endpoint, String> {
-    let (listens, word) = match word.strip_prefix(LISTEN) {
+fn parse_endpoint(word: &str) -> Result<Endpoint, String> {
+    let (listens, word) = match word.strip_prefix(LISTEN_PREFIX) {
         Some(rest) => (true, rest),
         None => (false, word),
     };
     let address: SocketAddr = word.parse().map_err(|_| {
         format!(
-            "must be ADDRESS:PORT or {LISTEN}ADDRESS:PORT, such as {ROUTER} or {LISTEN}{ROUTER}"
+            "must be ADDRESS:PORT or {LISTEN_PREFIX}ADDRESS:PORT, such as {ROUTER_ADDRESS} or {LISTEN_PREFIX}{ROUTER_ADDRESS}"
         )
     })?;
     // The connection has neither encryption nor access control.
@@ -78,16 +78,16 @@ fn endpoint(word: &str) -> Result<Endpoint, String> {
     Ok(Endpoint { address, listens })
 }
 
-fn hz(word: &str) -> Result<f64, String> {
-    let hz = word.parse().ok().filter(|&hz: &f64| hz > 0.0 && hz <= HZ_MAX);
-    hz.ok_or_else(|| format!("must be above 0 and at most {HZ_MAX}"))
+fn parse_hz(word: &str) -> Result<f64, String> {
+    let hz = word.parse().ok().filter(|&hz: &f64| hz > 0.0 && hz <= RATE_HZ_MAX);
+    hz.ok_or_else(|| format!("must be above 0 and at most {RATE_HZ_MAX}"))
 }
 
 impl Ros2Args {
     /// Returns the configuration of the ROS 2 bridge without its run root; `None` without --ros2. On an
     /// error, prints it and returns the exit code. `lives_here` tells by index whether a robot runs on this
     /// host.
-    pub(super) fn read(
+    pub(super) fn to_bridge_brief(
         &self,
         scenario: &Scenario,
         realtime: bool,
@@ -128,19 +128,19 @@ mod tests {
 
     #[test]
     fn endpoint_accepts_loopback_addresses_only() {
-        let router = endpoint(ROUTER).unwrap();
+        let router = parse_endpoint(ROUTER_ADDRESS).unwrap();
         assert_eq!((router.address.port(), router.listens), (7447, false));
-        assert!(endpoint("listen/[::1]:7448").unwrap().listens);
-        assert!(endpoint("listen/0.0.0.0:7447").unwrap_err().contains("this machine alone"));
-        assert!(endpoint("192.168.1.2:7447").unwrap_err().contains("this machine alone"));
-        assert!(endpoint("7447").unwrap_err().contains("ADDRESS:PORT"));
+        assert!(parse_endpoint("listen/[::1]:7448").unwrap().listens);
+        assert!(parse_endpoint("listen/0.0.0.0:7447").unwrap_err().contains("this machine alone"));
+        assert!(parse_endpoint("192.168.1.2:7447").unwrap_err().contains("this machine alone"));
+        assert!(parse_endpoint("7447").unwrap_err().contains("ADDRESS:PORT"));
     }
 
     #[test]
     fn rate_out_of_range_is_rejected() {
-        assert_eq!(hz("12.5"), Ok(12.5));
+        assert_eq!(parse_hz("12.5"), Ok(12.5));
         for word in ["0", "-1", "1001", "NaN", "fast"] {
-            assert!(hz(word).is_err(), "{word}");
+            assert!(parse_hz(word).is_err(), "{word}");
         }
     }
 }

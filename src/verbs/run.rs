@@ -6,23 +6,23 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
-use protocol::process::{exit, try_realtime_priority};
+use protocol::process::{check_realtime_priority, exit};
 use supervisor::spawn::Launcher;
 use supervisor::view::ViewError;
 
 use super::cell::{self, CellArgs};
-use super::execute::{Execution, ExecutionOptions, LiveView, execute, read_programs};
+use super::execute::{ExecutionOptions, ExecutionResult, LiveView, execute, read_programs};
 use super::fleet::{FleetArgs, FleetMember, HostPart, reject_host_faults};
 use super::reject_inside_run_roots;
 use super::ros2::Ros2Args;
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, print, print_failure, print_info, print_misuse, print_result};
+use super::screen::{OutputFormat, print, print_failure, print_info, print_misuse, print_result};
 use super::share;
 use experiment::scenario::Scenario;
 use outcome::results::checksums;
-use outcome::results::manifest::{Build, Manifest};
+use outcome::results::manifest::{BuildInfo, Manifest};
 use outcome::results::page;
-use outcome::results::run_dir::{RUNS, RunDirError, RunLocation};
+use outcome::results::run_dir::{RUNS_DIR, RunDirError, RunLocation};
 use outcome::results::summary::to_json;
 
 /// Arguments of `phalanx run`.
@@ -46,9 +46,9 @@ pub struct RunArgs {
         value_name = "ADDR",
         num_args = 0..=1,
         require_equals = true,
-        default_missing_value = supervisor::view::DEFAULT,
-        default_value_if("view_control", "true", supervisor::view::DEFAULT),
-        value_parser = supervisor::view::address
+        default_missing_value = supervisor::view::DEFAULT_ADDRESS,
+        default_value_if("view_control", "true", supervisor::view::DEFAULT_ADDRESS),
+        value_parser = supervisor::view::parse_address
     )]
     view: Option<SocketAddr>,
     /// Show the run as --view does, and let the page kill, freeze and restart robots and cut edges.
@@ -70,8 +70,8 @@ pub struct RunArgs {
     #[arg(long, hide = true)]
     unmeasured: bool,
     /// Output format.
-    #[arg(long, value_enum, default_value_t = Output::Text)]
-    output: Output,
+    #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
+    output: OutputFormat,
     #[command(flatten)]
     campaign: CellArgs,
 }
@@ -91,15 +91,15 @@ impl RunArgs {
         &self,
         catalog: &Catalog,
         launcher: Launcher,
-        build: &Build,
+        build: &BuildInfo,
     ) -> Result<u8, u8> {
-        self.must_fit_together()?;
+        self.check_option_conflicts()?;
         match &self.out {
             Some(out) => reject_inside_run_roots(out, "--out"),
-            None => reject_inside_run_roots(RUNS.as_ref(), "the folder"),
+            None => reject_inside_run_roots(RUNS_DIR.as_ref(), "the folder"),
         }?;
         let fleet = self.fleet.read(self.insecure)?;
-        let set = fleet.as_ref().map_or(Vec::new(), FleetMember::set);
+        let set = fleet.as_ref().map_or(Vec::new(), FleetMember::scenario_overrides);
         let (scenario, text) = self.scenario.read_with_keys(&set, catalog)?;
         let part = match fleet {
             Some(fleet) => Some(HostPart::new(fleet, &scenario, &text)?),
@@ -108,15 +108,16 @@ impl RunArgs {
         let lives_here = |robot: usize| {
             part.as_ref().is_none_or(|part| part.brief.robots[robot].host == part.brief.here)
         };
-        let ros2 = self.ros2.read(&scenario, self.pace == PaceArg::Realtime, lives_here)?;
+        let ros2 =
+            self.ros2.to_bridge_brief(&scenario, self.pace == PaceArg::Realtime, lives_here)?;
         // Binds before anything is written or spawned, because the port may be in use.
-        let live_view = self.live_view()?;
+        let live_view = self.bind_live_view()?;
         let programs =
             read_programs(&scenario, &self.scenario.path).map_err(|_| exit::BAD_SCENARIO)?;
         let pace = self.pace();
         let mut manifest = Manifest::collect(&scenario, &self.scenario.path, pace, build);
         manifest.programs = programs.manifest_files();
-        let launcher = self.with_priority(launcher, &mut manifest);
+        let launcher = self.apply_priority(launcher, &mut manifest);
         if let Some(part) = &part
             && !part.has_plant()
         {
@@ -125,15 +126,23 @@ impl RunArgs {
                 return Err(print_misuse(&why));
             }
             let place = self.run_location(&scenario, self.fleet.host.as_deref());
-            return share::run(&scenario, &text, part, &programs, &place, &launcher);
+            return share::run_host_part(&scenario, &text, part, &programs, &place, &launcher);
         }
-        let how = ExecutionOptions { part, ..ExecutionOptions::new(pace, launcher, programs) };
+        let how =
+            ExecutionOptions { host_part: part, ..ExecutionOptions::new(pace, launcher, programs) };
         if let Some(cell) = &self.campaign.cell {
             // Other runs of the campaign use the remaining cores.
-            let how = ExecutionOptions { launcher: how.launcher.without_awake(), ..how };
-            return Ok(cell::run(&self.campaign, cell, &scenario, &text, &manifest, how));
+            let how = ExecutionOptions { launcher: how.launcher.without_awake_cores(), ..how };
+            return Ok(cell::execute_campaign_run(
+                &self.campaign,
+                cell,
+                &scenario,
+                &text,
+                &manifest,
+                how,
+            ));
         }
-        let how = ExecutionOptions { unmeasured: self.unmeasured, live_view, ros2, ..how };
+        let how = ExecutionOptions { is_unmeasured: self.unmeasured, live_view, ros2, ..how };
         let ended = execute(&scenario, &text, &manifest, &self.run_location(&scenario, None), how);
         let ended = ended.map_err(|error| match error.downcast_ref() {
             Some(RunDirError::Exists(_)) => print_misuse(&error),
@@ -143,9 +152,9 @@ impl RunArgs {
     }
 
     /// Rejects options that contradict each other.
-    fn must_fit_together(&self) -> Result<(), u8> {
+    fn check_option_conflicts(&self) -> Result<(), u8> {
         let lockstep = self.pace == PaceArg::Lockstep;
-        let open = self.view.is_some() || self.fleet.is_given();
+        let open = self.view.is_some() || self.fleet.has_fleet();
         let contradictions = [
             (
                 lockstep && self.realtime_priority,
@@ -156,7 +165,7 @@ impl RunArgs {
                 "--insecure requires --view=ADDR or --fleet: nothing else accepts connections from other machines",
             ),
             (
-                lockstep && self.fleet.is_given(),
+                lockstep && self.fleet.has_fleet(),
                 "--fleet requires --pace realtime: in lockstep each tick would wait for the network",
             ),
         ];
@@ -174,22 +183,22 @@ impl RunArgs {
     }
 
     /// Binds the port of the live view, if requested.
-    fn live_view(&self) -> Result<Option<LiveView>, u8> {
+    fn bind_live_view(&self) -> Result<Option<LiveView>, u8> {
         let bound = self.view.map(|address| supervisor::view::bind(address, self.insecure));
         let bound = bound.transpose().map_err(|error| match error {
             ViewError::NotLoopback(_) => print_misuse(&error),
             _ => print_failure(&error),
         })?;
-        Ok(bound.map(|bound| LiveView { bound, control: self.view_control }))
+        Ok(bound.map(|bound| LiveView { bound_port: bound, allows_control: self.view_control }))
     }
 
     /// Returns the launcher with real-time priority if requested and permitted. Records in the manifest
     /// whether it was granted.
-    fn with_priority(&self, launcher: Launcher, manifest: &mut Manifest) -> Launcher {
+    fn apply_priority(&self, launcher: Launcher, manifest: &mut Manifest) -> Launcher {
         if !self.realtime_priority {
             return launcher;
         }
-        match try_realtime_priority() {
+        match check_realtime_priority() {
             Ok(()) => {
                 manifest.realtime_priority = Some("granted".into());
                 launcher.with_realtime_priority()
@@ -206,45 +215,47 @@ impl RunArgs {
     fn run_location(&self, scenario: &Scenario, host: Option<&str>) -> RunLocation {
         match (&self.out, host) {
             (Some(out), _) => RunLocation::Path(out.clone()),
-            (None, Some(host)) => RunLocation::Dated(format!("{}-{host}", scenario.name)),
-            (None, None) => RunLocation::Dated(scenario.name.clone()),
+            (None, Some(host)) => RunLocation::DatedName(format!("{}-{host}", scenario.name)),
+            (None, None) => RunLocation::DatedName(scenario.name.clone()),
         }
     }
 
     /// Writes checksums and the report page, prints the result, and returns the exit code.
-    fn finish(&self, scenario: &Scenario, ended: &Execution) -> u8 {
-        let checksums = ended.written.then(|| checksums::write(&ended.out, &ended.out));
+    fn finish(&self, scenario: &Scenario, ended: &ExecutionResult) -> u8 {
+        let checksums = ended
+            .all_files_written
+            .then(|| checksums::write_checksums(&ended.run_dir, &ended.run_dir));
         let is_written = matches!(checksums, Some(Ok(())));
         if let Some(Err(error)) = checksums {
             print_failure(&format_args!(
                 "cannot write checksums into {}: {error}",
-                ended.out.display()
+                ended.run_dir.display()
             ));
         }
-        if ended.began && is_written && !self.no_report {
+        if ended.has_begun && is_written && !self.no_report {
             // A missing page does not invalidate the run, which is already on disk.
-            if let Err(error) = page::write(&ended.out, scenario, None) {
+            if let Err(error) = page::write_page(&ended.run_dir, scenario, None) {
                 print_failure(&error);
             }
         }
         let printed = match self.output {
             // The error has been reported, and there are no results to show.
-            Output::Text if !ended.began => exit::OK,
-            Output::Text => {
+            OutputFormat::Text if !ended.has_begun => exit::OK,
+            OutputFormat::Text => {
                 let written = if is_written { "written" } else { "not all of it is written" };
-                let (screen, out) = (ended.screen.trim_end(), ended.out.display());
+                let (screen, out) = (ended.summary_text.trim_end(), ended.run_dir.display());
                 print(&format!("{screen}\n{written} to {out}\n"))
             }
-            Output::Json => print_result(Output::Json, &to_json(&ended.summary)),
+            OutputFormat::Json => print_result(OutputFormat::Json, &to_json(&ended.summary)),
         };
         // Printed last, below the figures.
-        for (process, how) in &ended.failed {
-            let log = ended.out.join(format!("logs/{process}.jsonl"));
+        for (process, how) in &ended.failed_processes {
+            let log = ended.run_dir.join(format!("logs/{process}.jsonl"));
             let log = if log.exists() { log.display().to_string() } else { "on its host".into() };
             print_info(&format!("failed: {how}; its log: {log}"));
         }
         match ended.summary.exit {
-            exit::OK | exit::EXPECTATION_MISSED if !is_written => exit::INFRASTRUCTURE,
+            exit::OK | exit::EXPECTATION_MISSED if !is_written => exit::INFRASTRUCTURE_FAILURE,
             exit::OK => printed,
             code => code,
         }

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 use protocol::catalog::Catalog;
 
-use super::screen::{print_invalid_file, show};
+use super::screen::{print_diagnostic, print_invalid_file};
 use experiment::scenario::Scenario;
-use experiment::scenario::read::{Overrides, read_to_run};
+use experiment::scenario::read::{Overrides, read_for_run};
 
 /// Scenario file with overrides.
 #[derive(Debug, Args)]
@@ -39,10 +39,10 @@ impl ScenarioArgs {
         catalog: &Catalog,
     ) -> Result<(Scenario, String), u8> {
         let set = self.set.iter().chain(also).cloned().collect();
-        let overrides = Overrides { set, faults: self.fault.clone(), seed: self.seed };
-        let (scenario, text, warnings) =
-            read_to_run(&self.path, &overrides, catalog).map_err(|why| print_invalid_file(&why))?;
-        warnings.iter().for_each(show);
+        let overrides = Overrides { assignments: set, faults: self.fault.clone(), seed: self.seed };
+        let (scenario, text, warnings) = read_for_run(&self.path, &overrides, catalog)
+            .map_err(|why| print_invalid_file(&why))?;
+        warnings.iter().for_each(print_diagnostic);
         Ok((scenario, text))
     }
 }

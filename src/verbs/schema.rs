@@ -3,7 +3,7 @@
 use clap::Args;
 use protocol::catalog::Catalog;
 
-use super::screen::{Output, print, print_result};
+use super::screen::{OutputFormat, print, print_result};
 use experiment::{reference, schema};
 
 /// Arguments of `phalanx schema`.
@@ -19,9 +19,11 @@ pub struct SchemaArgs {
 
 pub(super) fn schema(args: &SchemaArgs, catalog: &Catalog) -> u8 {
     match (args.campaign, args.markdown) {
-        (true, true) => print(&experiment::campaign::keys::reference()),
-        (true, false) => print_result(Output::Json, &experiment::campaign::keys::schema()),
-        (false, true) => print(&reference::reference(catalog)),
-        (false, false) => print_result(Output::Json, &schema::schema(catalog)),
+        (true, true) => print(&experiment::campaign::keys::campaign_reference_page()),
+        (true, false) => {
+            print_result(OutputFormat::Json, &experiment::campaign::keys::campaign_schema())
+        }
+        (false, true) => print(&reference::reference_page(catalog)),
+        (false, false) => print_result(OutputFormat::Json, &schema::scenario_schema(catalog)),
     }
 }

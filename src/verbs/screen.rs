@@ -15,11 +15,11 @@ use protocol::terminal_escape;
 
 use experiment::scenario::diagnostic::Diagnostic;
 
-const MS: u64 = 1_000_000;
+const NS_PER_MS: u64 = 1_000_000;
 
 /// Output format of a result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Output {
+pub(super) enum OutputFormat {
     /// Text, at most one screen.
     Text,
     /// JSON; for `run`, the contents of summary.json.
@@ -43,10 +43,10 @@ pub(super) fn log_to_stderr() {
 }
 
 /// Prints a result and returns the exit code. A closed pipe is not an error, because the reader closed it.
-pub(super) fn print_result(output: Output, text: &str) -> u8 {
+pub(super) fn print_result(output: OutputFormat, text: &str) -> u8 {
     let text = match output {
-        Output::Text => terminal_escape::lines(text),
-        Output::Json => terminal_escape::json(text),
+        OutputFormat::Text => terminal_escape::escape_lines(text),
+        OutputFormat::Json => terminal_escape::escape_json(text),
     };
     exit_code_of_print(io::stdout().write_all(text.as_bytes()))
 }
@@ -62,50 +62,50 @@ pub(crate) fn exit_code_of_print(written: io::Result<()>) -> u8 {
 
 /// Prints a result as text and returns the exit code.
 pub(crate) fn print(text: &str) -> u8 {
-    print_result(Output::Text, text)
+    print_result(OutputFormat::Text, text)
 }
 
 /// Prints an error as one line and returns the exit code of an infrastructure failure.
 pub(super) fn print_failure(error: &dyn Display) -> u8 {
-    let _ = writeln!(Stderr, "error: {}", terminal_escape::lines(&error.to_string()));
-    exit::INFRASTRUCTURE
+    let _ = writeln!(Stderr, "error: {}", terminal_escape::escape_lines(&error.to_string()));
+    exit::INFRASTRUCTURE_FAILURE
 }
 
 /// Prints a diagnostic: an error in a file, or a warning.
-pub(super) fn show(diagnostic: &Diagnostic) {
+pub(super) fn print_diagnostic(diagnostic: &Diagnostic) {
     let _ = writeln!(Stderr, "{}", diagnostic.render(uses_color()));
 }
 
 /// Prints an error of the command line, or of a file that it names, and returns the exit code.
 pub(super) fn print_misuse(error: &dyn Display) -> u8 {
     print_failure(error);
-    exit::USAGE
+    exit::USAGE_ERROR
 }
 
 /// Prints why a file is not a valid scenario, campaign or fleet, and returns the exit code.
 pub(super) fn print_invalid_file(diagnostic: &Diagnostic) -> u8 {
-    show(diagnostic);
+    print_diagnostic(diagnostic);
     exit::BAD_SCENARIO
 }
 
 /// Prints a line of information to stderr.
 pub(super) fn print_info(line: &str) {
-    let _ = writeln!(Stderr, "{}", terminal_escape::lines(line));
+    let _ = writeln!(Stderr, "{}", terminal_escape::escape_lines(line));
 }
 
 /// Progress bar of the current run.
 static PROGRESS_BAR: OnceLock<ProgressBar> = OnceLock::new();
 
 /// Returns the progress bar of a run of `duration_ns`. A process has one run, and thus one bar.
-pub(super) fn progress(duration_ns: u64) -> &'static ProgressBar {
-    PROGRESS_BAR.get_or_init(|| progress_bar(duration_ns))
+pub(super) fn run_progress_bar(duration_ns: u64) -> &'static ProgressBar {
+    PROGRESS_BAR.get_or_init(|| new_progress_bar(duration_ns))
 }
 
-fn progress_bar(duration_ns: u64) -> ProgressBar {
+fn new_progress_bar(duration_ns: u64) -> ProgressBar {
     if !io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
-    let bar = ProgressBar::new(duration_ns / MS);
+    let bar = ProgressBar::new(duration_ns / NS_PER_MS);
     // Narrower than the screen, because the echo of Ctrl-C would break the line.
     let style = ProgressStyle::with_template("{bar:50} {msg}").expect("a valid template");
     bar.set_style(style);
@@ -118,10 +118,10 @@ pub(super) fn show_progress(bar: &ProgressBar, t_ns: u64) {
     if bar.is_hidden() || !Stderr.is_ready() {
         return;
     }
-    bar.set_position(t_ns / MS);
+    bar.set_position(t_ns / NS_PER_MS);
     let seconds = |ms: u64| ms as f64 / 1e3;
     let whole = bar.length().map_or(0.0, seconds);
-    bar.set_message(format!("{:.1} of {whole} s", seconds(t_ns / MS)));
+    bar.set_message(format!("{:.1} of {whole} s", seconds(t_ns / NS_PER_MS)));
 }
 
 /// Removes the bar of a finished run.
@@ -132,7 +132,7 @@ pub(super) fn end_progress(bar: &ProgressBar) {
 }
 
 /// Returns the progress bar of `runs` runs; `usize::MAX` means an unknown number.
-pub(super) fn runs_progress(runs: usize) -> &'static ProgressBar {
+pub(super) fn runs_progress_bar(runs: usize) -> &'static ProgressBar {
     never_block_on_stderr();
     PROGRESS_BAR.get_or_init(|| {
         if !io::stderr().is_terminal() {
@@ -149,7 +149,12 @@ pub(super) fn runs_progress(runs: usize) -> &'static ProgressBar {
 }
 
 /// Moves the bar to `done`. If stderr is not a terminal, prints a line instead, when one is due. `more` is appended.
-pub(super) fn runs_done(bar: &ProgressBar, lines: &mut ProgressLines, done: usize, more: String) {
+pub(super) fn show_finished_runs(
+    bar: &ProgressBar,
+    lines: &mut ProgressLines,
+    done: usize,
+    more: String,
+) {
     bar.set_position(done as u64);
     if bar.is_hidden() && lines.are_due(done) {
         match lines.runs {

@@ -16,7 +16,7 @@ use super::fleet::HostPart;
 use super::screen::{print, print_failure, print_info, print_misuse};
 
 /// Runs this host's part of the run into a new directory, and returns the exit code.
-pub(super) fn run(
+pub(super) fn run_host_part(
     scenario: &Scenario,
     text: &str,
     part: &HostPart,
@@ -24,12 +24,12 @@ pub(super) fn run(
     place: &RunLocation,
     launcher: &Launcher,
 ) -> Result<u8, u8> {
-    let stop = super::stop().map_err(|error| print_failure(&error))?;
+    let stop = super::stop_flag_on_signals().map_err(|error| print_failure(&error))?;
     never_block_on_stderr();
     let make = |out: &Path| {
         let host_dir = HostDir::create(out)?;
         host_dir.write_scenario(text)?;
-        host_dir.write_fleet(&part.text)?;
+        host_dir.write_fleet(&part.fleet_text)?;
         Ok(host_dir)
     };
     let made = place.create_with(make).and_then(|made| {
@@ -45,7 +45,7 @@ pub(super) fn run(
     let (here, plant) = (name(here), name(plant));
     print_info(&format!("host {here}: waiting for the plant's host {plant}"));
     match share::run(scenario, part.brief.clone(), launcher, &host_dir, &stop) {
-        Ok(HostEnd::WithTheRun) => Ok(print(&format!(
+        Ok(HostEnd::RunEnded) => Ok(print(&format!(
             "{}, host {here}: the run has ended; its results are on {plant}\nlogs are in {}\n",
             scenario.name,
             out.display()

@@ -7,35 +7,35 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use crate::pool::processes::ByProcesses;
-use crate::pool::{self, CampaignEnd, RunExecutor};
+use crate::pool::processes::ProcessExecutor;
+use crate::pool::{self, CampaignResult, RunExecutor};
 use clap::Args;
-use experiment::campaign::cells::{self, Cell, CellError};
+use experiment::campaign::cells::{self, CampaignRun, CampaignRunError};
 use experiment::campaign::file::{self, Campaign};
-use experiment::scenario::file::load;
-use outcome::campaign::figures::figures;
-use outcome::campaign::folder::{Folder, FolderError, LockError, State, state};
+use experiment::scenario::file::load_text;
+use outcome::campaign::figures::draw_figures;
+use outcome::campaign::folder::{CampaignFolder, FolderError, LockError, RunState, read_state};
 use outcome::campaign::page::{self, Origin};
-use outcome::campaign::points::{pairings, points};
+use outcome::campaign::points::{compute_pairings, compute_points};
 use outcome::campaign::table;
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
-use protocol::process::{Stop, exit};
+use protocol::process::{StopFlag, exit};
 
-use self::numbers::Numbers;
+use self::numbers::RunNumbers;
 use super::Failure;
 use super::cell_in_process::InProcessExecutor;
 use super::reject_inside_run_roots;
 use super::screen::{
-    ProgressLines, print, print_failure, print_info, print_invalid_file, print_misuse, runs_done,
-    runs_progress, show,
+    ProgressLines, print, print_diagnostic, print_failure, print_info, print_invalid_file,
+    print_misuse, runs_progress_bar, show_finished_runs,
 };
-use outcome::results::manifest::Build;
-use outcome::results::page::command_line;
+use outcome::results::manifest::BuildInfo;
+use outcome::results::page::format_command_line;
 use supervisor::spawn::Launcher;
 
 /// Parent directory of campaigns without `--out`.
-const CAMPAIGNS: &str = "runs/campaigns";
+const CAMPAIGNS_DIR: &str = "runs/campaigns";
 
 /// Arguments of `phalanx sweep`.
 #[derive(Debug, Args)]
@@ -65,7 +65,7 @@ pub struct SweepArgs {
     /// Run only the missing runs with these numbers, as in 1-50,73, and write no tables. The command lines
     /// of --emit-commands --chunk use it; several such processes may run at once.
     #[arg(long, value_name = "NUMBERS", conflicts_with_all = ["collect", "emit_commands"])]
-    only: Option<Numbers>,
+    only: Option<RunNumbers>,
     /// Run nothing; write the tables of the results that exist.
     #[arg(long)]
     collect: bool,
@@ -75,7 +75,7 @@ pub(super) fn sweep(
     args: &SweepArgs,
     catalog: &Catalog,
     launcher: &Launcher,
-    build: &Build,
+    build: &BuildInfo,
 ) -> Result<u8, u8> {
     let campaign = file::read(&args.path, catalog).map_err(|why| print_invalid_file(&why))?;
     if args.in_process && campaign.pace == Pace::Realtime {
@@ -88,30 +88,30 @@ pub(super) fn sweep(
         let why = "--emit-commands prints runs by processes: with --in-process, add --chunk RUNS";
         return Err(print_misuse(&why));
     }
-    let (name, all) = (&campaign.name, campaign.runs());
+    let (name, all) = (&campaign.name, campaign.run_count());
     if let Some(only) = args.only.as_ref().filter(|only| only.largest_number() > all) {
         return Err(print_misuse(&format_args!(
             "--only {only} is out of range: {name} has {all} runs"
         )));
     }
-    let executable = cells::executable()
+    let executable = cells::executable_sha256()
         .map_err(|error| print_failure(&format_args!("cannot read the executable: {error}")))?;
     let wanted = |number| args.only.as_ref().is_none_or(|only| only.contains(number));
-    let cells = cells::cells(&campaign, catalog, &executable, wanted).map_err(|error| {
-        if let CellError::Scenario { diagnostic, run } = &error {
-            show(diagnostic);
+    let cells = cells::campaign_runs(&campaign, catalog, &executable, wanted).map_err(|error| {
+        if let CampaignRunError::Scenario { diagnostic, run } = &error {
+            print_diagnostic(diagnostic);
             print_info(run);
         } else {
             print_failure(&error);
         }
         exit::BAD_SCENARIO
     })?;
-    let out = args.out.clone().unwrap_or_else(|| Path::new(CAMPAIGNS).join(&campaign.name));
+    let out = args.out.clone().unwrap_or_else(|| Path::new(CAMPAIGNS_DIR).join(&campaign.name));
     reject_inside_run_roots(&out, "--out")?;
     let origin = Origin { build, executable: &executable };
     let ended = run_sweep(args, &campaign, &cells, &out, launcher, catalog, &origin);
     ended.map_err(|error| match error.downcast_ref() {
-        Some(LockError::Held(..)) => print_misuse(&error),
+        Some(LockError::HeldByProcess(..)) => print_misuse(&error),
         _ => print_failure(&error),
     })
 }
@@ -119,35 +119,35 @@ pub(super) fn sweep(
 fn run_sweep(
     args: &SweepArgs,
     campaign: &Campaign,
-    cells: &[Cell],
+    cells: &[CampaignRun],
     out: &Path,
     launcher: &Launcher,
     catalog: &Catalog,
     origin: &Origin<'_>,
 ) -> Result<u8, Failure> {
-    let stop = super::stop()?;
-    let folder = Folder::open(out)?;
+    let stop = super::stop_flag_on_signals()?;
+    let folder = CampaignFolder::open(out)?;
     if args.retry {
         folder.clear_failures(cells);
     }
     // Reading results, printing commands and running selected numbers may happen concurrently, so they need no lock.
     let runs = !args.emit_commands && !args.collect;
     let _lock = (runs && args.only.is_none()).then(|| folder.lock()).transpose()?;
-    let mut states = folder.states(cells, campaign.keep)?;
-    report_existing(args, campaign, cells, &folder, &states);
-    let missing = missing_cells(cells, &states);
+    let mut states = folder.read_states(cells, campaign.file_retention)?;
+    report_existing_runs(args, campaign, cells, &folder, &states);
+    let missing = missing_runs(cells, &states);
     if args.emit_commands {
-        return Ok(print(&commands(args, campaign, &missing, &folder)?));
+        return Ok(print(&command_lines(args, campaign, &missing, &folder)?));
     }
     if args.only.is_none() {
-        let text = load(&campaign.path, "").unwrap_or_default();
-        folder.write("campaign.toml", &text)?;
+        let text = load_text(&campaign.path, "").unwrap_or_default();
+        folder.replace_file("campaign.toml", &text)?;
     }
     let mut interrupted = false;
     if runs && !missing.is_empty() {
-        let processes = ByProcesses { campaign, folder: &folder, launcher, stop: &stop };
+        let processes = ProcessExecutor { campaign, folder: &folder, launcher, stop: &stop };
         let ended = match args.in_process {
-            false => run(args, campaign, &missing, &folder, &processes, &stop)?,
+            false => execute_missing_runs(args, campaign, &missing, &folder, &processes, &stop)?,
             true => {
                 let executor = InProcessExecutor {
                     campaign,
@@ -155,12 +155,13 @@ fn run_sweep(
                     catalog,
                     build: origin.build,
                     stop: &stop,
-                    processes,
-                    by_processes: Mutex::new((0, "")),
+                    process_executor: processes,
+                    process_fallback: Mutex::new((0, "")),
                 };
-                let ended = run(args, campaign, &missing, &folder, &executor, &stop)?;
+                let ended =
+                    execute_missing_runs(args, campaign, &missing, &folder, &executor, &stop)?;
                 if let (count @ 1.., why) =
-                    *executor.by_processes.lock().expect("no other thread holds the lock")
+                    *executor.process_fallback.lock().expect("no other thread holds the lock")
                 {
                     print_info(&format!(
                         "{count} of them by processes, because the scenario has {why}"
@@ -169,16 +170,15 @@ fn run_sweep(
                 ended
             }
         };
-        interrupted = ended.interrupted;
-        for (cell, known) in cells.iter().zip(&mut states).filter(|(_, known)| known.is_to_be_run())
-        {
-            *known = state(&folder.run(&cell.id), campaign.keep)?;
+        interrupted = ended.was_interrupted;
+        for (cell, known) in cells.iter().zip(&mut states).filter(|(_, known)| known.needs_run()) {
+            *known = read_state(&folder.run_path(&cell.id), campaign.file_retention)?;
         }
     }
     if let (Some(only), false) = (&args.only, interrupted) {
         return Ok(print_run_counts(campaign, only, &states));
     }
-    let damaged = states.iter().filter(|state| matches!(state, State::Damaged(_))).count();
+    let damaged = states.iter().filter(|state| matches!(state, RunState::Damaged(_))).count();
     let rows = table::campaign_rows(cells, &folder, states);
     if interrupted {
         let (done, all) = (rows.len(), cells.len());
@@ -187,38 +187,39 @@ fn run_sweep(
         ));
         return Ok(exit::INTERRUPTED);
     }
-    write(campaign, &rows, &folder, origin)?;
+    write_results(campaign, &rows, &folder, origin)?;
     let absent = cells.len() - rows.len() - damaged;
     let mut text = format!("{}: {} of {} runs", campaign.name, rows.len(), cells.len());
     text += &format_totals(&rows, absent, damaged);
     let printed = print(&format!("{text}\nwritten to {}\n", out.display()));
     Ok(match (damaged, absent + rows.iter().filter(|row| row.summary().is_none()).count()) {
         (0, 0) => printed,
-        (0, _) => exit::INFRASTRUCTURE,
+        (0, _) => exit::INFRASTRUCTURE_FAILURE,
         _ => exit::EXPECTATION_MISSED,
     })
 }
 
 /// Returns one command line for each missing run, or for each chunk of missing runs.
-fn commands(
+fn command_lines(
     args: &SweepArgs,
     campaign: &Campaign,
-    missing: &[&Cell],
-    folder: &Folder,
+    missing: &[&CampaignRun],
+    folder: &CampaignFolder,
 ) -> Result<String, Failure> {
     let unknown = |error| format!("cannot locate the executable and the campaign file: {error}");
     let executable = std::env::current_exe().map_err(unknown)?;
     let text = |path: &Path| path.to_string_lossy().into_owned();
-    let line =
-        |words: Vec<String>| command_line([text(&executable)].into_iter().chain(words)) + "\n";
+    let line = |words: Vec<String>| {
+        format_command_line([text(&executable)].into_iter().chain(words)) + "\n"
+    };
     let Some(chunk) = args.chunk else {
-        let words = missing.iter().map(|cell| cell.arguments(campaign, &folder.run(&cell.id)));
+        let words = missing.iter().map(|cell| cell.arguments(campaign, &folder.run_path(&cell.id)));
         return Ok(words.map(line).collect());
     };
     // The command may be run from any working directory.
     let path = campaign.path.canonicalize().map_err(unknown)?;
     let chunks = missing.chunks(chunk.get()).map(|chunk| {
-        let numbers: Numbers = chunk.iter().map(|cell| cell.number).collect();
+        let numbers: RunNumbers = chunk.iter().map(|cell| cell.number).collect();
         let mut words = vec!["sweep".into(), text(&path), "--out".into(), text(folder.path())];
         words.extend(["--only".into(), numbers.to_string()]);
         words.extend(["--jobs", "1"].map(str::to_owned));
@@ -229,15 +230,15 @@ fn commands(
 }
 
 /// Prints how many of the selected runs have a result, and returns the exit code.
-fn print_run_counts(campaign: &Campaign, only: &Numbers, states: &[State]) -> u8 {
-    let done = states.iter().filter(|state| matches!(state, State::Done(_))).count();
+fn print_run_counts(campaign: &Campaign, only: &RunNumbers, states: &[RunState]) -> u8 {
+    let done = states.iter().filter(|state| matches!(state, RunState::Done(_))).count();
     let (name, all) = (&campaign.name, states.len());
     let printed = print(&format!("{name}: {done} of {all} runs ({only}) have a result\n"));
-    if done == all { printed } else { exit::INFRASTRUCTURE }
+    if done == all { printed } else { exit::INFRASTRUCTURE_FAILURE }
 }
 
 /// Returns the number of runs with each outcome, as text.
-fn format_totals(rows: &[table::Row<'_>], absent: usize, damaged: usize) -> String {
+fn format_totals(rows: &[table::RunRow<'_>], absent: usize, damaged: usize) -> String {
     let mut text = String::new();
     for (count, what) in [(absent, "missing"), (damaged, "damaged")] {
         if count > 0 {
@@ -245,7 +246,7 @@ fn format_totals(rows: &[table::Row<'_>], absent: usize, damaged: usize) -> Stri
         }
     }
     for outcome in ["held", "missed", "unseen", "undeclared"] {
-        let count = rows.iter().filter(|row| row.outcome() == outcome).count();
+        let count = rows.iter().filter(|row| row.verdict_keyword() == outcome).count();
         if count > 0 {
             text += &format!(", {outcome} {count}");
         }
@@ -258,23 +259,23 @@ fn format_totals(rows: &[table::Row<'_>], absent: usize, damaged: usize) -> Stri
 }
 
 /// Returns the cells whose runs are missing or damaged, each once.
-fn missing_cells<'c>(cells: &'c [Cell], states: &[State]) -> Vec<&'c Cell> {
+fn missing_runs<'c>(cells: &'c [CampaignRun], states: &[RunState]) -> Vec<&'c CampaignRun> {
     let mut seen = BTreeSet::new();
-    let runs = cells.iter().zip(states).filter(|(_, state)| state.is_to_be_run());
+    let runs = cells.iter().zip(states).filter(|(_, state)| state.needs_run());
     runs.map(|(cell, _)| cell).filter(|cell| seen.insert(&cell.id)).collect()
 }
 
 /// Reports damaged runs, and the number of runs that need not be repeated.
-fn report_existing(
+fn report_existing_runs(
     args: &SweepArgs,
     campaign: &Campaign,
-    cells: &[Cell],
-    folder: &Folder,
-    states: &[State],
+    cells: &[CampaignRun],
+    folder: &CampaignFolder,
+    states: &[RunState],
 ) {
     for (cell, state) in cells.iter().zip(states) {
-        let State::Damaged(why) = state else { continue };
-        let (run, which) = (folder.run(&cell.id), cell.describe(campaign));
+        let RunState::Damaged(why) = state else { continue };
+        let (run, which) = (folder.run_path(&cell.id), cell.describe(campaign));
         let damaged = format!("{} is damaged: {why} ({which})", run.display());
         match args.collect {
             true => {
@@ -286,54 +287,55 @@ fn report_existing(
             )),
         }
     }
-    let there = states.iter().filter(|state| !state.is_to_be_run()).count();
+    let there = states.iter().filter(|state| !state.needs_run()).count();
     if there > 0 && !args.collect && !args.emit_commands {
         print_info(&format!("{there} of {} runs already have a result", cells.len()));
     }
 }
 
 /// Writes the tables, the report and its figures.
-fn write(
+fn write_results(
     campaign: &Campaign,
-    rows: &[table::Row<'_>],
-    folder: &Folder,
+    rows: &[table::RunRow<'_>],
+    folder: &CampaignFolder,
     origin: &Origin<'_>,
 ) -> Result<(), FolderError> {
-    folder.write("runs.csv", &table::runs(campaign, rows))?;
-    folder.write("timing.csv", &table::timing(rows))?;
-    let points = points(campaign, rows);
-    let pairs = pairings(campaign, rows);
-    let figures = figures(campaign, &points);
-    folder.write("campaign.json", &page::json(campaign, &points, &pairs, origin))?;
+    folder.replace_file("runs.csv", &table::runs_csv(campaign, rows))?;
+    folder.replace_file("timing.csv", &table::timing_csv(rows))?;
+    let points = compute_points(campaign, rows);
+    let pairs = compute_pairings(campaign, rows);
+    let figures = draw_figures(campaign, &points);
+    folder
+        .replace_file("campaign.json", &page::campaign_json(campaign, &points, &pairs, origin))?;
     for figure in &figures {
-        folder.write(&format!("figures/{}.svg", figure.name), &figure.svg())?;
+        folder.replace_file(&format!("figures/{}.svg", figure.name), &figure.to_svg())?;
     }
-    folder.write("report.html", &page::html(campaign, &points, &pairs, &figures))
+    folder.replace_file("report.html", &page::campaign_html(campaign, &points, &pairs, &figures))
 }
 
-fn run(
+fn execute_missing_runs(
     args: &SweepArgs,
     campaign: &Campaign,
-    missing: &[&Cell],
-    folder: &Folder,
+    missing: &[&CampaignRun],
+    folder: &CampaignFolder,
     executor: &dyn RunExecutor,
-    stop: &Stop,
-) -> Result<CampaignEnd, Failure> {
+    stop: &StopFlag,
+) -> Result<CampaignResult, Failure> {
     folder.remove_stale_files();
     if campaign.pace == Pace::Realtime {
         print_info(
             "one run at a time: in real time, concurrent runs would compete for the processor",
         );
     }
-    let bar = runs_progress(missing.len());
+    let bar = runs_progress_bar(missing.len());
     let jobs = args.jobs.map(usize::from);
     let mut lines = ProgressLines::new(missing.len());
-    let ended = pool::run(campaign, missing, folder, executor, stop, jobs, |progress| {
-        let failed = match progress.failures {
+    let ended = pool::execute_runs(campaign, missing, folder, executor, stop, jobs, |progress| {
+        let failed = match progress.failed_attempts {
             0 => String::new(),
             failures => format!(", {failures} failed attempts"),
         };
-        runs_done(bar, &mut lines, progress.finished_runs, failed);
+        show_finished_runs(bar, &mut lines, progress.finished_runs, failed);
     });
     bar.finish_and_clear();
     // Processes of an earlier campaign may have exited only now.
@@ -343,9 +345,9 @@ fn run(
     print_info(&format!(
         "{} runs in {:.1} s, {} at a time; they used {:.0} % of {} cores",
         missing.len(),
-        ended.wall_s,
+        ended.wall_time_s,
         ended.jobs,
-        100.0 * ended.processor_s / (ended.wall_s * ended.cores as f64),
+        100.0 * ended.processor_time_s / (ended.wall_time_s * ended.cores as f64),
         ended.cores,
     ));
     Ok(ended)

@@ -9,10 +9,12 @@ use protocol::run_root::{self, RunRoot};
 use protocol::scratch;
 
 use super::execute::{read_programs, repeat_run};
-use super::screen::{Output, print, print_failure, print_invalid_file, print_misuse, print_result};
-use experiment::scenario::read::{Overrides, read_to_run};
-use outcome::results::compare::{Comparison, NotRepeatable, check_repeatable};
-use outcome::results::manifest::Build;
+use super::screen::{
+    OutputFormat, print, print_failure, print_invalid_file, print_misuse, print_result,
+};
+use experiment::scenario::read::{Overrides, read_for_run};
+use outcome::results::compare::{Comparison, RepeatabilityError, check_repeatable};
+use outcome::results::manifest::BuildInfo;
 use outcome::results::page;
 use outcome::results::summary::to_json;
 use supervisor::spawn::Launcher;
@@ -29,34 +31,35 @@ pub struct VerifyArgs {
     #[arg(long)]
     allow_programs: bool,
     /// Output format.
-    #[arg(long, value_enum, default_value_t = Output::Text)]
-    output: Output,
+    #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
+    output: OutputFormat,
 }
 
 /// Temporary folder of the repeated run, next to the recorded one; dropping the value removes it. If the
 /// process is killed, the next run or `phalanx clean` removes it.
-struct Scratch {
+struct ScratchRunDir {
     root: RunRoot,
     /// Directory of the repeated run.
     run_dir: PathBuf,
 }
 
-impl Scratch {
-    fn make(run_dir: &Path) -> Result<Scratch, String> {
-        let root = RunRoot::create(&run_root::base()).map_err(|error| error.to_string())?;
+impl ScratchRunDir {
+    fn create_next_to(run_dir: &Path) -> Result<ScratchRunDir, String> {
+        let root =
+            RunRoot::create(&run_root::base_directory()).map_err(|error| error.to_string())?;
         let name = run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let folder = run_dir.with_file_name(format!("{name}-again-{}", std::process::id()));
-        scratch::make(root.path(), &folder).map_err(|error| {
+        scratch::create(root.path(), &folder).map_err(|error| {
             format!(
                 "cannot create {}: {error}; choose another directory with --out",
                 folder.display()
             )
         })?;
-        Ok(Scratch { root, run_dir: folder.join("run") })
+        Ok(ScratchRunDir { root, run_dir: folder.join("run") })
     }
 }
 
-impl Drop for Scratch {
+impl Drop for ScratchRunDir {
     fn drop(&mut self) {
         if let Err(error) = scratch::remove(self.root.path()) {
             tracing::warn!("cannot remove {}: {error}", self.run_dir.display());
@@ -68,15 +71,15 @@ pub(super) fn verify(
     args: &VerifyArgs,
     catalog: &Catalog,
     launcher: Launcher,
-    build: &Build,
+    build: &BuildInfo,
 ) -> Result<u8, u8> {
     let run_dir = &args.run_dir;
     let path = page::scenario_path(run_dir).map_err(|error| print_misuse(&error))?;
     check_repeatable(run_dir).map_err(|error| match error {
-        NotRepeatable::Unreadable(..) => print_failure(&error),
+        RepeatabilityError::UnreadableFile(..) => print_failure(&error),
         _ => print_misuse(&error),
     })?;
-    let (scenario, text, _) = read_to_run(&path, &Overrides::default(), catalog)
+    let (scenario, text, _) = read_for_run(&path, &Overrides::default(), catalog)
         .map_err(|why| print_invalid_file(&why))?;
     if let Some(program) = scenario.programs().next().filter(|_| !args.allow_programs) {
         return Err(print_misuse(&format_args!(
@@ -96,7 +99,8 @@ pub(super) fn verify(
     let (out, _scratch) = match &args.out {
         Some(out) => (out.clone(), None),
         None => {
-            let scratch = Scratch::make(run_dir).map_err(|why| print_failure(&why))?;
+            let scratch =
+                ScratchRunDir::create_next_to(run_dir).map_err(|why| print_failure(&why))?;
             (scratch.run_dir.clone(), Some(scratch))
         }
     };
@@ -105,8 +109,8 @@ pub(super) fn verify(
         print_failure(&format_args!("cannot compare {}: {error}", run_dir.display()))
     })?;
     let printed = match args.output {
-        Output::Text => print(&format!("{}: {comparison}", run_dir.display())),
-        Output::Json => print_result(Output::Json, &to_json(&comparison)),
+        OutputFormat::Text => print(&format!("{}: {comparison}", run_dir.display())),
+        OutputFormat::Json => print_result(OutputFormat::Json, &to_json(&comparison)),
     };
     match (printed, comparison.same) {
         (exit::OK, false) => Err(exit::EXPECTATION_MISSED),

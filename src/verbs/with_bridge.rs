@@ -58,17 +58,17 @@ impl FleetMember {
     /// certificates.
     pub(super) fn read(path: &Path, host: &str, insecure: bool) -> Result<FleetMember, u8> {
         let fleet = fleet::read(path).map_err(|why| print_invalid_file(&why))?;
-        let sound = fleet.host(host).and_then(|here| match insecure {
+        let sound = fleet.find_host(host).and_then(|here| match insecure {
             true => Ok(here),
-            false => fleet.must_be_secure().map(|()| here),
+            false => fleet.check_certificates_configured().map(|()| here),
         });
         let here = sound.map_err(|error| print_misuse(&error))?;
         Ok(FleetMember { fleet, host_index: here })
     }
 
     /// Returns the scenario keys that the fleet sets: the command timeout H includes the latency between hosts.
-    pub(super) fn set(&self) -> Vec<String> {
-        let latency_s = formation::seconds(self.fleet.latency_max_ns);
+    pub(super) fn scenario_overrides(&self) -> Vec<String> {
+        let latency_s = formation::ns_to_seconds(self.fleet.latency_max_ns);
         vec![format!("realtime.between_hosts_s={latency_s:?}")]
     }
 
@@ -79,7 +79,7 @@ impl FleetMember {
         scenario: &Scenario,
         effective: &str,
     ) -> Result<(BridgeBrief, String), u8> {
-        let brief = self.fleet.brief(self.host_index, scenario, effective);
+        let brief = self.fleet.bridge_brief(self.host_index, scenario, effective);
         let brief = brief.map_err(|error: FleetError| {
             print_failure(&error);
             exit::BAD_SCENARIO
@@ -91,7 +91,7 @@ impl FleetMember {
 /// Creates the certificates for the hosts of a fleet file, valid for `days`. Returns the exit code.
 pub(super) fn make_certificates(fleet: &Path, days: u32) -> Result<u8, u8> {
     let fleet = fleet::read(fleet).map_err(|why| print_invalid_file(&why))?;
-    let made = certificates::make(&fleet, Validity::for_days(days));
+    let made = certificates::create_certificates(&fleet, Validity::for_days(days));
     let files = made.map_err(|error| match error {
         CertificatesError::NoFolder | CertificatesError::Exists(..) => print_misuse(&error),
         _ => print_failure(&error),
@@ -112,7 +112,7 @@ pub(super) fn ros2_brief(
     hz: f64,
 ) -> Result<Ros2Brief, u8> {
     let robots: Vec<String> = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
-    if let Some(name) = robots.iter().find(|name| !names::is_valid(name)) {
+    if let Some(name) = robots.iter().find(|name| !names::is_valid_name(name)) {
         return Err(print_misuse(&format_args!(
             "robot name {name} is not valid in ROS 2: it must have letters, digits and single underscores only, and no digit first"
         )));
@@ -122,7 +122,7 @@ pub(super) fn ros2_brief(
         return Err(print_failure(&format_args!("cannot listen at {address}: {error}")));
     }
     Ok(Ros2Brief {
-        format: protocol::brief::Format,
+        format: protocol::brief::FormatVersion,
         run_root: PathBuf::new(),
         address,
         listens,

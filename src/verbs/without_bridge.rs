@@ -29,10 +29,10 @@ pub(super) enum NoFleet {}
 
 impl NoFleet {
     pub(super) fn read(_: &Path, _: &str, _: bool) -> Result<NoFleet, u8> {
-        Err(needs_bridge())
+        Err(report_missing_bridge())
     }
 
-    pub(super) fn set(&self) -> Vec<String> {
+    pub(super) fn scenario_overrides(&self) -> Vec<String> {
         match *self {}
     }
 
@@ -42,7 +42,7 @@ impl NoFleet {
 }
 
 pub(super) fn make_certificates(_: &Path, _: u32) -> Result<u8, u8> {
-    Err(needs_bridge())
+    Err(report_missing_bridge())
 }
 
 pub(super) fn ros2_brief(
@@ -52,11 +52,11 @@ pub(super) fn ros2_brief(
     _: u32,
     _: f64,
 ) -> Result<Ros2Brief, u8> {
-    Err(needs_bridge())
+    Err(report_missing_bridge())
 }
 
 /// Reports that several hosts and ROS 2 are not built in, and returns the exit code.
-fn needs_bridge() -> u8 {
+fn report_missing_bridge() -> u8 {
     print_misuse(
         &"this phalanx was built without support for several hosts and ROS 2: rebuild it with `--features bridge`, as in \
           `cargo install --path . --features bridge`",

@@ -12,27 +12,28 @@ use libc::{ADDR_NO_RANDOMIZE, c_int, c_ulong, personality};
 const PERSONALITY_QUERY: c_ulong = 0xffff_ffff;
 
 /// Guard during whose lifetime processes started by the calling thread have the same address-space layout each time.
-pub(crate) struct SameAddresses {
+pub(crate) struct FixedAddressesGuard {
     previous_personality: c_int,
 }
 
-impl SameAddresses {
+impl FixedAddressesGuard {
     /// Disables address randomization for children. Returns `None` if a sandbox forbids it; runs are then
     /// slower, with the same results.
-    pub(crate) fn for_children() -> Option<SameAddresses> {
+    pub(crate) fn for_children() -> Option<FixedAddressesGuard> {
         // SAFETY: a plain system call.
         let before = unsafe { personality(PERSONALITY_QUERY) };
-        set(before | ADDR_NO_RANDOMIZE).then_some(SameAddresses { previous_personality: before })
+        set_personality(before | ADDR_NO_RANDOMIZE)
+            .then_some(FixedAddressesGuard { previous_personality: before })
     }
 }
 
-impl Drop for SameAddresses {
+impl Drop for FixedAddressesGuard {
     fn drop(&mut self) {
-        set(self.previous_personality);
+        set_personality(self.previous_personality);
     }
 }
 
-fn set(wanted: c_int) -> bool {
+fn set_personality(wanted: c_int) -> bool {
     // SAFETY: a plain system call that affects only processes started later.
     wanted >= 0 && unsafe { personality(wanted as c_ulong) } >= 0
 }
@@ -42,18 +43,18 @@ mod tests {
     use super::*;
     use std::process::Command;
 
-    fn read_in_child() -> String {
+    fn read_personality_in_child() -> String {
         let output = Command::new("cat").arg("/proc/self/personality").output().unwrap();
         String::from_utf8(output.stdout).unwrap().trim().to_owned()
     }
 
     #[test]
     fn children_have_the_same_addresses_for_as_long_as_wanted() {
-        let before = read_in_child();
-        let Some(same) = SameAddresses::for_children() else { return };
-        let asked = c_int::from_str_radix(&read_in_child(), 16).unwrap();
+        let before = read_personality_in_child();
+        let Some(same) = FixedAddressesGuard::for_children() else { return };
+        let asked = c_int::from_str_radix(&read_personality_in_child(), 16).unwrap();
         assert_eq!(asked & ADDR_NO_RANDOMIZE, ADDR_NO_RANDOMIZE);
         drop(same);
-        assert_eq!(read_in_child(), before);
+        assert_eq!(read_personality_in_child(), before);
     }
 }

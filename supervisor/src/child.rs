@@ -21,7 +21,7 @@ use rustix::process::{
 
 use crate::descriptors;
 use crate::orphans;
-pub(crate) use crate::orphans::PARENT;
+pub(crate) use crate::orphans::PARENT_PID_VARIABLE;
 use crate::tree::{self, SignalError};
 use outcome::results::usage::{self, Usage};
 
@@ -29,17 +29,17 @@ use outcome::results::usage::{self, Usage};
 const TAIL_BYTES: u64 = 16 * 1024;
 
 /// Environment variable with the run root of the run to which a process belongs.
-pub(crate) const RUN: &str = "PHALANX_RUN";
+pub(crate) const RUN_ROOT_VARIABLE: &str = "PHALANX_RUN";
 
 /// Maximum time to wait for a killed process to exit. The kernel can delay SIGKILL while the process is in
 /// an uninterruptible wait.
-const KILLED_MAX: Duration = Duration::from_secs(5);
+const KILLED_EXIT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Pause before a wait is repeated that a signal interrupted.
 const RETRY_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Configuration of a keeper, which holds together all processes of a program of the scenario.
 #[derive(Debug, Clone)]
-pub(crate) struct KeptProgram {
+pub(crate) struct KeeperConfig {
     /// File in which the agent or the plant writes its process ID.
     pub(crate) pid_file: PathBuf,
     /// Maximum private memory of all processes together, MB.
@@ -54,11 +54,11 @@ pub struct Child {
     log: PathBuf,
     usage: Option<Usage>,
     /// Time of the first SIGKILL to the child.
-    killed: OnceCell<Instant>,
+    first_kill_time: OnceCell<Instant>,
     /// Whether the child was stopped at the last poll of its status.
     stopped: bool,
     /// Configuration of the keeper; `None` if this child is not one.
-    kept: Option<KeptProgram>,
+    keeper_config: Option<KeeperConfig>,
 }
 
 impl Child {
@@ -67,12 +67,12 @@ impl Child {
         orphans::add_known_children([process.id()]);
         match pidfd_open(Pid::from_child(&process), PidfdFlags::empty()) {
             Ok(pidfd) => Ok(Child {
-                kept: None,
+                keeper_config: None,
                 process,
                 pidfd,
                 log: log.into(),
                 usage: None,
-                killed: OnceCell::new(),
+                first_kill_time: OnceCell::new(),
                 stopped: false,
             }),
             Err(error) => {
@@ -85,8 +85,8 @@ impl Child {
     }
 
     /// Returns this child as the keeper of a program.
-    pub(crate) fn with_keeper(mut self, kept: Option<KeptProgram>) -> Child {
-        self.kept = kept;
+    pub(crate) fn with_keeper(mut self, kept: Option<KeeperConfig>) -> Child {
+        self.keeper_config = kept;
         self
     }
 
@@ -97,31 +97,35 @@ impl Child {
 
     /// Returns the IDs of the processes that do the work: the child's own, or those below a keeper once
     /// there are any.
-    pub(crate) fn workers(&self) -> Vec<u32> {
-        let below = if self.kept.is_some() { tree::descendants(self.pid()) } else { Vec::new() };
+    pub(crate) fn worker_pids(&self) -> Vec<u32> {
+        let below =
+            if self.keeper_config.is_some() { tree::descendants(self.pid()) } else { Vec::new() };
         if below.is_empty() { vec![self.pid()] } else { below }
     }
 
     /// Returns the process ID of the agent or the plant, which owns the ports; `None` for a kept program
     /// until it is known.
     pub(crate) fn agent_pid(&self) -> Option<u32> {
-        let Some(kept) = &self.kept else { return Some(self.pid()) };
+        let Some(kept) = &self.keeper_config else { return Some(self.pid()) };
         std::fs::read_to_string(&kept.pid_file).ok()?.trim().parse().ok()
     }
 
     /// Samples the state of the child with all its processes. Fails if it is dead.
     pub(crate) fn sample(&self) -> io::Result<ProcessSample> {
-        match self.kept {
-            Some(_) => tree::sample(self.pid()),
+        match self.keeper_config {
+            Some(_) => tree::sample_tree(self.pid()),
             None => ProcessSample::read(self.pid()),
         }
     }
 
     /// Kills the child, with a warning, if its processes together exceed their memory bound.
-    pub(crate) fn kill_if_too_large(&self) {
-        let Some(most_mb) = self.kept.as_ref().and_then(|kept| kept.memory_max_mb) else { return };
-        let mb = tree::memory_of_several(self.pid()).map_or(0, |bytes| bytes.div_ceil(1_000_000));
-        if mb > most_mb && self.killed.get().is_none() {
+    pub(crate) fn kill_if_over_memory_limit(&self) {
+        let Some(most_mb) = self.keeper_config.as_ref().and_then(|kept| kept.memory_max_mb) else {
+            return;
+        };
+        let mb =
+            tree::private_memory_bytes(self.pid()).map_or(0, |bytes| bytes.div_ceil(1_000_000));
+        if mb > most_mb && self.first_kill_time.get().is_none() {
             tracing::warn!(
                 "{}: its processes have {mb} MB together, above the limit of {most_mb} MB (memory_max_mb); killing them",
                 self.name()
@@ -139,21 +143,21 @@ impl Child {
 
     /// Kills the child with SIGKILL. Does nothing if it is dead.
     pub fn kill(&self) -> Result<(), SignalError> {
-        self.killed.get_or_init(Instant::now);
-        match &self.kept {
-            None => self.signal(Signal::KILL),
-            Some(_) if tree::descendants(self.pid()).is_empty() => self.signal(Signal::KILL),
+        self.first_kill_time.get_or_init(Instant::now);
+        match &self.keeper_config {
+            None => self.send_signal(Signal::KILL),
+            Some(_) if tree::descendants(self.pid()).is_empty() => self.send_signal(Signal::KILL),
             Some(_) => {
                 let killed = tree::kill_all(self.pid());
                 // The keeper reaps them, and exits with the robot's status.
-                killed.and(self.signal(Signal::CONT))
+                killed.and(self.send_signal(Signal::CONT))
             }
         }
     }
 
     /// Sends SIGTERM, followed by SIGCONT so that a stopped child receives it.
     pub fn terminate(&self) {
-        let asked = self.signal(Signal::TERM).and_then(|()| self.resume());
+        let asked = self.send_signal(Signal::TERM).and_then(|()| self.resume());
         if let Err(error) = asked {
             tracing::warn!("{}: {error}", self.name());
         }
@@ -161,21 +165,21 @@ impl Child {
 
     /// Stops the child with SIGSTOP until [`Child::resume`].
     pub fn stop(&self) -> Result<(), SignalError> {
-        match self.kept {
+        match self.keeper_config {
             Some(_) => tree::stop_all(self.pid()),
-            None => self.signal(Signal::STOP),
+            None => self.send_signal(Signal::STOP),
         }
     }
 
     /// Resumes the child with SIGCONT after [`Child::stop`].
     pub fn resume(&self) -> Result<(), SignalError> {
-        let below = self.kept.as_ref().map(|_| tree::signal_all(self.pid(), Signal::CONT));
-        below.unwrap_or(Ok(())).and(self.signal(Signal::CONT))
+        let below = self.keeper_config.as_ref().map(|_| tree::signal_all(self.pid(), Signal::CONT));
+        below.unwrap_or(Ok(())).and(self.send_signal(Signal::CONT))
     }
 
     /// Returns whether the child is stopped, also if another process stopped it (`kill -STOP`, Ctrl-Z).
     pub fn is_stopped(&mut self) -> bool {
-        if self.kept.is_some() {
+        if self.keeper_config.is_some() {
             return tree::is_stopped(self.pid());
         }
         let changes = WaitIdOptions::STOPPED | WaitIdOptions::CONTINUED | WaitIdOptions::NOHANG;
@@ -185,10 +189,10 @@ impl Child {
         self.stopped
     }
 
-    fn signal(&self, signal: Signal) -> Result<(), SignalError> {
+    fn send_signal(&self, signal: Signal) -> Result<(), SignalError> {
         match pidfd_send_signal(&self.pidfd, signal) {
             Ok(()) | Err(rustix::io::Errno::SRCH) => Ok(()),
-            Err(error) => Err(SignalError::refused(signal, self.pid(), error.into())),
+            Err(error) => Err(SignalError::from_refusal(signal, self.pid(), error.into())),
         }
     }
 
@@ -196,7 +200,7 @@ impl Child {
     /// that a keeper left.
     pub fn try_reap(&mut self) -> Option<ExitStatus> {
         if self.usage.is_none() {
-            match usage::read_exited(self.pidfd.as_fd()) {
+            match usage::read_exited_child(self.pidfd.as_fd()) {
                 Ok(None) => return None,
                 Ok(dead) => self.usage = dead,
                 Err(error) => {
@@ -208,17 +212,20 @@ impl Child {
             tracing::warn!(pid = self.pid(), %error, "cannot read its exit status");
             None
         });
-        if ended.is_some() && orphans::forget(self.pid()) && self.kept.is_some() {
+        if ended.is_some()
+            && orphans::remove_known_child(self.pid())
+            && self.keeper_config.is_some()
+        {
             // Processes killed together with it need not be named.
-            let names = self.killed.get().is_none();
-            orphans::end_all(self.log.parent(), names);
+            let names = self.first_kill_time.get().is_none();
+            orphans::kill_all_orphans(self.log.parent(), names);
         }
         ended
     }
 
-    /// Kills the child and waits for its exit, at most `KILLED_MAX`. Returns the exit status; `None`,
+    /// Kills the child and waits for its exit, at most `KILLED_EXIT_TIMEOUT`. Returns the exit status; `None`,
     /// with a warning, if it did not exit in time.
-    pub fn end(&mut self) -> Option<ExitStatus> {
+    pub fn kill_and_wait(&mut self) -> Option<ExitStatus> {
         if let Some(status) = self.try_reap() {
             return Some(status);
         }
@@ -226,8 +233,8 @@ impl Child {
             tracing::warn!("{}: {error}", self.name());
             return None;
         }
-        let killed = *self.killed.get_or_init(Instant::now);
-        let ended = self.wait_timeout(KILLED_MAX.saturating_sub(killed.elapsed()));
+        let killed = *self.first_kill_time.get_or_init(Instant::now);
+        let ended = self.wait_timeout(KILLED_EXIT_TIMEOUT.saturating_sub(killed.elapsed()));
         if ended.is_none() {
             tracing::warn!(
                 pid = self.pid(),
@@ -261,7 +268,7 @@ impl Child {
 
     /// Returns whether this supervisor has killed the child.
     pub(crate) fn was_killed(&self) -> bool {
-        self.killed.get().is_some()
+        self.first_kill_time.get().is_some()
     }
 
     /// Returns the resource usage of the child, once it has exited.
@@ -276,20 +283,20 @@ impl Child {
 
     /// Returns the last lines of its log, for the screen.
     pub fn last_lines(&self, count: usize) -> String {
-        format_log_lines(&last_entries(&self.log, count))
+        format_log_lines(&read_last_log_entries(&self.log, count))
     }
 }
 
 impl Drop for Child {
     /// Kills the child, so that no process survives a run that fails.
     fn drop(&mut self) {
-        self.end();
+        self.kill_and_wait();
     }
 }
 
 /// Consumes processor time until killed (load fault).
-pub fn load() -> ! {
-    protocol::process::set_name("phalanx-load");
+pub fn consume_processor_time() -> ! {
+    protocol::process::set_thread_name("phalanx-load");
     spin()
 }
 
@@ -302,7 +309,7 @@ fn spin() -> ! {
 /// Keeps a core out of idle states, at idle priority, until killed. The wake-up of an idle core takes
 /// longer than a control cycle.
 pub fn keep_core_awake() -> u8 {
-    protocol::process::set_name("phalanx-awake");
+    protocol::process::set_thread_name("phalanx-awake");
     match protocol::process::set_idle_priority() {
         Ok(()) => spin(),
         // At normal priority it would delay the processes that it is meant to help.
@@ -324,21 +331,21 @@ pub fn describe_exit(status: ExitStatus) -> String {
 
 /// Line of a log.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Entry {
+pub(crate) struct LogEntry {
     /// Severity level, for a line of phalanx's own logs.
     pub(crate) level: Option<String>,
     /// Message text.
     pub(crate) message: String,
 }
 
-impl Entry {
-    fn read(line: &str) -> Entry {
+impl LogEntry {
+    fn parse(line: &str) -> LogEntry {
         let json: serde_json::Value = serde_json::from_str(line).unwrap_or_default();
         match (json["level"].as_str(), json["message"].as_str()) {
             (Some(level), Some(message)) => {
-                Entry { level: Some(level.into()), message: message.into() }
+                LogEntry { level: Some(level.into()), message: message.into() }
             }
-            _ => Entry { level: None, message: line.into() },
+            _ => LogEntry { level: None, message: line.into() },
         }
     }
 }
@@ -352,7 +359,7 @@ pub(crate) fn replacement_line(incarnation: u64) -> String {
 }
 
 /// Returns the last `count` lines that the newest process has written to a log; an empty list if it cannot be read.
-pub(crate) fn last_entries(path: &Path, count: usize) -> Vec<Entry> {
+pub(crate) fn read_last_log_entries(path: &Path, count: usize) -> Vec<LogEntry> {
     let tail = || -> io::Result<String> {
         let mut file = File::open(path)?;
         let length = file.metadata()?.len();
@@ -362,7 +369,7 @@ pub(crate) fn last_entries(path: &Path, count: usize) -> Vec<Entry> {
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     };
     let text = tail().unwrap_or_default();
-    let mut lines: Vec<Entry> = text.lines().map(Entry::read).collect();
+    let mut lines: Vec<LogEntry> = text.lines().map(LogEntry::parse).collect();
     if let Some(at) =
         lines.iter().rposition(|line| line.message.starts_with(REPLACEMENT_LINE_START))
     {
@@ -373,22 +380,22 @@ pub(crate) fn last_entries(path: &Path, count: usize) -> Vec<Entry> {
 }
 
 /// Last message of a law or plant in Python if the package is not installed.
-const NO_PACKAGE: &str = "No module named 'phalanx'";
+const MISSING_PACKAGE_MESSAGE: &str = "No module named 'phalanx'";
 /// Remedy for the missing Python package.
-const WITH_PACKAGE: &str =
+const MISSING_PACKAGE_REMEDY: &str =
     "\n  (activate the virtual environment with the package, or set its interpreter in `program`)";
 
 /// Formats lines of a log for the screen.
-pub(crate) fn format_log_lines(entries: &[Entry]) -> String {
+pub(crate) fn format_log_lines(entries: &[LogEntry]) -> String {
     if entries.is_empty() {
         return "  (its newest process has written nothing)".into();
     }
-    let line = |Entry { level, message }: &Entry| match level {
+    let line = |LogEntry { level, message }: &LogEntry| match level {
         Some(level) => format!("  {level} {message}"),
         None => format!("  {message}"),
     };
     let lines = entries.iter().map(line).collect::<Vec<_>>().join("\n");
-    let hint = if lines.contains(NO_PACKAGE) { WITH_PACKAGE } else { "" };
+    let hint = if lines.contains(MISSING_PACKAGE_MESSAGE) { MISSING_PACKAGE_REMEDY } else { "" };
     lines + hint
 }
 
@@ -399,23 +406,23 @@ pub(crate) fn format_log_lines(entries: &[Entry]) -> String {
 ///
 /// # Errors
 /// The kernel refuses a system call, or the parent of a child has already exited.
-pub fn obey_parent() -> io::Result<()> {
+pub fn prepare_process() -> io::Result<()> {
     protocol::process::reset_signals()?;
-    let parent = std::env::var(PARENT).ok().and_then(|id| id.parse().ok());
+    let parent = std::env::var(PARENT_PID_VARIABLE).ok().and_then(|id| id.parse().ok());
     let Some(parent): Option<u32> = parent else {
-        descriptors::count_inherited();
+        descriptors::count_inherited_descriptors();
         return Ok(());
     };
-    protocol::process::prefer_at_out_of_memory();
+    protocol::process::raise_out_of_memory_score();
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
     if parent_id() != parent {
         return Err(io::Error::other("the parent of this process has already exited"));
     }
-    keep_three_descriptors()
+    close_inherited_descriptors()
 }
 
 /// Closes the inherited descriptors beyond the first three, before this process opens any.
-pub(crate) fn keep_three_descriptors() -> io::Result<()> {
+pub(crate) fn close_inherited_descriptors() -> io::Result<()> {
     // By its number: the C library has a name for it only since glibc 2.34. SAFETY: a plain system call; no
     // code uses a descriptor beyond the first three yet.
     let closed = unsafe { libc::syscall(libc::SYS_close_range, 3_u64, u64::from(u32::MAX), 0_u64) };
@@ -427,13 +434,13 @@ mod tests {
     use super::*;
     use std::process::Command;
 
-    fn started(program: &str, argument: &str) -> std::process::Child {
+    fn start_process(program: &str, argument: &str) -> std::process::Child {
         Command::new(program).arg(argument).spawn().unwrap()
     }
 
     #[test]
     fn dropped_child_is_killed_and_reaped() {
-        let child = Child::watch(started("sleep", "1000"), Path::new("/dev/null")).unwrap();
+        let child = Child::watch(start_process("sleep", "1000"), Path::new("/dev/null")).unwrap();
         let process = PathBuf::from(format!("/proc/{}", child.pid()));
         assert!(process.exists());
         drop(child);
@@ -442,7 +449,8 @@ mod tests {
 
     #[test]
     fn child_is_stopped_between_sigstop_and_sigcont() {
-        let mut child = Child::watch(started("sleep", "1000"), Path::new("/dev/null")).unwrap();
+        let mut child =
+            Child::watch(start_process("sleep", "1000"), Path::new("/dev/null")).unwrap();
         let mut becomes = |stopped| {
             let began = Instant::now();
             while child.is_stopped() != stopped {
@@ -461,17 +469,17 @@ mod tests {
         let log = folder.path().join("r1.jsonl");
         let text = "lost\n{\"level\":\"INFO\",\"message\":\"ready\"}\n  INFO of another program\n";
         std::fs::write(&log, text).unwrap();
-        let entries = last_entries(&log, 2);
+        let entries = read_last_log_entries(&log, 2);
         let levels: Vec<_> = entries.iter().map(|entry| entry.level.as_deref()).collect();
         assert_eq!(levels, [Some("INFO"), None]);
         assert_eq!(format_log_lines(&entries), "  INFO ready\n    INFO of another program");
         // The last lines of a replacement do not include lines of its predecessor.
         let replaced = text.to_owned() + &replacement_line(1);
         std::fs::write(&log, &replaced).unwrap();
-        assert_eq!(last_entries(&log, 8), []);
+        assert_eq!(read_last_log_entries(&log, 8), []);
         assert_eq!(format_log_lines(&[]), "  (its newest process has written nothing)");
         std::fs::write(&log, replaced + "lost again\n").unwrap();
-        assert_eq!(format_log_lines(&last_entries(&log, 8)), "  lost again");
+        assert_eq!(format_log_lines(&read_last_log_entries(&log, 8)), "  lost again");
     }
 
     /// Checks that a process that survives SIGKILL is given up: the kernel protects the first process of a
@@ -479,13 +487,14 @@ mod tests {
     /// be killed.
     #[test]
     fn unkillable_process_is_given_up() {
-        let mut held = Child::watch(started("sleep", "1000"), Path::new("/dev/null")).unwrap();
+        let mut held =
+            Child::watch(start_process("sleep", "1000"), Path::new("/dev/null")).unwrap();
         let sleeping = Pid::from_child(&held.process);
         let own =
             std::mem::replace(&mut held.pidfd, pidfd_open(Pid::INIT, PidfdFlags::empty()).unwrap());
-        assert_eq!(held.end(), None);
+        assert_eq!(held.kill_and_wait(), None);
         // Once given up, it costs no further wait.
-        assert!(held.killed.get().unwrap().elapsed() >= KILLED_MAX);
+        assert!(held.first_kill_time.get().unwrap().elapsed() >= KILLED_EXIT_TIMEOUT);
         drop(held);
         assert!(PathBuf::from(format!("/proc/{}", sleeping.as_raw_nonzero())).exists());
         pidfd_send_signal(&own, Signal::KILL).unwrap();

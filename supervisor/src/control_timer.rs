@@ -8,9 +8,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use protocol::clock::{self, Timer};
-use protocol::latency::Recorder;
+use protocol::latency::LatencyRecorder;
 use protocol::latency_port::LatencyPort;
-use protocol::process::{self, Failure, Stop, TimeSlice};
+use protocol::process::{self, Failure, StopFlag, TimeSlice};
 use protocol::run_root;
 use protocol::service;
 use protocol::stage::Stage;
@@ -18,7 +18,7 @@ use protocol::wake::golden_phase;
 
 /// Arguments of the control process.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ControlTimer {
+pub struct ControlTimerArguments {
     /// Run root of the run that the process belongs to.
     pub run_root: PathBuf,
     /// Period of the robots, ns.
@@ -30,18 +30,19 @@ pub struct ControlTimer {
 }
 
 /// Runs the process `phalanx-machine` until it is stopped, and returns the exit code.
-pub fn main(timer: &ControlTimer) -> u8 {
+pub fn main(timer: &ControlTimerArguments) -> u8 {
     process::main("phalanx-machine", timer.realtime_priority, || run(timer))
 }
 
-fn run(control: &ControlTimer) -> Result<(), Failure> {
-    let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
+fn run(control: &ControlTimerArguments) -> Result<(), Failure> {
+    let stop = StopFlag::for_termination_signals()
+        .map_err(|error| format!("cannot handle signals: {error}"))?;
     run_root::join(&control.run_root)?;
     clock::tighten_timer_slack();
     process::request_time_slice(TimeSlice::Short);
-    let node = service::node("machine")?;
-    let mut measured = Recorder::for_ticks_of(0, 1);
-    let latency = LatencyPort::new(&service::machine_latency().open(&node)?, &measured)?;
+    let node = service::create_node("machine")?;
+    let mut measured = LatencyRecorder::for_incarnation(0, 1);
+    let latency = LatencyPort::new(&service::machine_latency_topic().open(&node)?, &measured)?;
     let period = Duration::from_nanos(control.period_ns);
     let phase = period.mul_f64(golden_phase(control.robots + 1));
     let mut timer = Timer::new(control.period_ns, phase.as_nanos() as u64);

@@ -24,23 +24,23 @@ use self::assignment::CoreAssignment;
 use self::core_count_tuner::CoreCountTuner;
 use self::topology::Topology;
 use crate::child::{Child, describe_exit};
-use crate::spawn::{Launcher, Role};
+use crate::spawn::{Launcher, ProcessRole};
 use outcome::results::usage::Usage;
 
 /// Interval at which the load by other processes is sampled.
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+const LOAD_SAMPLE_INTERVAL: Duration = Duration::from_millis(100);
 /// Processor usage by other processes, in cores, above which the assignment is released.
-const OTHERS_MAX: f64 = 0.3;
+const OTHER_LOAD_CORES_MAX: f64 = 0.3;
 /// Maximum delay before a released assignment is tried again. The delay doubles up to this value.
-const TRY_AGAIN_MAX: Duration = Duration::from_secs(5);
+const RETRY_DELAY_MAX: Duration = Duration::from_secs(5);
 
 /// Cores of the robots and of the plant.
 #[derive(Debug)]
 pub(crate) struct Cores {
-    usable: CpuSet,
+    usable_cpus: CpuSet,
     assignment: CoreAssignment,
     /// Whether a cgroup limits the processor time, so that none is spent on keeping cores awake.
-    limited: bool,
+    is_cpu_time_limited: bool,
     robots: usize,
 }
 
@@ -52,12 +52,17 @@ impl Cores {
         let usable = sched_getaffinity(None).ok()?;
         let topology = Topology::for_this_thread()?;
         let assignment = CoreAssignment::compute(&topology, robots, first)?;
-        Some(Cores { usable, assignment, limited: topology.quota.is_some(), robots })
+        Some(Cores {
+            usable_cpus: usable,
+            assignment,
+            is_cpu_time_limited: topology.quota_cores.is_some(),
+            robots,
+        })
     }
 
     /// Returns the number of groups of robots.
     pub(crate) fn groups(&self) -> usize {
-        self.assignment.groups.len()
+        self.assignment.group_processors.len()
     }
 }
 
@@ -67,24 +72,24 @@ pub(crate) struct Placement {
     cores: Cores,
     launcher: Launcher,
     /// Start time of the current trial, and the number of ticks begun by then.
-    began: Option<(Instant, u32)>,
+    trial_start: Option<(Instant, u32)>,
     tuner: CoreCountTuner,
     /// Time of the last sample of the load; `None` before the first.
     last_load_sample: Option<Instant>,
     /// Earliest time at which a released assignment is tried again.
-    try_again: Option<Instant>,
+    retry_at: Option<Instant>,
     /// Delay before the next attempt, after the next release of the assignment.
-    patience: Duration,
-    busy_s: f64,
-    ours_s: f64,
-    placed: bool,
+    retry_delay: Duration,
+    last_busy_time_s: f64,
+    own_cpu_time_s: f64,
+    is_pinned: bool,
     /// Processes that keep the cores with robots awake, while the assignment is in force.
-    awake: Vec<(usize, Child)>,
+    awake_processes: Vec<(usize, Child)>,
     /// Killed processes that kept cores awake, until they are reaped. At idle priority they die late on a busy machine,
     /// and the run does not wait for them.
-    killed: Vec<Child>,
+    killed_awake_processes: Vec<Child>,
     /// Whether no such processes are to be started, because they are not wanted or cannot be started.
-    without_awake: bool,
+    skips_awake_processes: bool,
     /// Resource usage of such processes that have exited.
     usage: Usage,
 }
@@ -92,21 +97,21 @@ pub(crate) struct Placement {
 impl Placement {
     /// Creates a placement without pinned processes. `launcher` starts the processes that keep cores awake.
     pub(crate) fn new(cores: Cores, launcher: Launcher) -> Placement {
-        let without_awake = cores.limited || !launcher.keeps_awake();
+        let without_awake = cores.is_cpu_time_limited || !launcher.keeps_cores_awake();
         Placement {
             tuner: CoreCountTuner::new(cores.robots, cores.groups()),
-            began: None,
+            trial_start: None,
             cores,
             launcher,
             last_load_sample: None,
-            try_again: None,
-            patience: LOOK_EVERY,
-            busy_s: 0.0,
-            ours_s: 0.0,
-            placed: false,
-            awake: Vec::new(),
-            killed: Vec::new(),
-            without_awake,
+            retry_at: None,
+            retry_delay: LOAD_SAMPLE_INTERVAL,
+            last_busy_time_s: 0.0,
+            own_cpu_time_s: 0.0,
+            is_pinned: false,
+            awake_processes: Vec::new(),
+            killed_awake_processes: Vec::new(),
+            skips_awake_processes: without_awake,
             usage: Usage::default(),
         }
     }
@@ -122,32 +127,35 @@ impl Placement {
         ticks: u32,
         log: &Path,
     ) {
-        if self.placed && self.advance_trial(ticks) {
+        if self.is_pinned && self.advance_trial(ticks) {
             self.pin_processes(plant, robots, log);
             return;
         }
         let passed = self.last_load_sample.map(|at| at.elapsed());
-        if passed.is_some_and(|passed| passed < LOOK_EVERY) {
+        if passed.is_some_and(|passed| passed < LOAD_SAMPLE_INTERVAL) {
             return;
         }
-        let Some(busy_s) = busy_s(self.cores.assignment.assigned_processors()) else { return };
-        let awake = self.awake.iter().map(|(_, child)| child);
+        let Some(busy_s) = read_busy_time_s(self.cores.assignment.assigned_processors()) else {
+            return;
+        };
+        let awake = self.awake_processes.iter().map(|(_, child)| child);
         let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(awake);
         let ended_s = self.usage.user_s + self.usage.system_s;
         let ours_s = process_cpu_time_s()
             + ended_s
-            + processes.flat_map(Child::workers).map(time_s).sum::<f64>();
+            + processes.flat_map(Child::worker_pids).map(cpu_time_of_process_s).sum::<f64>();
         // Two known errors: the time of a process that died since the last sample counts as time of others,
         // and the time of a released process on other cores is subtracted too.
-        let others_s = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
-        (self.last_load_sample, self.busy_s, self.ours_s) = (Some(Instant::now()), busy_s, ours_s);
-        if passed.is_some_and(|passed| others_s > OTHERS_MAX * passed.as_secs_f64()) {
-            if self.placed {
+        let others_s = (busy_s - self.last_busy_time_s) - (ours_s - self.own_cpu_time_s).max(0.0);
+        (self.last_load_sample, self.last_busy_time_s, self.own_cpu_time_s) =
+            (Some(Instant::now()), busy_s, ours_s);
+        if passed.is_some_and(|passed| others_s > OTHER_LOAD_CORES_MAX * passed.as_secs_f64()) {
+            if self.is_pinned {
                 self.unpin_all(plant, robots);
             }
             return;
         }
-        if !self.placed && self.try_again.is_some_and(|at| Instant::now() < at) {
+        if !self.is_pinned && self.retry_at.is_some_and(|at| Instant::now() < at) {
             return;
         }
         self.pin_processes(plant, robots, log);
@@ -155,7 +163,7 @@ impl Placement {
 
     /// Returns whether the trial has just changed the number of cores.
     fn advance_trial(&mut self, ticks: u32) -> bool {
-        let &mut (began, before) = self.began.get_or_insert((Instant::now(), ticks));
+        let &mut (began, before) = self.trial_start.get_or_insert((Instant::now(), ticks));
         self.tuner.advance_search(began.elapsed(), ticks.wrapping_sub(before).into()).is_some()
     }
 
@@ -166,40 +174,42 @@ impl Placement {
         robots: impl Iterator<Item = (usize, &'a Child)>,
         log: &Path,
     ) {
-        if !std::mem::replace(&mut self.placed, true) {
+        if !std::mem::replace(&mut self.is_pinned, true) {
             request_time_slice_of_all_threads(TimeSlice::Long);
         }
         let used = self.tuner.cores();
-        self.keep_awake(used, log);
+        self.start_awake_processes(used, log);
         for (i, child) in robots {
             pin_all_processes(
                 child,
                 &single_core_set(self.cores.assignment.processor_of_robot(i, used)),
             );
         }
-        pin_all_processes(plant, &single_core_set(self.cores.assignment.plant));
-        pin_process(0, &single_core_set(self.cores.assignment.supervisor));
+        pin_all_processes(plant, &single_core_set(self.cores.assignment.plant_processor));
+        pin_process(0, &single_core_set(self.cores.assignment.supervisor_processor));
     }
 
-    fn keep_awake(&mut self, used: usize, log: &Path) {
-        let cores = self.cores.assignment.used_for_robots(used).to_vec();
-        let (stay, go) = std::mem::take(&mut self.awake)
+    fn start_awake_processes(&mut self, used: usize, log: &Path) {
+        let cores = self.cores.assignment.robot_processors(used).to_vec();
+        let (stay, go) = std::mem::take(&mut self.awake_processes)
             .into_iter()
             .partition(|(core, child)| cores.contains(core) && !child.is_dead());
-        self.awake = stay;
-        self.kill_awake(go);
+        self.awake_processes = stay;
+        self.kill_awake_processes(go);
         for core in cores {
-            if self.without_awake || self.awake.iter().any(|&(kept, _)| kept == core) {
+            if self.skips_awake_processes
+                || self.awake_processes.iter().any(|&(kept, _)| kept == core)
+            {
                 continue;
             }
-            match self.launcher.spawn(Role::Awake, log) {
+            match self.launcher.spawn(ProcessRole::KeepCoreAwake, log) {
                 Ok(child) => {
                     pin_process(child.pid(), &single_core_set(core));
-                    self.awake.push((core, child));
+                    self.awake_processes.push((core, child));
                 }
                 Err(error) => {
                     tracing::warn!("{error}; the run is slower without it, with the same results");
-                    self.without_awake = true;
+                    self.skips_awake_processes = true;
                     return;
                 }
             }
@@ -208,27 +218,28 @@ impl Placement {
 
     fn unpin_all<'a>(&mut self, plant: &Child, robots: impl Iterator<Item = (usize, &'a Child)>) {
         self.release_cores();
-        self.placed = false;
+        self.is_pinned = false;
         // Ticks counted under other load are not comparable.
-        (self.began, self.tuner) =
+        (self.trial_start, self.tuner) =
             (None, CoreCountTuner::new(self.cores.robots, self.cores.groups()));
         // If there are other cores, the remaining time on these says little, so an attempt is made.
-        if self.cores.assignment.assigned_processors().count() < self.cores.usable.count() as usize
+        if self.cores.assignment.assigned_processors().count()
+            < self.cores.usable_cpus.count() as usize
         {
-            self.try_again = Some(Instant::now() + self.patience);
-            self.patience = (2 * self.patience).min(TRY_AGAIN_MAX);
+            self.retry_at = Some(Instant::now() + self.retry_delay);
+            self.retry_delay = (2 * self.retry_delay).min(RETRY_DELAY_MAX);
         }
         for child in robots.map(|(_, child)| child).chain([plant]) {
-            pin_all_processes(child, &self.cores.usable);
+            pin_all_processes(child, &self.cores.usable_cpus);
         }
     }
 
     /// Ends the processes that keep cores awake and releases the calling thread. Returns the resource usage
     /// of those processes.
-    pub(crate) fn end(&mut self) -> Usage {
+    pub(crate) fn end_placement(&mut self) -> Usage {
         self.release_cores();
-        for mut child in std::mem::take(&mut self.killed) {
-            child.end();
+        for mut child in std::mem::take(&mut self.killed_awake_processes) {
+            child.kill_and_wait();
             self.usage += child.usage().unwrap_or_default();
         }
         self.usage
@@ -236,15 +247,15 @@ impl Placement {
 
     /// Kills the processes that keep cores awake and releases the calling thread.
     fn release_cores(&mut self) {
-        pin_process(0, &self.cores.usable);
-        request_time_slice_of_all_threads(TimeSlice::Usual);
-        let awake = std::mem::take(&mut self.awake);
-        self.kill_awake(awake);
+        pin_process(0, &self.cores.usable_cpus);
+        request_time_slice_of_all_threads(TimeSlice::KernelDefault);
+        let awake = std::mem::take(&mut self.awake_processes);
+        self.kill_awake_processes(awake);
     }
 
     /// Kills these processes that keep cores awake, and reaps the processes killed before that have exited. Warns of a
     /// process that had died before.
-    fn kill_awake(&mut self, mut awake: Vec<(usize, Child)>) {
+    fn kill_awake_processes(&mut self, mut awake: Vec<(usize, Child)>) {
         for (core, child) in &mut awake {
             match child.try_reap() {
                 Some(status) => tracing::warn!(
@@ -254,9 +265,9 @@ impl Placement {
                 None => drop(child.kill()),
             }
         }
-        self.killed.extend(awake.into_iter().map(|(_, child)| child));
+        self.killed_awake_processes.extend(awake.into_iter().map(|(_, child)| child));
         let usage = &mut self.usage;
-        self.killed.retain_mut(|child| {
+        self.killed_awake_processes.retain_mut(|child| {
             let exited = child.try_reap().is_some();
             if exited {
                 *usage += child.usage().unwrap_or_default();
@@ -274,7 +285,7 @@ fn single_core_set(core: usize) -> CpuSet {
 
 /// Pins all processes of a child to these cores.
 fn pin_all_processes(child: &Child, cores: &CpuSet) {
-    child.workers().into_iter().for_each(|pid| pin_process(pid, cores));
+    child.worker_pids().into_iter().for_each(|pid| pin_process(pid, cores));
 }
 
 /// Pins a process, or for 0 the calling thread, to these cores. If the kernel refuses, the process stays
@@ -287,17 +298,17 @@ fn pin_process(pid: u32, cores: &CpuSet) {
 
 /// Checks on the calling thread whether processes can be pinned and the load by other processes can be
 /// read. Leaves the thread's affinity unchanged. Fails with the reason.
-pub fn try_to_keep() -> Result<(), String> {
+pub fn check_pinning_support() -> Result<(), String> {
     let refused = |error| format!("sched_setaffinity: {error}");
     let usable = sched_getaffinity(None).map_err(refused)?;
     sched_setaffinity(None, &usable).map_err(refused)?;
     let first = (0..CpuSet::MAX_CPU).find(|&processor| usable.is_set(processor));
-    let busy_s = busy_s(first.into_iter());
+    let busy_s = read_busy_time_s(first.into_iter());
     busy_s.map(|_| ()).ok_or_else(|| "/proc/stat is not readable".into())
 }
 
 /// Returns the processor time used on these processors since the machine started, s. `None` if it cannot be read.
-fn busy_s(processors: impl Iterator<Item = usize>) -> Option<f64> {
+fn read_busy_time_s(processors: impl Iterator<Item = usize>) -> Option<f64> {
     let stat = std::fs::read_to_string("/proc/stat").ok()?;
     let mut ticks = 0.0;
     for processor in processors {
@@ -314,19 +325,19 @@ fn busy_s(processors: impl Iterator<Item = usize>) -> Option<f64> {
 }
 
 /// Returns the processor time that a process has used, s; 0 if it has exited.
-fn time_s(pid: u32) -> f64 {
+fn cpu_time_of_process_s(pid: u32) -> f64 {
     let mut clock = 0;
     // SAFETY: a plain call that writes `clock`.
     let known = unsafe { libc::clock_getcpuclockid(pid as i32, &mut clock) } == 0;
-    if known { clock_s(clock) } else { 0.0 }
+    if known { read_clock_s(clock) } else { 0.0 }
 }
 
 /// Returns the processor time that this process has used, s.
 fn process_cpu_time_s() -> f64 {
-    clock_s(libc::CLOCK_PROCESS_CPUTIME_ID)
+    read_clock_s(libc::CLOCK_PROCESS_CPUTIME_ID)
 }
 
-fn clock_s(clock: libc::clockid_t) -> f64 {
+fn read_clock_s(clock: libc::clockid_t) -> f64 {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
     // SAFETY: a plain call that writes `time`.
     match unsafe { libc::clock_gettime(clock, &mut time) } {
@@ -343,21 +354,21 @@ mod tests {
     #[test]
     fn processes_are_pinned_without_awake_processes() {
         let Some(cores) = Cores::assign(1, 0) else { return };
-        let plants_core = cores.assignment.plant;
+        let plants_core = cores.assignment.plant_processor;
         let sleep = Command::new("sleep").arg("1000").spawn().unwrap();
         let plant = Child::watch(sleep, Path::new("/dev/null")).unwrap();
         let mut placement = Placement::new(cores, Launcher::new("/no/such/executable"));
         placement.update(&plant, std::iter::empty(), 0, Path::new("/dev/null"));
-        assert!(placement.awake.is_empty() && placement.without_awake);
+        assert!(placement.awake_processes.is_empty() && placement.skips_awake_processes);
         let placed = sched_getaffinity(Pid::from_raw(plant.pid() as i32)).unwrap();
         assert_eq!((placed.count(), placed.is_set(plants_core)), (1, true));
-        placement.end();
+        placement.end_placement();
     }
 
     #[test]
     fn busy_time_of_the_machine_includes_this_process() {
         let own = process_cpu_time_s();
-        assert!(own > 0.0 && time_s(std::process::id()) >= own);
-        assert!(busy_s(std::iter::once(0)).is_none_or(|busy_s| busy_s > 0.0));
+        assert!(own > 0.0 && cpu_time_of_process_s(std::process::id()) >= own);
+        assert!(read_busy_time_s(std::iter::once(0)).is_none_or(|busy_s| busy_s > 0.0));
     }
 }

@@ -24,21 +24,21 @@ use rustix::event::{EventfdFlags, eventfd};
 
 use crate::spawn::SpawnError;
 
-use self::layout::{HALF_MADE, LayoutError, connections, nodes};
+use self::layout::{INCOMPLETE_PERMISSIONS, LayoutError, list_connections, list_nodes};
 
 /// Maximum time for one attempt to remove stale resources.
-const ATTEMPT_MAX: Duration = Duration::from_millis(500);
+const CLEANUP_ATTEMPT_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Minimum polling interval for half-made connections during a clean-up. iceoryx2 waits half a second for a
 /// connection whose creator has died, and continues once it is removed.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
+const POLL_INTERVAL_MIN: Duration = Duration::from_millis(20);
 /// Minimum polling interval as a multiple of the time that a search takes, which grows with the number of files.
-const LOOK_FACTOR: u32 = 5;
+const POLL_INTERVAL_FACTOR: u32 = 5;
 /// Time after a clean-up at which a remaining connection with a dead process counts as unclaimed. Living
 /// processes release theirs at their next send or receive.
-const UNCLAIMED_AFTER: Duration = Duration::from_secs(1);
+const UNCLAIMED_TIMEOUT: Duration = Duration::from_secs(1);
 /// Maximum time to wait for the last clean-up at the end of a run.
-const LAST_MAX: Duration = Duration::from_secs(5);
+const LAST_CLEANUP_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Invalid iceoryx2 version, written to the start of a half-made file. A process that waits for the file
 /// gives up at once, even if it has it open.
@@ -57,7 +57,7 @@ pub enum CleanerError {
 
 /// Owner of a dead process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dead {
+pub enum DeadProcessOwner {
     /// Robot, by the number that its supervisor uses.
     Robot(usize),
     /// Bridge to other hosts.
@@ -68,8 +68,8 @@ pub enum Dead {
 
 /// Handle of the clean-up thread.
 pub struct Cleaner {
-    requests: Option<Sender<Dead>>,
-    results: Receiver<Dead>,
+    requests: Option<Sender<DeadProcessOwner>>,
+    results: Receiver<DeadProcessOwner>,
     /// Event descriptor, readable while there may be results in `done`.
     results_event: Arc<OwnedFd>,
     thread: Option<JoinHandle<()>>,
@@ -79,7 +79,7 @@ impl Cleaner {
     /// Starts the thread with its own node, in a run that this process has joined.
     pub fn start(run_root: &RunRoot, node: &Node) -> Result<Cleaner, CleanerError> {
         layout::verify(run_root.path(), node)?;
-        let (requests, incoming) = channel::<Dead>();
+        let (requests, incoming) = channel::<DeadProcessOwner>();
         let (outgoing, done) = channel();
         let refused = |source| SpawnError::from_thread_error("the clean-up thread", source);
         let news = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
@@ -88,10 +88,10 @@ impl Cleaner {
         let run_root = run_root.path().to_path_buf();
         let thread = std::thread::Builder::new().name("cleanup".into());
         let thread = thread.spawn(move || {
-            let node = service::node("cleanup");
+            let node = service::create_node("cleanup");
             let mut cleaned_some = false;
             loop {
-                let wait = if cleaned_some { UNCLAIMED_AFTER } else { Duration::MAX };
+                let wait = if cleaned_some { UNCLAIMED_TIMEOUT } else { Duration::MAX };
                 let dead = match incoming.recv_timeout(wait) {
                     Ok(dead) => dead,
                     Err(RecvTimeoutError::Timeout) => {
@@ -105,9 +105,9 @@ impl Cleaner {
                 };
                 cleaned_some = true;
                 // One clean-up, which searches the whole run root, is for all that died meanwhile.
-                let dead: Vec<Dead> = std::iter::once(dead).chain(incoming.try_iter()).collect();
+                let dead: Vec<DeadProcessOwner> = std::iter::once(dead).chain(incoming.try_iter()).collect();
                 let cleaned = match &node {
-                    Ok(node) => clean_watched(node, &run_root).map_err(|e| e.to_string()),
+                    Ok(node) => clean_without_hanging(node, &run_root).map_err(|e| e.to_string()),
                     Err(error) => Err(error.to_string()),
                 };
                 if let Err(error) = cleaned {
@@ -130,13 +130,13 @@ impl Cleaner {
     }
 
     /// Requests the removal of the stale resources of a process, which must be reaped.
-    pub fn request(&self, dead: Dead) {
+    pub fn request_cleanup(&self, dead: DeadProcessOwner) {
         let requests = self.requests.as_ref().expect("open until dropped");
         requests.send(dead).expect("the thread ends only when this does");
     }
 
     /// Returns the next owner whose stale resources are removed.
-    pub fn next_cleaned_owner(&self) -> Option<Dead> {
+    pub fn next_cleaned_owner(&self) -> Option<DeadProcessOwner> {
         let _ = rustix::io::read(&*self.results_event, &mut [0; 8]);
         self.results.try_recv().ok()
     }
@@ -154,7 +154,7 @@ impl Drop for Cleaner {
         // The thread ends after the current clean-up.
         let asked = Instant::now();
         while !thread.is_finished() {
-            if asked.elapsed() > LAST_MAX {
+            if asked.elapsed() > LAST_CLEANUP_TIMEOUT {
                 tracing::warn!("a clean-up does not end; the next run completes it");
                 return;
             }
@@ -169,44 +169,44 @@ impl Drop for Cleaner {
 #[derive(Debug, thiserror::Error)]
 enum CleanupError {
     #[error(transparent)]
-    Look(#[from] LayoutError),
+    ReadLayout(#[from] LayoutError),
     #[error("cannot remove {path}: {source}")]
     Remove { path: PathBuf, source: io::Error },
 }
 
 /// Calls [`clean`] while another thread removes half-made connections.
-fn clean_watched(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
+fn clean_without_hanging(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
     let (at_work, done) = channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
-            let mut wait = LOOK_EVERY;
+            let mut wait = POLL_INTERVAL_MIN;
             while done.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
                 let began = Instant::now();
                 if let Err(error) = remove_half_made_connections(run_root) {
                     tracing::debug!(%error, "cannot search for half-made connections");
                 }
-                wait = LOOK_EVERY.max(LOOK_FACTOR * began.elapsed());
+                wait = POLL_INTERVAL_MIN.max(POLL_INTERVAL_FACTOR * began.elapsed());
             }
         });
-        let cleaned = clean(node, run_root);
+        let cleaned = remove_stale_resources(node, run_root);
         drop(at_work);
         cleaned
     })
 }
 
 /// Removes the stale resources of dead processes in this run.
-fn clean(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
-    let mut census = Census::default();
+fn remove_stale_resources(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
+    let mut census = DeathCache::default();
     // Processes that die from here on are left to the next clean-up, because iceoryx2 has not processed their ports.
-    let files = nodes(run_root)?;
-    let dead: BTreeSet<u128> = files.map(|(id, _)| id).filter(|&id| census.is_gone(id)).collect();
+    let files = list_nodes(run_root)?;
+    let dead: BTreeSet<u128> = files.map(|(id, _)| id).filter(|&id| census.is_dead(id)).collect();
     let between_the_dead = remove_half_made_connections(run_root)?;
     let mut unseen = dead.clone();
     let listed = Node::list(node.config(), |state| {
         // Other processes that died meanwhile may have left half-made connections too.
         let seen_to = unseen.remove(&state.node_id().value());
         if let (true, NodeState::Dead(of_the_dead)) = (seen_to, state)
-            && let Err(error) = of_the_dead.blocking_remove_stale_resources(ATTEMPT_MAX)
+            && let Err(error) = of_the_dead.blocking_remove_stale_resources(CLEANUP_ATTEMPT_TIMEOUT)
         {
             tracing::debug!(?error, "removed by hand");
         }
@@ -218,7 +218,7 @@ fn clean(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
     }
     // A process killed during registration leaves a node that iceoryx2 cannot remove or does not list, so
     // its files are removed directly.
-    for (_, path) in nodes(run_root)?.filter(|(id, _)| dead.contains(id)) {
+    for (_, path) in list_nodes(run_root)?.filter(|(id, _)| dead.contains(id)) {
         let removed =
             if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
         removed.map_err(|source| CleanupError::Remove { path, source })?;
@@ -239,11 +239,11 @@ fn remove_if_present(path: PathBuf) -> Result<(), CleanupError> {
 /// Removes connections that a process was creating when it was killed, for which iceoryx2 would wait.
 /// Leaves those between two dead processes, and returns them.
 fn remove_half_made_connections(run_root: &Path) -> Result<Vec<PathBuf>, CleanupError> {
-    let mut census = Census::default();
+    let mut census = DeathCache::default();
     let mut between_the_dead = Vec::new();
-    for (path, ends) in connections(run_root)? {
-        let gone = ends.into_iter().filter(|&end| census.is_gone(end)).count();
-        let half_made = |found: fs::Metadata| found.mode() & 0o777 == HALF_MADE;
+    for (path, ends) in list_connections(run_root)? {
+        let gone = ends.into_iter().filter(|&end| census.is_dead(end)).count();
+        let half_made = |found: fs::Metadata| found.mode() & 0o777 == INCOMPLETE_PERMISSIONS;
         if gone > 0 && fs::metadata(&path).is_ok_and(half_made) {
             // The file may have been removed meanwhile.
             let _ = fs::File::options()
@@ -262,11 +262,11 @@ fn remove_half_made_connections(run_root: &Path) -> Result<Vec<PathBuf>, Cleanup
 /// process creates a connection and then registers in it; a process killed in between leaves a complete
 /// connection without an owner, and only the last owner removes it.
 fn remove_unclaimed_connections(run_root: &Path) -> Result<(), CleanupError> {
-    let mut census = Census::default();
+    let mut census = DeathCache::default();
     let mut opened = BTreeMap::<u32, String>::new();
-    for (path, ends) in connections(run_root)? {
-        let Some(living) = ends.iter().position(|&end| !census.is_gone(end)) else { continue };
-        if !census.is_gone(ends[1 - living]) {
+    for (path, ends) in list_connections(run_root)? {
+        let Some(living) = ends.iter().position(|&end| !census.is_dead(end)) else { continue };
+        if !census.is_dead(ends[1 - living]) {
             continue;
         }
         let living = layout::creator_pid(ends[living]);
@@ -285,12 +285,12 @@ fn remove_unclaimed_connections(run_root: &Path) -> Result<(), CleanupError> {
 
 /// Cache of which processes are dead, each checked once.
 #[derive(Debug, Default)]
-struct Census(BTreeMap<u32, bool>);
+struct DeathCache(BTreeMap<u32, bool>);
 
-impl Census {
+impl DeathCache {
     /// Returns whether the process that created an ID is dead. Process IDs are not reused so soon;
     /// otherwise a later clean-up would find the resources.
-    fn is_gone(&mut self, id: u128) -> bool {
+    fn is_dead(&mut self, id: u128) -> bool {
         let process = layout::creator_pid(id);
         *self
             .0
@@ -303,7 +303,7 @@ impl Census {
 mod tests {
     use std::os::unix::fs::OpenOptionsExt as _;
 
-    use protocol::run_root::{self, PREFIX};
+    use protocol::run_root::{self, ICEORYX2_PREFIX};
 
     use super::layout::{creator_pid, nodes_dir};
 
@@ -314,7 +314,7 @@ mod tests {
         let base = tempfile::tempdir().unwrap();
         let run_root = RunRoot::create(&base.path().join("runs")).unwrap();
         run_root::join(run_root.path()).unwrap();
-        let living = service::node("living").unwrap();
+        let living = service::create_node("living").unwrap();
         assert_eq!(creator_pid(living.id().value()), std::process::id());
 
         let mut gone = std::process::Command::new("true").spawn().unwrap();
@@ -329,17 +329,17 @@ mod tests {
         let ids = [1, 2].map(|time_s: u128| u128::from(gone.id()) << 64 | time_s);
         for id in ids {
             fs::create_dir(nodes.join(id.to_string())).unwrap();
-            fs::write(nodes.join(format!("{id}/{PREFIX}node.details")), "").unwrap();
+            fs::write(nodes.join(format!("{id}/{ICEORYX2_PREFIX}node.details")), "").unwrap();
         }
-        fs::write(nodes.join(format!("{PREFIX}{}.node_monitor", ids[1])), "").unwrap();
+        fs::write(nodes.join(format!("{ICEORYX2_PREFIX}{}.node_monitor", ids[1])), "").unwrap();
         assert_eq!(files().len(), before.len() + 3);
         // One was connected to the other.
         let connection = |sender, receiver| {
-            run_root.path().join(format!("{PREFIX}type_{sender}_{receiver}.connection"))
+            run_root.path().join(format!("{ICEORYX2_PREFIX}type_{sender}_{receiver}.connection"))
         };
         let known = connection(ids[0], ids[1]);
         fs::write(&known, "whole").unwrap();
-        clean_watched(&living, run_root.path()).unwrap();
+        clean_without_hanging(&living, run_root.path()).unwrap();
         assert_eq!(files(), before);
         assert!(!known.exists(), "a connection between the dead");
         // A half-made connection between living processes is left to them.
@@ -347,7 +347,15 @@ mod tests {
         let made = [ids[0], alive].map(|end| {
             let path = connection(alive, end);
             let mut options = fs::File::options();
-            (options.write(true).create_new(true).mode(HALF_MADE).open(&path).unwrap(), path)
+            (
+                options
+                    .write(true)
+                    .create_new(true)
+                    .mode(INCOMPLETE_PERMISSIONS)
+                    .open(&path)
+                    .unwrap(),
+                path,
+            )
         });
         remove_half_made_connections(run_root.path()).unwrap();
         assert_eq!(made.each_ref().map(|(_, path)| path.exists()), [false, true]);

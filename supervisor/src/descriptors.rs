@@ -8,12 +8,12 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 /// Descriptors of the supervisor beyond those per robot, measured with 8 and 64 robots: 28, plus 17 for
 /// each robot. No other process needs as many.
-const OF_A_RUN: u64 = 40;
-const OF_A_ROBOT: u64 = 18;
+const DESCRIPTORS_OF_A_RUN: u64 = 40;
+const DESCRIPTORS_OF_A_ROBOT: u64 = 18;
 /// Descriptors for each robot whose links may be cut from a live view.
-const OF_A_CONTROLLED_ROBOT: u64 = 4;
+const DESCRIPTORS_OF_A_CONTROLLED_ROBOT: u64 = 4;
 /// Reserve for the clients of a live view, which closes connections beyond 64, and for its own files.
-const OF_A_VIEW: u64 = 72;
+const DESCRIPTORS_OF_A_VIEW: u64 = 72;
 
 /// Descriptors beyond the first three that were open when this process began.
 static INHERITED_DESCRIPTORS: AtomicU64 = AtomicU64::new(0);
@@ -26,7 +26,7 @@ static INHERITED_DESCRIPTORS: AtomicU64 = AtomicU64::new(0);
     need.files()
 )]
 pub struct TooFewDescriptors {
-    pub(crate) need: Need,
+    pub(crate) need: RequiredDescriptors,
     pub(crate) most: u64,
 }
 
@@ -43,38 +43,44 @@ pub(crate) enum ViewUse {
 
 /// Open files that a run needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Need {
+pub(crate) struct RequiredDescriptors {
     robots: usize,
     view: ViewUse,
-    inherited: u64,
+    inherited_count: u64,
 }
 
-impl Need {
+impl RequiredDescriptors {
     /// Returns the need of a run with that number of robots in this process.
-    pub(crate) fn for_run(robots: usize, view: ViewUse) -> Need {
-        Need { robots, view, inherited: INHERITED_DESCRIPTORS.load(Ordering::Relaxed) }
+    pub(crate) fn for_run(robots: usize, view: ViewUse) -> RequiredDescriptors {
+        RequiredDescriptors {
+            robots,
+            view,
+            inherited_count: INHERITED_DESCRIPTORS.load(Ordering::Relaxed),
+        }
     }
 
     fn view_descriptors(&self) -> u64 {
         match self.view {
             ViewUse::Off => 0,
-            ViewUse::Watch => OF_A_VIEW,
-            ViewUse::Control => OF_A_VIEW + OF_A_CONTROLLED_ROBOT * self.robots as u64,
+            ViewUse::Watch => DESCRIPTORS_OF_A_VIEW,
+            ViewUse::Control => {
+                DESCRIPTORS_OF_A_VIEW + DESCRIPTORS_OF_A_CONTROLLED_ROBOT * self.robots as u64
+            }
         }
     }
 
     fn files(&self) -> u64 {
-        needed_descriptors(self.robots) + self.view_descriptors() + self.inherited
+        needed_descriptors(self.robots) + self.view_descriptors() + self.inherited_count
     }
 }
 
-impl fmt::Display for Need {
+impl fmt::Display for RequiredDescriptors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} robots need {} open files", self.robots, needed_descriptors(self.robots))?;
         if self.view != ViewUse::Off {
             write!(f, ", the live view {}", self.view_descriptors())?;
         }
-        match self.inherited {
+        match self.inherited_count {
             0 => Ok(()),
             open => write!(f, ", {open} more are open already (inherited from the parent process)"),
         }
@@ -83,7 +89,7 @@ impl fmt::Display for Need {
 
 /// Returns the number of descriptors that the supervisor of `robots` robots needs, without inherited descriptors.
 pub fn needed_descriptors(robots: usize) -> u64 {
-    OF_A_RUN + OF_A_ROBOT * robots as u64
+    DESCRIPTORS_OF_A_RUN + DESCRIPTORS_OF_A_ROBOT * robots as u64
 }
 
 /// Returns the hard limit of open files; `None` means that there is no limit.
@@ -92,7 +98,7 @@ pub fn read_limit() -> Option<u64> {
 }
 
 /// Counts the descriptors that this process has inherited beyond the first three. Call it before the process opens any.
-pub(crate) fn count_inherited() {
+pub(crate) fn count_inherited_descriptors() {
     let numbers = fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
     let numbers = numbers.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
     // One of them reads that folder.
@@ -105,7 +111,7 @@ pub(crate) fn count_inherited() {
 ///
 /// # Errors
 /// The hard limit is lower than the need.
-pub(crate) fn make_room(need: Need) -> Result<(), TooFewDescriptors> {
+pub(crate) fn raise_descriptor_limit(need: RequiredDescriptors) -> Result<(), TooFewDescriptors> {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
     let files = need.files();
     if current.is_none_or(|current| current >= files) {
@@ -122,19 +128,19 @@ mod tests {
 
     #[test]
     fn open_files_of_view_and_parent_are_part_of_the_need() {
-        let alone = Need { robots: 3, view: ViewUse::Off, inherited: 0 };
+        let alone = RequiredDescriptors { robots: 3, view: ViewUse::Off, inherited_count: 0 };
         assert_eq!(
             (alone.files(), alone.to_string().as_str()),
             (94, "3 robots need 94 open files")
         );
-        let all = Need { view: ViewUse::Watch, inherited: 100, ..alone };
+        let all = RequiredDescriptors { view: ViewUse::Watch, inherited_count: 100, ..alone };
         let error = TooFewDescriptors { need: all, most: 200 }.to_string();
         assert!(
             error.starts_with("3 robots need 94 open files, the live view 72, 100 more"),
             "{error}"
         );
         assert!(error.contains("more than 200") && error.contains("`ulimit -n 266`"), "{error}");
-        let controlled = Need { view: ViewUse::Control, ..alone };
+        let controlled = RequiredDescriptors { view: ViewUse::Control, ..alone };
         assert_eq!(controlled.files(), 94 + 72 + 3 * 4);
     }
 }

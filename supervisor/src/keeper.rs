@@ -17,34 +17,34 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
 use std::time::{Duration, Instant};
 
-use protocol::process::{Stderr, exit, reset_signals, set_name};
+use protocol::process::{Stderr, exit, reset_signals, set_thread_name};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{
     Pid, PidfdFlags, Resource, Rlimit, Signal, getpid, kill_process, pidfd_open, pidfd_send_signal,
     set_child_subreaper, set_parent_process_death_signal, setrlimit,
 };
 
-use crate::child::PARENT;
+use crate::child::PARENT_PID_VARIABLE;
 use crate::tree;
 
 /// Name of the process.
-pub(crate) const NAME: &str = "phalanx-keeper";
+pub(crate) const PROCESS_NAME: &str = "phalanx-keeper";
 
 /// Polling interval for the file with the agent's process ID, until it exists.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
+const PID_FILE_POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// Maximum time for a wrapper to exit after the agent that it started, so that its exit code is known.
-const WRAPPER_MAX: Duration = Duration::from_millis(500);
+const WRAPPER_EXIT_TIMEOUT: Duration = Duration::from_millis(500);
 /// Time for the reaper to report the processes of a run whose supervisor is dead, before the keeper kills them.
-const REAPER_MAX: Duration = Duration::from_secs(1);
+const REAPER_TIMEOUT: Duration = Duration::from_secs(1);
 /// Maximum time to wait for killed processes to exit.
-const KILLED_MAX: Duration = Duration::from_secs(5);
+const KILLED_EXIT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Signals that the keeper reads from a descriptor. SIGUSR1 is its parent-death signal.
-const SIGNALS: [libc::c_int; 5] =
+const HANDLED_SIGNALS: [libc::c_int; 5] =
     [libc::SIGCHLD, libc::SIGUSR1, libc::SIGTERM, libc::SIGINT, libc::SIGHUP];
 
 /// Command of a program, with its limits.
 #[derive(Debug, Clone)]
-pub struct Start {
+pub struct ProgramStart {
     /// Working directory of the program.
     pub folder: PathBuf,
     /// Maximum private memory of each process, MB.
@@ -56,14 +56,14 @@ pub struct Start {
 }
 
 /// Starts a program as a child of this process, which becomes its keeper. Returns only if that fails, with the error.
-pub fn start(start: &Start) -> io::Error {
+pub fn start_program(start: &ProgramStart) -> io::Error {
     match start.start() {
         Ok(never) => match never {},
         Err(error) => error,
     }
 }
 
-impl Start {
+impl ProgramStart {
     fn start(&self) -> io::Result<std::convert::Infallible> {
         let with_context =
             |what: &str, error: io::Error| io::Error::other(format!("{what}: {error}"));
@@ -77,7 +77,7 @@ impl Start {
         set_parent_process_death_signal(Some(Signal::USR1))?;
         let (keeper, memory_max_mb) = (getpid(), self.memory_max_mb);
         let mut command = Command::new(program);
-        command.args(arguments).current_dir(&self.folder).env_remove(PARENT);
+        command.args(arguments).current_dir(&self.folder).env_remove(PARENT_PID_VARIABLE);
         let before_exec = move || -> io::Result<()> {
             // The keeper blocks signals, and its child inherits that: SIGTERM would never reach the program.
             reset_signals()?;
@@ -99,7 +99,7 @@ impl Start {
             .map_err(|error| with_context(&format!("cannot start {}", program.display()), error))?;
         // The keeper's own command line contains no brief, so that the robot is found by its program.
         let words = [
-            NAME.into(),
+            PROCESS_NAME.into(),
             "keep".into(),
             parent.to_string().into(),
             child.id().to_string().into(),
@@ -116,7 +116,7 @@ fn exec_own_executable(words: &[OsString]) -> io::Error {
     let string = |bytes: &[u8]| CString::new(bytes).map_err(io::Error::other);
     let strings = || -> io::Result<(Vec<CString>, Vec<CString>)> {
         let words = words.iter().map(|word| string(word.as_bytes())).collect::<io::Result<_>>()?;
-        let kept = std::env::vars_os().filter(|(name, _)| name != PARENT);
+        let kept = std::env::vars_os().filter(|(name, _)| name != PARENT_PID_VARIABLE);
         let entry = |(name, value): (OsString, OsString)| {
             string(&[name.as_bytes(), b"=", value.as_bytes()].concat())
         };
@@ -141,7 +141,7 @@ fn block_signals() -> io::Result<libc::sigset_t> {
     unsafe {
         let mut set: libc::sigset_t = std::mem::zeroed();
         libc::sigemptyset(&mut set);
-        for signal in SIGNALS {
+        for signal in HANDLED_SIGNALS {
             libc::sigaddset(&mut set, signal);
         }
         match libc::sigprocmask(libc::SIG_BLOCK, &set, std::ptr::null_mut()) {
@@ -153,7 +153,7 @@ fn block_signals() -> io::Result<libc::sigset_t> {
 
 /// The agent, or the plant: the process below the keeper that takes part in the run.
 #[derive(Debug)]
-struct Agent {
+struct AgentProcess {
     pid: u32,
     /// Descriptor of the agent; `None` if it is the child of the keeper, whose exit SIGCHLD reports.
     pidfd: Option<OwnedFd>,
@@ -167,14 +167,14 @@ struct Agent {
 #[derive(Debug)]
 struct Keeper {
     /// Process ID of the program that it has started.
-    first: u32,
-    first_status: Option<ExitStatus>,
+    program_pid: u32,
+    program_status: Option<ExitStatus>,
     /// Exit status of the orphan that was reaped last.
     last_status: Option<ExitStatus>,
     pid_file: PathBuf,
-    agent: Option<Agent>,
+    agent: Option<AgentProcess>,
     /// Whether the program was asked to terminate.
-    ending: bool,
+    is_exit_requested: bool,
     /// Time at which the supervisor was seen dead.
     orphaned_since: Option<Instant>,
     signals: OwnedFd,
@@ -183,25 +183,25 @@ struct Keeper {
 /// Keeps the program `first`, a child of this process, until the robot has exited, and exits like it.
 /// `parent` is the supervisor's process ID. Returns an exit code only if the program exited with one, or if
 /// the keeper failed.
-pub fn keep_program(parent: u32, first: u32, pid_file: &Path) -> u8 {
-    set_name(NAME);
+pub fn supervise_program(parent: u32, first: u32, pid_file: &Path) -> u8 {
+    set_thread_name(PROCESS_NAME);
     let mut keeper = match Keeper::new(parent, first, pid_file) {
         Ok(keeper) => keeper,
         Err(error) => {
             let _ = writeln!(Stderr, "error: cannot keep the program: {error}");
-            return exit::INFRASTRUCTURE;
+            return exit::INFRASTRUCTURE_FAILURE;
         }
     };
     loop {
         let has_children = keeper.reap();
         let ended = match has_children {
-            true => keeper.judge(),
+            true => keeper.exit_status_if_over(),
             false => Some(keeper.status()),
         };
         if let Some(status) = ended {
             return exit_like(status);
         }
-        keeper.wait();
+        keeper.wait_for_event();
     }
 }
 
@@ -219,12 +219,12 @@ impl Keeper {
         set_parent_process_death_signal(Some(Signal::USR1))?;
         let orphaned_since = (parent_id() != parent).then(Instant::now);
         Ok(Keeper {
-            first,
-            first_status: None,
+            program_pid: first,
+            program_status: None,
             last_status: None,
             pid_file: pid_file.into(),
             agent: None,
-            ending: false,
+            is_exit_requested: false,
             orphaned_since,
             signals,
         })
@@ -241,9 +241,9 @@ impl Keeper {
                 -1 => return false,
                 pid => {
                     let (pid, status) = (pid as u32, ExitStatus::from_raw(status));
-                    if pid == self.first {
+                    if pid == self.program_pid {
                         self.find_agent();
-                        self.first_status = Some(status);
+                        self.program_status = Some(status);
                     } else {
                         self.last_status = Some(status);
                     }
@@ -263,8 +263,8 @@ impl Keeper {
         }
         let text = fs::read_to_string(&self.pid_file).unwrap_or_default();
         let Ok(pid) = text.trim().parse::<u32>() else { return };
-        let agent = |pidfd| Agent { pid, pidfd, status: None, dead_since: None };
-        if pid == self.first {
+        let agent = |pidfd| AgentProcess { pid, pidfd, status: None, dead_since: None };
+        if pid == self.program_pid {
             self.agent = Some(agent(None));
             return;
         }
@@ -275,23 +275,23 @@ impl Keeper {
     }
 
     /// Returns the exit status of the robot, if it is over although processes are left.
-    fn judge(&mut self) -> Option<ExitStatus> {
+    fn exit_status_if_over(&mut self) -> Option<ExitStatus> {
         self.find_agent();
         if let Some(since) = self.orphaned_since {
-            return self.end_all(since);
+            return self.kill_all_processes(since);
         }
         let agent_is_reaped = self.agent.as_ref().is_some_and(|agent| agent.status.is_some());
-        let agent_is_first = self.agent.as_ref().is_some_and(|agent| agent.pid == self.first);
-        let agent_dead_since = self.agent.as_mut().and_then(Agent::dead_since);
-        match self.first_status {
+        let agent_is_first = self.agent.as_ref().is_some_and(|agent| agent.pid == self.program_pid);
+        let agent_dead_since = self.agent.as_mut().and_then(AgentProcess::dead_since);
+        match self.program_status {
             // The remaining processes are orphans.
             Some(status) if agent_is_first => Some(status),
-            Some(status) if !status.success() && !self.ending => Some(status),
+            Some(status) if !status.success() && !self.is_exit_requested => Some(status),
             // The program has not exited, or has left the agent running. If the agent's own status is
             // unknown, the exit of its parent is awaited.
             _ => {
                 let since = agent_dead_since?;
-                let is_late = since.elapsed() > WRAPPER_MAX;
+                let is_late = since.elapsed() > WRAPPER_EXIT_TIMEOUT;
                 let unknown = ExitStatus::from_raw(libc::SIGKILL);
                 match agent_is_reaped {
                     true => Some(self.status()),
@@ -304,7 +304,7 @@ impl Keeper {
     /// Returns the exit status of the robot: that of the agent if the keeper has reaped it, else that of the program.
     fn status(&self) -> ExitStatus {
         let of_agent = self.agent.as_ref().and_then(|agent| agent.status);
-        let of_program = match self.first_status {
+        let of_program = match self.program_status {
             Some(status) if !status.success() => Some(status),
             Some(status) => self.last_status.or(Some(status)),
             None => None,
@@ -314,28 +314,28 @@ impl Keeper {
 
     /// Kills the program and the agent after the supervisor's death, and all other processes once the
     /// reaper has had time to report them. Returns a status if processes still do not exit.
-    fn end_all(&self, since: Instant) -> Option<ExitStatus> {
-        if self.first_status.is_none() {
-            let _ = signal(self.first, Signal::KILL);
+    fn kill_all_processes(&self, since: Instant) -> Option<ExitStatus> {
+        if self.program_status.is_none() {
+            let _ = send_signal(self.program_pid, Signal::KILL);
         }
         if let Some(pidfd) = self.agent.as_ref().and_then(|agent| agent.pidfd.as_ref()) {
             let _ = pidfd_send_signal(pidfd, Signal::KILL);
         }
-        if since.elapsed() > REAPER_MAX {
+        if since.elapsed() > REAPER_TIMEOUT {
             let _ = tree::kill_all(std::process::id());
         }
         let killed = ExitStatus::from_raw(libc::SIGKILL);
-        (since.elapsed() > REAPER_MAX + KILLED_MAX).then_some(killed)
+        (since.elapsed() > REAPER_TIMEOUT + KILLED_EXIT_TIMEOUT).then_some(killed)
     }
 
     /// Waits for a signal or the exit of the agent, and processes the signals.
-    fn wait(&mut self) {
+    fn wait_for_event(&mut self) {
         let alive = self.agent.as_ref().filter(|agent| agent.dead_since.is_none());
         let mut awaited = vec![PollFd::new(&self.signals, PollFlags::IN)];
         let pidfd = alive.and_then(|agent| agent.pidfd.as_ref());
         awaited.extend(pidfd.map(|pidfd| PollFd::new(pidfd, PollFlags::IN)));
         let settled = alive.is_some() && self.orphaned_since.is_none();
-        let limit = Timespec { tv_sec: 0, tv_nsec: LOOK_EVERY.subsec_nanos().into() };
+        let limit = Timespec { tv_sec: 0, tv_nsec: PID_FILE_POLL_INTERVAL.subsec_nanos().into() };
         let _ = poll(&mut awaited, (!settled).then_some(&limit));
         while let Some(signal) = self.next_signal() {
             match signal {
@@ -357,11 +357,13 @@ impl Keeper {
 
     /// Sends SIGTERM to the agent, or to all processes while the agent is not known.
     fn request_exit(&mut self) {
-        self.ending = true;
+        self.is_exit_requested = true;
         self.find_agent();
         let _ = match self.agent.as_ref() {
-            Some(Agent { pidfd: Some(pidfd), .. }) => pidfd_send_signal(pidfd, Signal::TERM),
-            Some(Agent { pid, .. }) if self.first_status.is_none() => signal(*pid, Signal::TERM),
+            Some(AgentProcess { pidfd: Some(pidfd), .. }) => pidfd_send_signal(pidfd, Signal::TERM),
+            Some(AgentProcess { pid, .. }) if self.program_status.is_none() => {
+                send_signal(*pid, Signal::TERM)
+            }
             Some(_) => Ok(()),
             None => {
                 let _ = tree::signal_all(std::process::id(), Signal::TERM);
@@ -371,7 +373,7 @@ impl Keeper {
     }
 }
 
-impl Agent {
+impl AgentProcess {
     /// Returns the time since which the agent is seen dead; `None` while it is alive.
     fn dead_since(&mut self) -> Option<Instant> {
         if self.dead_since.is_none() && (self.status.is_some() || self.has_ended()) {
@@ -388,7 +390,7 @@ impl Agent {
 }
 
 /// Sends a signal to a child that is not reaped.
-fn signal(child: u32, signal: Signal) -> Result<(), rustix::io::Errno> {
+fn send_signal(child: u32, signal: Signal) -> Result<(), rustix::io::Errno> {
     let pid = Pid::from_raw(child as i32).ok_or(rustix::io::Errno::SRCH)?;
     kill_process(pid, signal)
 }
@@ -399,7 +401,7 @@ fn exit_like(status: ExitStatus) -> u8 {
         return status
             .code()
             .and_then(|code| u8::try_from(code).ok())
-            .unwrap_or(exit::INFRASTRUCTURE);
+            .unwrap_or(exit::INFRASTRUCTURE_FAILURE);
     };
     // The program has already written a core file, if enabled.
     let none = Rlimit { current: Some(0), maximum: Some(0) };
@@ -414,5 +416,5 @@ fn exit_like(status: ExitStatus) -> u8 {
         libc::sigprocmask(libc::SIG_UNBLOCK, &set, std::ptr::null_mut());
     }
     // A signal that does not terminate by default cannot have ended another process.
-    exit::INFRASTRUCTURE
+    exit::INFRASTRUCTURE_FAILURE
 }

@@ -14,6 +14,7 @@
 //! | `child` | watching and ending one process |
 //! | `keeper` | process that holds together all processes of a program of the scenario |
 //! | `tree` | signals to all processes below one |
+//! | `metric_programs` | programs that compute metrics of a run that has ended |
 //! | `orphans` | processes that a dead child of this process left |
 //! | `orphan_processes` | processes that programs of a run left |
 //! | `logs` | bound on the size of logs |
@@ -32,6 +33,7 @@ pub mod keeper;
 pub mod limits;
 pub mod live;
 mod logs;
+pub mod metric_programs;
 pub mod orphan_processes;
 mod orphans;
 pub mod requirements;

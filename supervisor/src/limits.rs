@@ -11,13 +11,13 @@ use protocol::cgroup;
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, capabilities};
 
-use crate::cores::topology::number;
+use crate::cores::topology::read_number;
 
-const MIB: u64 = 1 << 20;
+const BYTES_PER_MIB: u64 = 1 << 20;
 
 /// A limit on the number of processes and threads.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Limit {
+pub struct ProcessCountLimit {
     /// Name of the limit, and its owner.
     pub what: String,
     /// Maximum that the limit permits.
@@ -28,17 +28,17 @@ pub struct Limit {
     pub remedy: String,
 }
 
-impl fmt::Display for Limit {
+impl fmt::Display for ProcessCountLimit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {} of {}", self.what, self.used, self.most)
     }
 }
 
 /// Returns the reason for a refusal, as a clause that follows on `cannot start ...:`.
-pub(crate) fn explain(error: &io::Error) -> String {
+pub(crate) fn explain_refusal(error: &io::Error) -> String {
     match error.raw_os_error() {
         Some(libc::EAGAIN) => format_process_limits(error, &read_process_limits()),
-        Some(libc::ENOMEM) => out_of_memory(error),
+        Some(libc::ENOMEM) => explain_out_of_memory(error),
         Some(libc::EMFILE) => {
             let most = getrlimit(Resource::Nofile).current.map_or("-".into(), |n| n.to_string());
             format!(
@@ -49,29 +49,31 @@ pub(crate) fn explain(error: &io::Error) -> String {
         Some(libc::ENFILE) => format!(
             "this machine has reached its limit of {} open files (fs.file-max); raise it by \
              `sysctl fs.file-max=...` as root",
-            number("/proc/sys/fs/file-max").map_or("-".into(), |n| n.to_string())
+            read_number("/proc/sys/fs/file-max").map_or("-".into(), |n| n.to_string())
         ),
         _ => error.to_string(),
     }
 }
 
-fn format_process_limits(error: &io::Error, limits: &[Limit]) -> String {
-    let reached: Vec<&Limit> = limits.iter().filter(|limit| limit.used >= limit.most).collect();
+fn format_process_limits(error: &io::Error, limits: &[ProcessCountLimit]) -> String {
+    let reached: Vec<&ProcessCountLimit> =
+        limits.iter().filter(|limit| limit.used >= limit.most).collect();
     if reached.is_empty() {
-        let known: Vec<String> = limits.iter().map(Limit::to_string).collect();
+        let known: Vec<String> = limits.iter().map(ProcessCountLimit::to_string).collect();
         return format!(
             "the kernel permits no further process or thread ({error}); none of the known limits \
              is reached ({})",
             known.join(", ")
         );
     }
-    let clauses = reached.iter().map(|Limit { what, most, used, remedy }| {
+    let clauses = reached.iter().map(|ProcessCountLimit { what, most, used, remedy }| {
         format!("{what} permits {most} processes and threads, and there are {used}; {remedy}")
     });
     clauses.collect::<Vec<_>>().join("; ")
 }
 
-/// Number of processes and threads that a run needs in addition to its robots: supervisor, its cleanup, plant, and a reserve.
+/// Number of processes and threads that a run needs in addition to its robots: supervisor, its cleanup, plant, and a
+/// reserve.
 const PROCESSES_OF_A_RUN: u64 = 8;
 
 /// Returns the number of processes and threads that a run with that number of robots needs, without programs of the
@@ -81,24 +83,25 @@ pub fn needed_processes(robots: usize) -> u64 {
 }
 
 /// Returns every limit on the number of processes and threads that applies to this process.
-pub fn read_process_limits() -> Vec<Limit> {
-    process_limits(u64::MAX)
+pub fn read_process_limits() -> Vec<ProcessCountLimit> {
+    read_exceedable_limits(u64::MAX)
 }
 
 /// Returns the limits on the number of processes and threads that `needed` more might exceed.
-fn process_limits(needed: u64) -> Vec<Limit> {
+fn read_exceedable_limits(needed: u64) -> Vec<ProcessCountLimit> {
     let running: Option<u64> = fs::read_to_string("/proc/loadavg").ok().and_then(|text| {
         let tasks = text.split_whitespace().nth(3)?;
         tasks.split_once('/')?.1.parse().ok()
     });
     let may_exceed = |most: u64| most.saturating_sub(running.unwrap_or(most)) < needed;
-    let mut limits: Vec<Limit> = read_user_limit(may_exceed).into_iter().collect();
-    let groups = cgroup::folders(Path::new("/"), "pids");
+    let mut limits: Vec<ProcessCountLimit> = read_user_limit(may_exceed).into_iter().collect();
+    let groups = cgroup::find_cgroup_folders(Path::new("/"), "pids");
     limits.extend(groups.iter().filter_map(|group| read_group_limit(&group.path)));
     for name in ["threads-max", "pid_max"] {
-        if let (Some(most), Some(used)) = (number(format!("/proc/sys/kernel/{name}")), running) {
+        if let (Some(most), Some(used)) = (read_number(format!("/proc/sys/kernel/{name}")), running)
+        {
             let remedy = format!("raise it by `sysctl kernel.{name}=...` as root");
-            limits.push(Limit { what: format!("kernel.{name}"), most, used, remedy });
+            limits.push(ProcessCountLimit { what: format!("kernel.{name}"), most, used, remedy });
         }
     }
     limits
@@ -106,7 +109,7 @@ fn process_limits(needed: u64) -> Vec<Limit> {
 
 /// Returns the limit RLIMIT_NPROC, or `None` if it is infinite, `may_exceed` rules out that it is reached, or this
 /// process is exempt from it.
-fn read_user_limit(may_exceed: impl Fn(u64) -> bool) -> Option<Limit> {
+fn read_user_limit(may_exceed: impl Fn(u64) -> bool) -> Option<ProcessCountLimit> {
     let most = getrlimit(Resource::Nproc).current.filter(|&most| may_exceed(most))?;
     let exempt = CapabilitySet::SYS_RESOURCE | CapabilitySet::SYS_ADMIN;
     if capabilities(None).is_ok_and(|sets| sets.effective.intersects(exempt)) {
@@ -115,7 +118,7 @@ fn read_user_limit(may_exceed: impl Fn(u64) -> bool) -> Option<Limit> {
     let user = rustix::process::getuid().as_raw();
     let processes = fs::read_dir("/proc").ok()?.flatten();
     let used = processes.filter_map(|entry| count_threads(&entry.path(), user)).sum();
-    Some(Limit {
+    Some(ProcessCountLimit {
         what: "RLIMIT_NPROC of this user".into(),
         most,
         used,
@@ -133,10 +136,10 @@ fn count_threads(process: &Path, user: u32) -> Option<u64> {
     if value("Uid:")? == u64::from(user) { value("Threads:") } else { None }
 }
 
-fn read_group_limit(group: &Path) -> Option<Limit> {
-    let most = number(group.join("pids.max"))?;
-    let used = number(group.join("pids.current"))?;
-    Some(Limit {
+fn read_group_limit(group: &Path) -> Option<ProcessCountLimit> {
+    let most = read_number(group.join("pids.max"))?;
+    let used = read_number(group.join("pids.current"))?;
+    Some(ProcessCountLimit {
         what: format!("pids.max of the control group {}", group.display()),
         most,
         used,
@@ -208,7 +211,7 @@ pub enum LimitTooLow {
         /// Number of processes and threads that the run needs.
         needed: u64,
         /// Limit that is too low.
-        limit: Limit,
+        limit: ProcessCountLimit,
     },
     /// Queued signals, of which each timer takes one.
     #[error(
@@ -233,15 +236,15 @@ pub enum LimitTooLow {
 const MEMORY_KIB_IN_LOCKSTEP: [u64; 2] = [5 << 10, 2350];
 /// Memory of a run and of each of its robots in real time, KiB, where queues are longer.
 const MEMORY_KIB_IN_REAL_TIME: [u64; 2] = [4 << 10, 3450];
-/// Number of robots up to which these figures hold, and additional memory of each further robot, KiB; measured with 1,024
-/// robots, whose latencies, and so the histograms of them, have a wider range.
-const MEMORY_OF_MANY: (u64, u64) = (128, 2100);
+/// Number of robots up to which these figures hold, and additional memory of each further robot, KiB; measured with
+/// 1,024 robots, whose latencies, and so the histograms of them, have a wider range.
+const FURTHER_ROBOT_MEMORY_KIB: (u64, u64) = (128, 2100);
 
 /// Returns the memory that a run needs, bytes, shared memory included.
-pub fn needed_memory(robots: usize, in_lockstep: bool) -> u64 {
+pub fn needed_memory_bytes(robots: usize, in_lockstep: bool) -> u64 {
     let [of_a_run, of_a_robot] =
         if in_lockstep { MEMORY_KIB_IN_LOCKSTEP } else { MEMORY_KIB_IN_REAL_TIME };
-    let (few, of_a_further_robot) = MEMORY_OF_MANY;
+    let (few, of_a_further_robot) = FURTHER_ROBOT_MEMORY_KIB;
     let further = (robots as u64).saturating_sub(few);
     1024 * (of_a_run + of_a_robot * robots as u64 + of_a_further_robot * further)
 }
@@ -252,26 +255,33 @@ pub fn needed_memory(robots: usize, in_lockstep: bool) -> u64 {
 /// The first limit that is too low.
 pub fn check(robots: usize, in_lockstep: bool) -> Result<(), LimitTooLow> {
     let needed = needed_processes(robots);
-    let mut limits = process_limits(needed).into_iter();
+    let mut limits = read_exceedable_limits(needed).into_iter();
     if let Some(limit) = limits.find(|limit| limit.most.saturating_sub(limit.used) < needed) {
         return Err(LimitTooLow::Processes { robots, needed, limit });
     }
-    let needed = needed_memory(robots, in_lockstep);
-    let [left, most] = ["MemAvailable", "MemTotal"].map(machine_memory_mib);
+    let needed = needed_memory_bytes(robots, in_lockstep);
+    let [left, most] = ["MemAvailable", "MemTotal"].map(read_machine_memory_mib);
     if let (Some(left), Some(most)) = (left, most)
-        && left < needed.div_ceil(MIB)
+        && left < needed.div_ceil(BYTES_PER_MIB)
     {
         return Err(LimitTooLow::MachineMemory {
             robots,
-            needed: needed.div_ceil(MIB),
+            needed: needed.div_ceil(BYTES_PER_MIB),
             left,
             most,
         });
     }
-    for MemoryLimit { what, most, used, reclaimable } in memory_limits() {
+    for MemoryLimit {
+        name: what,
+        max_bytes: most,
+        used_bytes: used,
+        reclaimable_bytes: reclaimable,
+    } in read_memory_limits()
+    {
         let left = most.saturating_sub(used.saturating_sub(reclaimable));
         if left < needed {
-            let [needed, left, most] = [needed.div_ceil(MIB), left / MIB, most / MIB];
+            let [needed, left, most] =
+                [needed.div_ceil(BYTES_PER_MIB), left / BYTES_PER_MIB, most / BYTES_PER_MIB];
             return Err(LimitTooLow::Memory { robots, needed, what, left, most });
         }
     }
@@ -285,7 +295,7 @@ pub fn check(robots: usize, in_lockstep: bool) -> Result<(), LimitTooLow> {
         }
     }
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
-    match queued_signals(&status) {
+    match parse_queued_signals(&status) {
         // The plant has a timer too.
         Some((used, most)) if in_lockstep && used + robots as u64 + 1 > most => {
             Err(LimitTooLow::QueuedSignals { robots, needed: robots as u64 + 1, used, most })
@@ -295,7 +305,7 @@ pub fn check(robots: usize, in_lockstep: bool) -> Result<(), LimitTooLow> {
 }
 
 /// Returns the number of queued signals of this user and its limit, from a `status` file of /proc.
-fn queued_signals(status: &str) -> Option<(u64, u64)> {
+fn parse_queued_signals(status: &str) -> Option<(u64, u64)> {
     let line = status.lines().find_map(|line| line.strip_prefix("SigQ:"))?;
     let (used, most) = line.trim().split_once('/')?;
     Some((used.parse().ok()?, most.parse().ok()?))
@@ -303,29 +313,29 @@ fn queued_signals(status: &str) -> Option<(u64, u64)> {
 
 /// Counter of processes that the kernel killed for lack of memory, to identify that cause of a death.
 #[derive(Debug)]
-pub(crate) struct OutOfMemory {
-    known: Option<u64>,
+pub(crate) struct OutOfMemoryCounter {
+    last_kill_count: Option<u64>,
 }
 
-impl OutOfMemory {
+impl OutOfMemoryCounter {
     /// Starts to count now.
-    pub(crate) fn watch() -> OutOfMemory {
-        OutOfMemory { known: killed_for_memory() }
+    pub(crate) fn start() -> OutOfMemoryCounter {
+        OutOfMemoryCounter { last_kill_count: read_out_of_memory_kills() }
     }
 
     /// Returns the cause of a SIGKILL that this process has not sent, if the kernel has killed a process for lack of
     /// memory since the last call.
-    pub(crate) fn cause(&mut self) -> Option<String> {
-        let before = std::mem::replace(&mut self.known, killed_for_memory())?;
-        (self.known? > before).then(|| {
-            let limits = memory_limits().into_iter().map(|limit| format!("; {limit}"));
+    pub(crate) fn find_kill_cause(&mut self) -> Option<String> {
+        let before = std::mem::replace(&mut self.last_kill_count, read_out_of_memory_kills())?;
+        (self.last_kill_count? > before).then(|| {
+            let limits = read_memory_limits().into_iter().map(|limit| format!("; {limit}"));
             format!("killed by the kernel for lack of memory{}", limits.collect::<String>())
         })
     }
 }
 
 /// Returns how many processes of this machine the kernel has killed for lack of memory. Linux before 4.13 does not say.
-fn killed_for_memory() -> Option<u64> {
+fn read_out_of_memory_kills() -> Option<u64> {
     let text = fs::read_to_string("/proc/vmstat").ok()?;
     text.lines().find_map(|line| line.strip_prefix("oom_kill "))?.trim().parse().ok()
 }
@@ -333,34 +343,48 @@ fn killed_for_memory() -> Option<u64> {
 /// The memory limit of a control group, bytes.
 struct MemoryLimit {
     /// Name of the file that sets the limit, and of the control group.
-    what: String,
-    most: u64,
-    used: u64,
+    name: String,
+    max_bytes: u64,
+    used_bytes: u64,
     /// Part of `used` that is page cache, which the kernel drops when memory runs out.
-    reclaimable: u64,
+    reclaimable_bytes: u64,
 }
 
 impl fmt::Display for MemoryLimit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {} of {} MiB", self.what, self.used / MIB, self.most / MIB)
+        write!(
+            f,
+            "{}: {} of {} MiB",
+            self.name,
+            self.used_bytes / BYTES_PER_MIB,
+            self.max_bytes / BYTES_PER_MIB
+        )
     }
 }
 
 /// Returns the memory limits of the control groups of this process.
-fn memory_limits() -> Vec<MemoryLimit> {
+fn read_memory_limits() -> Vec<MemoryLimit> {
     let mut limits = Vec::new();
-    for cgroup::Folder { path: group, .. } in cgroup::folders(Path::new("/"), "memory") {
+    for cgroup::CgroupFolder { path: group, .. } in
+        cgroup::find_cgroup_folders(Path::new("/"), "memory")
+    {
         let names =
             [("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")];
         for (most, used) in names {
             // Version 1 represents no limit by a very large number.
-            if let (Some(bytes), Some(used)) = (number(group.join(most)), number(group.join(used)))
+            if let (Some(bytes), Some(used)) =
+                (read_number(group.join(most)), read_number(group.join(used)))
                 && bytes < 1 << 60
             {
                 let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
                 let what = format!("{most} of {}", group.display());
-                let reclaimable = page_cache(&stat);
-                limits.push(MemoryLimit { what, most: bytes, used, reclaimable });
+                let reclaimable = parse_page_cache_bytes(&stat);
+                limits.push(MemoryLimit {
+                    name: what,
+                    max_bytes: bytes,
+                    used_bytes: used,
+                    reclaimable_bytes: reclaimable,
+                });
             }
         }
     }
@@ -368,7 +392,7 @@ fn memory_limits() -> Vec<MemoryLimit> {
 }
 
 /// Returns the page cache without shared memory, bytes, as a `memory.stat` of version 1 or 2 has it.
-fn page_cache(stat: &str) -> u64 {
+fn parse_page_cache_bytes(stat: &str) -> u64 {
     let value = |names: [&str; 2]| {
         let mut fields = stat.lines().filter_map(|line| line.split_once(' '));
         let found = fields.rfind(|(name, _)| names.contains(name));
@@ -379,22 +403,22 @@ fn page_cache(stat: &str) -> u64 {
 }
 
 /// Returns a field of `/proc/meminfo`, MiB.
-fn machine_memory_mib(name: &str) -> Option<u64> {
+fn read_machine_memory_mib(name: &str) -> Option<u64> {
     let text = fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     let kib: u64 = line.trim_start_matches(':').split_whitespace().next()?.parse().ok()?;
     Some(kib / 1024)
 }
 
-fn out_of_memory(error: &io::Error) -> String {
+fn explain_out_of_memory(error: &io::Error) -> String {
     let mut clauses = Vec::new();
-    let [free, all] = ["MemAvailable", "MemTotal"].map(machine_memory_mib);
+    let [free, all] = ["MemAvailable", "MemTotal"].map(read_machine_memory_mib);
     if let (Some(free), Some(all)) = (free, all) {
         clauses.push(format!("{free} of {all} MiB are available"));
     }
-    clauses.extend(memory_limits().iter().map(MemoryLimit::to_string));
+    clauses.extend(read_memory_limits().iter().map(MemoryLimit::to_string));
     if let Some(bytes) = getrlimit(Resource::As).current {
-        clauses.push(format!("RLIMIT_AS: {} MiB", bytes / MIB));
+        clauses.push(format!("RLIMIT_AS: {} MiB", bytes / BYTES_PER_MIB));
     }
     format!(
         "out of memory ({error}; {}); end other programs, or run fewer robots",
@@ -410,8 +434,8 @@ mod tests {
         io::Error::from_raw_os_error(errno)
     }
 
-    fn limit(what: &str, most: u64, used: u64) -> Limit {
-        Limit { what: what.into(), most, used, remedy: format!("raise {what}") }
+    fn limit(what: &str, most: u64, used: u64) -> ProcessCountLimit {
+        ProcessCountLimit { what: what.into(), most, used, remedy: format!("raise {what}") }
     }
 
     #[test]
@@ -431,17 +455,17 @@ mod tests {
 
     #[test]
     fn group_page_cache_excludes_shared_memory() {
-        assert_eq!(page_cache("anon 5\nfile 300\nkernel 1\nshmem 100\n"), 200);
+        assert_eq!(parse_page_cache_bytes("anon 5\nfile 300\nkernel 1\nshmem 100\n"), 200);
         let version_1 = "cache 7\nshmem 0\ntotal_cache 300\ntotal_shmem 50\n";
-        assert_eq!(page_cache(version_1), 250);
-        assert_eq!(page_cache(""), 0);
+        assert_eq!(parse_page_cache_bytes(version_1), 250);
+        assert_eq!(parse_page_cache_bytes(""), 0);
     }
 
     #[test]
     fn queued_signals_are_read_from_the_status() {
         let status = "Threads:\t1\nSigQ:\t6/96365\nSigPnd:\t0000\n";
-        assert_eq!(queued_signals(status), Some((6, 96365)));
-        assert_eq!(queued_signals("Threads:\t1\n"), None);
+        assert_eq!(parse_queued_signals(status), Some((6, 96365)));
+        assert_eq!(parse_queued_signals("Threads:\t1\n"), None);
         let limit = limit("pids.max", 500, 100);
         let error = LimitTooLow::Processes { robots: 1024, needed: 1032, limit }.to_string();
         assert!(error.starts_with("1024 robots need 1032 processes"), "{error}");
@@ -459,7 +483,7 @@ mod tests {
             (libc::EMFILE, "RLIMIT_NOFILE"),
             (libc::ENFILE, "fs.file-max"),
         ] {
-            let text = explain(&limit_error(errno));
+            let text = explain_refusal(&limit_error(errno));
             assert!(text.contains(named), "{text}");
             assert!(text.contains(|c: char| c.is_ascii_digit()), "{text}");
         }

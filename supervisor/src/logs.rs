@@ -9,24 +9,24 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Maximum size of a log; exceeded at most until the next check.
-pub(crate) const BYTES_MAX: u64 = 64 << 20;
+pub(crate) const LOG_BYTES_MAX: u64 = 64 << 20;
 /// Number of bytes kept from the start of a truncated log.
-const BEGINNING_BYTES: u64 = BYTES_MAX / 2;
+const BEGINNING_BYTES: u64 = LOG_BYTES_MAX / 2;
 /// Number of bytes kept from the end of a truncated log.
 const END_BYTES: u64 = 16 << 10;
 /// Interval at which sizes are checked.
-const LOOK_EVERY: Duration = Duration::from_millis(200);
+const CHECK_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Logs in a run's directory.
 pub(crate) struct Logs {
     folder: PathBuf,
     last_poll: Instant,
-    dropped: BTreeMap<PathBuf, Dropped>,
+    dropped_parts: BTreeMap<PathBuf, DroppedLogPart>,
 }
 
 /// Record of what was dropped from one log.
 #[derive(Default)]
-struct Dropped {
+struct DroppedLogPart {
     bytes: u64,
     /// Length of the line in the log that reports the dropped bytes, bytes.
     line_bytes: u64,
@@ -35,12 +35,12 @@ struct Dropped {
 impl Logs {
     /// Creates the bound for the logs of this folder.
     pub(crate) fn new(folder: &Path) -> Logs {
-        Logs { folder: folder.into(), last_poll: Instant::now(), dropped: BTreeMap::new() }
+        Logs { folder: folder.into(), last_poll: Instant::now(), dropped_parts: BTreeMap::new() }
     }
 
     /// Truncates logs that are too long, if a check is due.
     pub(crate) fn truncate_if_due(&mut self) {
-        if self.last_poll.elapsed() >= LOOK_EVERY {
+        if self.last_poll.elapsed() >= CHECK_INTERVAL {
             self.last_poll = Instant::now();
             self.shorten_all();
         }
@@ -50,7 +50,7 @@ impl Logs {
     pub(crate) fn shorten_all(&mut self) {
         for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
             // A symbolic link is not a log.
-            let long = |file: fs::Metadata| file.is_file() && file.len() > BYTES_MAX;
+            let long = |file: fs::Metadata| file.is_file() && file.len() > LOG_BYTES_MAX;
             if entry.metadata().is_ok_and(long)
                 && let Err(error) = self.shorten(&entry.path())
             {
@@ -68,16 +68,16 @@ impl Logs {
         let line_end = end.iter().position(|&byte| byte == b'\n');
         let end = &end[line_end.map_or(0, |at| at + 1)..];
         file.set_len(BEGINNING_BYTES)?;
-        if !self.dropped.contains_key(path) {
-            let mib = BYTES_MAX >> 20;
+        if !self.dropped_parts.contains_key(path) {
+            let mib = LOG_BYTES_MAX >> 20;
             tracing::warn!("{} is longer than {mib} MiB; dropped its middle", path.display());
         }
-        let dropped = self.dropped.entry(path.into()).or_default();
+        let dropped = self.dropped_parts.entry(path.into()).or_default();
         dropped.bytes += length - BEGINNING_BYTES - end.len() as u64 - dropped.line_bytes;
         let line = format!(
             "\n{{\"level\":\"WARN\",\"message\":\"{} bytes were dropped here: the limit of a log is {} MiB\"}}\n",
             dropped.bytes,
-            BYTES_MAX >> 20
+            LOG_BYTES_MAX >> 20
         );
         dropped.line_bytes = line.len() as u64;
         file.write_all(&[line.as_bytes(), end].concat())
@@ -106,7 +106,7 @@ mod tests {
         }
         log.write_all(b"the end\n").unwrap();
         let text = fs::read_to_string(&path).unwrap();
-        assert!(text.len() as u64 <= BYTES_MAX, "{}", text.len());
+        assert!(text.len() as u64 <= LOG_BYTES_MAX, "{}", text.len());
         let said: Vec<&str> = text.lines().filter(|line| line.contains("dropped")).collect();
         let [said] = said[..] else { panic!("one line says so: {said:?}") };
         let kept = (text.lines().filter(|line| line.ends_with(" x")).count() * line.len()) as u64;

@@ -11,21 +11,21 @@ use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use protocol::process::{Stderr, exit, set_name};
+use protocol::process::{Stderr, exit, set_thread_name};
 use rustix::process::{
     Pid, Signal, child_subreaper, getpid, getppid, kill_process, set_child_subreaper,
 };
 
-use crate::child::{Child, RUN, keep_three_descriptors};
+use crate::child::{Child, RUN_ROOT_VARIABLE, close_inherited_descriptors};
 use crate::keeper;
-use crate::orphans::{self, find_log, is_own, is_running, name};
-use crate::spawn::{Launcher, Role, SpawnError};
+use crate::orphans::{self, describe_orphan, find_log, is_own_process, is_running};
+use crate::spawn::{Launcher, ProcessRole, SpawnError};
 use crate::tree;
 
 /// Maximum time to wait for killed processes to exit.
-const KILLED_MAX: Duration = Duration::from_secs(5);
+const KILLED_EXIT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Polling interval while killed processes exit.
-const LOOK_EVERY: Duration = Duration::from_millis(1);
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Guard that makes this process the subreaper of processes started after its creation. Drop it after all
 /// children started since then have exited: it kills the remaining ones.
@@ -33,7 +33,7 @@ pub(crate) struct OrphanReaper {
     /// Children that existed before.
     earlier_children: BTreeSet<i32>,
     /// Folder of the programs' logs. A process that left another is identified by its output file.
-    logs: PathBuf,
+    log_folder: PathBuf,
     /// Process that kills the orphans if this process is killed.
     reaper: Option<Child>,
 }
@@ -45,22 +45,22 @@ impl OrphanReaper {
             tracing::warn!(%error, "orphan processes of programs will not be found");
         }
         let logs = logs.canonicalize().unwrap_or_else(|_| logs.into());
-        let before = orphans::children();
+        let before = orphans::list_child_pids();
         orphans::add_known_children(before.iter().map(|&pid| pid as u32));
-        OrphanReaper { earlier_children: before, logs, reaper: None }
+        OrphanReaper { earlier_children: before, log_folder: logs, reaper: None }
     }
 
     /// Starts the reaper, so that orphans are killed even if this process is killed.
     /// # Errors
     /// The processes of a program cannot be found on this system, so that none could be killed or frozen as
     /// a whole; or the reaper cannot be started.
-    pub(crate) fn reap_after_a_kill(
+    pub(crate) fn start_reaper_process(
         &mut self,
         launcher: &Launcher,
         run_root: &Path,
     ) -> Result<(), SpawnError> {
-        let role = Role::Reaper { run_root, logs: &self.logs };
-        let reaper = launcher.spawn(role, &self.logs.join("reaper.jsonl"))?;
+        let role = ProcessRole::Reaper { run_root, logs: &self.log_folder };
+        let reaper = launcher.spawn(role, &self.log_folder.join("reaper.jsonl"))?;
         let pid = reaper.pid();
         self.earlier_children.insert(pid as i32);
         self.reaper = Some(reaper);
@@ -76,19 +76,19 @@ impl OrphanReaper {
 }
 
 /// Runs the reaper: waits until the supervisor is gone, and kills all remaining processes of its run.
-pub fn reap(run_root: &Path, logs: &Path) -> u8 {
-    set_name("phalanx-reaper");
+pub fn run_reaper(run_root: &Path, logs: &Path) -> u8 {
+    set_thread_name("phalanx-reaper");
     let supervisor = getppid();
-    if let Err(error) = keep_three_descriptors() {
+    if let Err(error) = close_inherited_descriptors() {
         let _ = writeln!(Stderr, "cannot begin: {error}");
-        return exit::INFRASTRUCTURE;
+        return exit::INFRASTRUCTURE_FAILURE;
     }
     // No data is ever written: the read returns when the supervisor's end closes.
     let _ = io::stdin().read(&mut [0]);
     // The descriptors of a dying process close before its children receive their signal.
     let began = Instant::now();
-    while getppid() == supervisor && began.elapsed() < KILLED_MAX {
-        std::thread::sleep(LOOK_EVERY);
+    while getppid() == supervisor && began.elapsed() < KILLED_EXIT_TIMEOUT {
+        std::thread::sleep(POLL_INTERVAL);
     }
     for named in kill_processes_of_run(run_root, Some(logs)) {
         let _ = writeln!(Stderr, "{{\"level\":\"WARN\",\"message\":{named:?}}}");
@@ -97,7 +97,7 @@ pub fn reap(run_root: &Path, logs: &Path) -> u8 {
 }
 
 /// Kills every process of a run whose supervisor is gone, and waits until they have exited, at most
-/// `KILLED_MAX`. Returns a message for each one that a program of the run left behind.
+/// `KILLED_EXIT_TIMEOUT`. Returns a message for each one that a program of the run left behind.
 pub fn kill_processes_of_run(run_root: &Path, logs: Option<&Path>) -> Vec<String> {
     let (began, mut named) = (Instant::now(), Vec::new());
     let mut killed = BTreeSet::new();
@@ -105,38 +105,39 @@ pub fn kill_processes_of_run(run_root: &Path, logs: Option<&Path>) -> Vec<String
         // Keepers exit by themselves, after all processes below them.
         let is_of_the_run = |&pid: &i32| {
             pid != current_pid()
-                && (has_run(pid, run_root) || find_log(pid, logs).is_some())
+                && (belongs_to_run(pid, run_root) || find_log(pid, logs).is_some())
                 && !is_keeper(pid)
         };
         let left: Vec<i32> = pids().filter(is_of_the_run).filter(|&pid| is_running(pid)).collect();
-        if left.is_empty() || began.elapsed() > KILLED_MAX {
+        if left.is_empty() || began.elapsed() > KILLED_EXIT_TIMEOUT {
             return named;
         }
         for pid in left.into_iter().filter(|&pid| killed.insert(pid)) {
             let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
             // The kernel or the keeper kills the run's own processes. A dying process has no command line.
-            if !has_brief(&line) && !is_own(pid) && !line.is_empty() {
-                named.push(format!("{}; killed it", name(pid, logs)));
+            if !has_brief(&line) && !is_own_process(pid) && !line.is_empty() {
+                named.push(format!("{}; killed it", describe_orphan(pid, logs)));
             }
             if let Some(pid) = Pid::from_raw(pid) {
                 let _ = kill_process(pid, Signal::KILL);
             }
         }
-        std::thread::sleep(LOOK_EVERY);
+        std::thread::sleep(POLL_INTERVAL);
     }
 }
 
 /// Returns whether a process or one of its ancestors was started for this run, by its environment.
-fn has_run(pid: i32, run_root: &Path) -> bool {
+fn belongs_to_run(pid: i32, run_root: &Path) -> bool {
     let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
-    let wanted = [RUN.as_bytes(), b"=", run_root.as_os_str().as_encoded_bytes()].concat();
+    let wanted =
+        [RUN_ROOT_VARIABLE.as_bytes(), b"=", run_root.as_os_str().as_encoded_bytes()].concat();
     environment.split(|&byte| byte == 0).any(|entry| entry == wanted)
 }
 
 /// Returns whether a process is a keeper.
 fn is_keeper(pid: i32) -> bool {
     let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
-    name.trim_end() == keeper::NAME
+    name.trim_end() == keeper::PROCESS_NAME
 }
 
 /// Returns whether a command line names a brief, as for agents and plants.
@@ -151,7 +152,11 @@ fn current_pid() -> i32 {
 
 impl Drop for OrphanReaper {
     fn drop(&mut self) {
-        orphans::end_children(|pid| !self.earlier_children.contains(&pid), Some(&self.logs), true);
+        orphans::kill_children(
+            |pid| !self.earlier_children.contains(&pid),
+            Some(&self.log_folder),
+            true,
+        );
     }
 }
 

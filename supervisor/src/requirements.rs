@@ -1,5 +1,5 @@
-//! Requirements of a run: processes, open files, memory and shared memory. `phalanx check` prints them, and a run compares
-//! the same numbers with the limits of the machine before it starts its first process.
+//! Requirements of a run: processes, open files, memory and shared memory. `phalanx check` prints them, and a run
+//! compares the same numbers with the limits of the machine before it starts its first process.
 //!
 //! Must not change a limit.
 
@@ -10,10 +10,11 @@ use serde::Serialize;
 use crate::shm_capacity::{AvailableSpace, Bytes, RequiredSpace, SpaceError};
 use crate::{descriptors, limits};
 use experiment::scenario::Scenario;
-use experiment::scenario::read::RECORDED_HZ_MAX;
+use experiment::scenario::read::RECORDED_SAMPLES_PER_S_MAX;
 use protocol::run_root;
 
-/// Bytes of a robot's sample in `samples.csv` and in the recording, measured with 64 and 256 robots that hear two others.
+/// Bytes of a robot's sample in `samples.csv` and in the recording, measured with 64 and 256 robots that hear two
+/// others.
 const SAMPLE_BYTES: [f64; 2] = [225.0, 310.0];
 
 /// Needs of a run on one machine. Programs of the scenario are not included.
@@ -51,15 +52,20 @@ impl Requirements {
         let space = RequiredSpace::for_run(robots, links);
         // In lockstep there is at most one sample in a tick.
         let sampled_hz = scenario.record_hz.min(1e9 / scenario.period_ns as f64);
-        let samples = sampled_hz * formation::seconds(scenario.duration_ns) * robots as f64;
+        let samples = sampled_hz * formation::ns_to_seconds(scenario.duration_ns) * robots as f64;
         let [samples_bytes, recording_bytes] = SAMPLE_BYTES.map(|bytes| (bytes * samples) as u64);
+        // At most: a robot may send shorter messages, or none.
+        let formats = (0..robots).filter_map(|i| scenario.recorded_message_format(i));
+        let message_bytes: usize = formats.map(|format| format.bytes_max).sum();
+        let recording_bytes =
+            recording_bytes + (message_bytes as f64 * samples / robots.max(1) as f64) as u64;
         Requirements {
             robots,
             links,
             processes: limits::needed_processes(robots),
             open_files: descriptors::needed_descriptors(robots),
-            memory_lockstep_bytes: limits::needed_memory(robots, true),
-            memory_realtime_bytes: limits::needed_memory(robots, false),
+            memory_lockstep_bytes: limits::needed_memory_bytes(robots, true),
+            memory_realtime_bytes: limits::needed_memory_bytes(robots, false),
             shared_memory_bytes: space.bytes(),
             shared_memory_files: space.files(),
             record_hz: scenario.record_hz,
@@ -79,14 +85,15 @@ impl Requirements {
         }
         let most = descriptors::read_limit();
         if let Some(most) = most.filter(|&most| most < self.open_files) {
-            let need = descriptors::Need::for_run(self.robots, descriptors::ViewUse::Off);
+            let need =
+                descriptors::RequiredDescriptors::for_run(self.robots, descriptors::ViewUse::Off);
             refusals.push(descriptors::TooFewDescriptors { need, most }.to_string());
         }
         let need = RequiredSpace::for_run(self.robots, self.links);
-        if let Ok(room) = AvailableSpace::of_file_system(&run_root::base())
+        if let Ok(room) = AvailableSpace::of_file_system(&run_root::base_directory())
             && !room.covers(&need)
         {
-            refusals.push(SpaceError::Short { need, room }.to_string());
+            refusals.push(SpaceError::TooSmall { need, room }.to_string());
         }
         refusals.dedup();
         refusals
@@ -113,7 +120,7 @@ impl fmt::Display for Requirements {
             self.shared_memory_files
         )?;
         let [samples, recording] = [self.samples_bytes, self.recording_bytes].map(Bytes);
-        let default = RECORDED_HZ_MAX / self.robots.max(1) as f64;
+        let default = RECORDED_SAMPLES_PER_S_MAX / self.robots.max(1) as f64;
         let why = if self.record_hz == default {
             format!(" (the default for {} robots)", self.robots)
         } else {

@@ -13,6 +13,7 @@ use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use std::time::Instant;
 
 use crate::dead_nodes::layout::parse_sender_pid;
 use protocol::process::exit;
@@ -31,12 +32,14 @@ const FILES_OF_A_ROBOT: u64 = 56;
 const FILES_OF_A_LINK: u64 = 4;
 /// Maximum number of bytes allocated per file. Robots have memory for long queues that never fill: they use
 /// the lowest free slot, which is far below this.
-const TAKEN_MAX: u64 = 64 * 1024;
+const ALLOCATED_BYTES_MAX: u64 = 64 * 1024;
 /// Maximum number of bytes allocated per file of the plant. In lockstep the plant may be 63 ticks ahead of
 /// a supervisor that gets no processor time, and its samples wait in its queues.
-const TAKEN_OF_PLANT_MAX: u64 = 1024 * 1024;
+const PLANT_ALLOCATED_BYTES_MAX: u64 = 1024 * 1024;
+/// Time from one allocation to the next, as a multiple of the duration of the first: each searches all files of a run.
+const ALLOCATION_PAUSE_FACTOR: u32 = 10;
 /// Free space below which the file system counts as full, bytes.
-const BYTES_MIN: u64 = 64 * 1024;
+const FREE_BYTES_MIN: u64 = 64 * 1024;
 /// Remedy for missing space.
 const ADVICE: &str = "free space there, enlarge it (mount -o remount,size=...; in a container --shm-size), or let \
                       PHALANX_RUN_ROOT name a directory on a larger tmpfs";
@@ -50,7 +53,7 @@ pub enum SpaceError {
         "shared memory is {}: {room}, and {} robots with {} links need {} and {} files; {ADVICE}",
         room.too_small_or_full(need), need.robots, need.links, Bytes(need.bytes()), need.files()
     )]
-    Short { need: RequiredSpace, room: AvailableSpace },
+    TooSmall { need: RequiredSpace, room: AvailableSpace },
     /// There was enough at the start, and none is left.
     #[error("shared memory is full: {room}; {ADVICE}")]
     Full { room: AvailableSpace },
@@ -83,10 +86,10 @@ impl RequiredSpace {
 /// Space on a file system.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AvailableSpace {
-    mount: PathBuf,
-    kind: String,
+    mount_point: PathBuf,
+    file_system_type: String,
     /// Size and free space, bytes; `None` without a limit.
-    bytes: Option<[u64; 2]>,
+    size_and_free_bytes: Option<[u64; 2]>,
     /// Number of files that may still be created; `None` without a limit.
     files_free: Option<u64>,
 }
@@ -101,31 +104,32 @@ impl AvailableSpace {
         // A tmpfs without a limit reports 0 of 0 blocks.
         let bytes = [space.f_blocks, space.f_bavail].map(|blocks| blocks * space.f_frsize);
         Ok(AvailableSpace {
-            mount,
-            kind,
-            bytes: (bytes[0] > 0).then_some(bytes),
+            mount_point: mount,
+            file_system_type: kind,
+            size_and_free_bytes: (bytes[0] > 0).then_some(bytes),
             files_free: (space.f_files > 0).then_some(space.f_favail),
         })
     }
 
     /// Returns whether the file system is a tmpfs.
     pub fn is_tmpfs(&self) -> bool {
-        self.kind == "tmpfs"
+        self.file_system_type == "tmpfs"
     }
 
     /// Returns whether a run has enough space.
     pub fn covers(&self, need: &RequiredSpace) -> bool {
-        self.bytes.is_none_or(|[_, free]| free >= need.bytes())
+        self.size_and_free_bytes.is_none_or(|[_, free]| free >= need.bytes())
             && self.files_free.is_none_or(|free| free >= need.files())
     }
 
     /// Returns whether almost nothing is left.
     pub fn is_full(&self) -> bool {
-        self.bytes.is_some_and(|[_, free]| free < BYTES_MIN) || self.files_free == Some(0)
+        self.size_and_free_bytes.is_some_and(|[_, free]| free < FREE_BYTES_MIN)
+            || self.files_free == Some(0)
     }
 
     fn too_small_or_full(&self, need: &RequiredSpace) -> &'static str {
-        match self.bytes {
+        match self.size_and_free_bytes {
             Some([size, _]) if size < need.bytes() => "too small",
             _ => "full",
         }
@@ -134,8 +138,8 @@ impl AvailableSpace {
 
 impl fmt::Display for AvailableSpace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ({}) has ", self.mount.display(), self.kind)?;
-        match self.bytes {
+        write!(f, "{} ({}) has ", self.mount_point.display(), self.file_system_type)?;
+        match self.size_and_free_bytes {
             None => write!(f, "no limit")?,
             Some([size, free]) => write!(f, "{} of {} free", Bytes(free), Bytes(size))?,
         }
@@ -149,7 +153,7 @@ impl fmt::Display for AvailableSpace {
 /// Fails if `base` has too little space for a run.
 pub fn check(base: &Path, need: RequiredSpace) -> Result<(), SpaceError> {
     match AvailableSpace::of_file_system(base) {
-        Ok(room) if !room.covers(&need) => Err(SpaceError::Short { need, room }),
+        Ok(room) if !room.covers(&need) => Err(SpaceError::TooSmall { need, room }),
         // If the space cannot be read, creating the run root reports the error.
         _ => Ok(()),
     }
@@ -157,13 +161,14 @@ pub fn check(base: &Path, need: RequiredSpace) -> Result<(), SpaceError> {
 
 /// Allocates the memory reserved by the files of a run root, as far as it will be used. `plant` is the
 /// plant's process ID, once it exists.
-pub fn allocate(run_root: &Path, plant: Option<u32>) -> Result<(), SpaceError> {
+pub fn allocate_reserved_memory(run_root: &Path, plant: Option<u32>) -> Result<(), SpaceError> {
     for entry in fs::read_dir(run_root).into_iter().flatten().flatten() {
         // The file may have been removed meanwhile, like those of dead processes.
         let Ok(found) = entry.metadata() else { continue };
         let of_plant =
             plant.is_some() && parse_sender_pid(&entry.file_name().to_string_lossy()) == plant;
-        let wanted = found.len().min(if of_plant { TAKEN_OF_PLANT_MAX } else { TAKEN_MAX });
+        let wanted =
+            found.len().min(if of_plant { PLANT_ALLOCATED_BYTES_MAX } else { ALLOCATED_BYTES_MAX });
         if !found.is_file() || 512 * found.blocks() >= wanted {
             continue;
         }
@@ -175,6 +180,37 @@ pub fn allocate(run_root: &Path, plant: Option<u32>) -> Result<(), SpaceError> {
         }
     }
     Ok(())
+}
+
+/// Allocation of the memory of new files, at most for a small fraction of the time.
+#[derive(Debug, Default)]
+pub struct Allocator {
+    is_due: bool,
+    /// Time before which the next allocation does not begin.
+    not_before: Option<Instant>,
+}
+
+impl Allocator {
+    /// Requests an allocation, because files may be new.
+    pub fn request_allocation(&mut self) {
+        self.is_due = true;
+    }
+
+    /// Does the work of [`allocate_reserved_memory`] if it was requested, and the last time is long enough ago.
+    pub fn allocate_if_due(
+        &mut self,
+        run_root: &Path,
+        plant: Option<u32>,
+    ) -> Result<(), SpaceError> {
+        let began = Instant::now();
+        if !self.is_due || self.not_before.is_some_and(|at| began < at) {
+            return Ok(());
+        }
+        self.is_due = false;
+        allocate_reserved_memory(run_root, plant)?;
+        self.not_before = Some(began + ALLOCATION_PAUSE_FACTOR * began.elapsed());
+        Ok(())
+    }
 }
 
 /// Returns an error if the file system is full, as the possible cause of a process's death.
@@ -215,7 +251,7 @@ extern "C" fn handle_sigbus(_signal: libc::c_int) {
         // SAFETY: reads a path that ends in 0, writes `space`.
         let known = unsafe { libc::statfs(path.as_ptr(), &mut space) } == 0;
         let taken = |blocks: u64| Bytes(blocks * space.f_bsize as u64);
-        let full = known && taken(space.f_bavail).0 < BYTES_MIN;
+        let full = known && taken(space.f_bavail).0 < FREE_BYTES_MIN;
         let what = match full {
             true => "shared memory is full (SIGBUS)",
             false => "a part of shared memory was removed, or could not be allocated (SIGBUS)",
@@ -227,7 +263,7 @@ extern "C" fn handle_sigbus(_signal: libc::c_int) {
     // SAFETY: plain system calls; the buffer has the given length.
     unsafe {
         libc::write(2, bytes.as_ptr().cast(), length);
-        libc::_exit(i32::from(exit::INFRASTRUCTURE));
+        libc::_exit(i32::from(exit::INFRASTRUCTURE_FAILURE));
     }
 }
 
@@ -251,7 +287,7 @@ fn find_mount(path: &Path) -> Option<(PathBuf, String)> {
     let mounts = fs::read_to_string("/proc/self/mountinfo").ok()?;
     let parsed = mounts.lines().filter_map(|line| {
         let (before, after) = line.split_once(" - ")?;
-        let mount = PathBuf::from(unescaped(before.split(' ').nth(4)?));
+        let mount = PathBuf::from(unescape(before.split(' ').nth(4)?));
         Some((mount, after.split(' ').next()?.to_owned()))
     });
     // The last of equals lies on top of the others.
@@ -261,7 +297,7 @@ fn find_mount(path: &Path) -> Option<(PathBuf, String)> {
 }
 
 /// Decodes `\040` and other escapes of blanks in paths, as the kernel writes them.
-fn unescaped(text: &str) -> String {
+fn unescape(text: &str) -> String {
     [("\\040", " "), ("\\011", "\t"), ("\\134", "\\")]
         .iter()
         .fold(text.to_owned(), |text, (written, meant)| text.replace(written, meant))
@@ -272,7 +308,12 @@ mod tests {
     use super::*;
 
     fn available_space(bytes: Option<[u64; 2]>, files_free: Option<u64>) -> AvailableSpace {
-        AvailableSpace { mount: "/m".into(), kind: "tmpfs".into(), bytes, files_free }
+        AvailableSpace {
+            mount_point: "/m".into(),
+            file_system_type: "tmpfs".into(),
+            size_and_free_bytes: bytes,
+            files_free,
+        }
     }
 
     #[test]
@@ -283,10 +324,10 @@ mod tests {
         assert!(available_space(None, None).covers(&need), "a tmpfs without limits");
         let small = available_space(Some([bytes - 1, bytes - 1]), None);
         assert!(!small.covers(&need) && !available_space(None, Some(files - 1)).covers(&need));
-        let error = SpaceError::Short { need, room: small }.to_string();
+        let error = SpaceError::TooSmall { need, room: small }.to_string();
         assert!(error.starts_with("shared memory is too small: /m (tmpfs) has "), "{error}");
         assert!(error.contains("3 robots with 3 links need"), "{error}");
-        let error = SpaceError::Short { need, room: available_space(Some([u64::MAX, 0]), None) }
+        let error = SpaceError::TooSmall { need, room: available_space(Some([u64::MAX, 0]), None) }
             .to_string();
         assert!(error.starts_with("shared memory is full: ") && error.contains(ADVICE), "{error}");
     }
@@ -295,18 +336,18 @@ mod tests {
     fn reserved_memory_is_allocated_up_to_the_maximum() {
         let root = tempfile::tempdir_in("/dev/shm").unwrap();
         let path = root.path().join("promised");
-        for (length, taken) in [(5_000, 8_192), (1_000_000, TAKEN_MAX)] {
+        for (length, taken) in [(5_000, 8_192), (1_000_000, ALLOCATED_BYTES_MAX)] {
             fs::File::create(&path).unwrap().set_len(length).unwrap();
             assert_eq!(fs::metadata(&path).unwrap().blocks(), 0);
-            allocate(root.path(), None).unwrap();
+            allocate_reserved_memory(root.path(), None).unwrap();
             let found = fs::metadata(&path).unwrap();
             assert_eq!((found.len(), 512 * found.blocks()), (length, taken));
         }
         // One file of the plant, one of another process.
-        for (process, taken) in [(7u32, 1_003_520), (8, TAKEN_MAX)] {
+        for (process, taken) in [(7u32, 1_003_520), (8, ALLOCATED_BYTES_MAX)] {
             let path = root.path().join(format!("phx_hash_{}.data", u128::from(process) << 64 | 1));
             fs::File::create(&path).unwrap().set_len(1_000_000).unwrap();
-            allocate(root.path(), Some(7)).unwrap();
+            allocate_reserved_memory(root.path(), Some(7)).unwrap();
             assert_eq!(512 * fs::metadata(&path).unwrap().blocks(), taken);
         }
     }
@@ -316,8 +357,8 @@ mod tests {
         let (mount, kind) = find_mount(Path::new("/proc/self")).unwrap();
         assert_eq!((mount.to_str(), kind.as_str()), (Some("/proc"), "proc"));
         let room = AvailableSpace::of_file_system(Path::new("/dev/shm/not/yet/there")).unwrap();
-        assert_eq!(room.mount, Path::new("/dev/shm"));
+        assert_eq!(room.mount_point, Path::new("/dev/shm"));
         assert!(room.is_tmpfs() && !room.is_full(), "{room}");
-        assert_eq!(unescaped("/a\\040b"), "/a b");
+        assert_eq!(unescape("/a\\040b"), "/a b");
     }
 }

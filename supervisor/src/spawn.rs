@@ -10,8 +10,8 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::addresses::SameAddresses;
-use crate::child::{self, Child, KeptProgram, PARENT, RUN};
+use crate::addresses::FixedAddressesGuard;
+use crate::child::{self, Child, KeeperConfig, PARENT_PID_VARIABLE, RUN_ROOT_VARIABLE};
 use crate::limits;
 use outcome::results::programs::ProgramCommand;
 use protocol::run_root;
@@ -22,7 +22,7 @@ use protocol::run_root;
 pub struct Launcher {
     executable: PathBuf,
     realtime_priority: bool,
-    keeps_awake: bool,
+    keeps_cores_awake: bool,
     same_addresses: bool,
     run_root: Option<PathBuf>,
 }
@@ -31,7 +31,7 @@ pub struct Launcher {
 /// `words` are command-line arguments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
-pub enum Role<'a> {
+pub enum ProcessRole<'a> {
     /// `phalanx agent BRIEF --incarnation N`, or a program in its place. `incarnation` is the number of
     /// earlier starts of this robot's process.
     Agent { brief: &'a Path, program: Option<&'a ProgramCommand>, incarnation: u64 },
@@ -46,31 +46,60 @@ pub enum Role<'a> {
     /// `phalanx load`.
     Load,
     /// `phalanx awake`.
-    Awake,
+    KeepCoreAwake,
     /// `phalanx reap RUN_ROOT LOGS`. It outlives this process by a moment, and its only input is that this
     /// process is gone.
     Reaper { run_root: &'a Path, logs: &'a Path },
     /// `phalanx WORD...`: a run or a peer of a benchmark, for `phalanx bench`.
     Bench { words: &'a [OsString] },
+    /// The program of a metric, with the directory of the run as its last argument. Its standard output is written to
+    /// the new file `output`.
+    Metrics { run_dir: &'a Path, program: &'a ProgramCommand, output: &'a Path },
     /// `phalanx run WORD...`: a run of a campaign.
     Run { words: &'a [OsString] },
 }
 
-impl fmt::Display for Role<'_> {
+impl<'a> ProcessRole<'a> {
+    /// Returns the process name, and the subcommand and the path at the start of the command line.
+    fn command_line_start(&self) -> (&'static str, Option<&'static str>, Option<&'a Path>) {
+        match *self {
+            ProcessRole::Agent { brief, .. } => ("phalanx-agent", Some("agent"), Some(brief)),
+            ProcessRole::Plant { brief, .. } => ("phalanx-plant", Some("plant"), Some(brief)),
+            ProcessRole::ControlTimer { run_root, .. } => {
+                ("phalanx-machine", Some("machine"), Some(run_root))
+            }
+            ProcessRole::Bridge { brief } => ("phalanx-bridge", Some("bridge"), Some(brief)),
+            ProcessRole::Ros2 { brief } => ("phalanx-ros2", Some("ros2"), Some(brief)),
+            ProcessRole::Load => ("phalanx-load", Some("load"), None),
+            ProcessRole::KeepCoreAwake => ("phalanx-awake", Some("awake"), None),
+            ProcessRole::Reaper { run_root, .. } => {
+                ("phalanx-reaper", Some("reap"), Some(run_root))
+            }
+            ProcessRole::Bench { .. } => ("phalanx-bench", None, None),
+            ProcessRole::Run { .. } => ("phalanx", None, None),
+            ProcessRole::Metrics { run_dir, .. } => ("phalanx-metrics", None, Some(run_dir)),
+        }
+    }
+}
+
+impl fmt::Display for ProcessRole<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Role::Agent { brief, .. } => {
+            ProcessRole::Agent { brief, .. } => {
                 write!(f, "robot {}", brief.file_stem().unwrap_or_default().display())
             }
-            Role::Plant { .. } => f.write_str("the plant"),
-            Role::ControlTimer { .. } => f.write_str("the control timer"),
-            Role::Bridge { .. } => f.write_str("the bridge"),
-            Role::Ros2 { .. } => f.write_str("the process for ROS 2"),
-            Role::Load => f.write_str("a process that takes processor time"),
-            Role::Awake => f.write_str("a process that keeps a core awake"),
-            Role::Reaper { .. } => f.write_str("the process that ends what programs leave behind"),
-            Role::Run { .. } => f.write_str("a run"),
-            Role::Bench { words } => {
+            ProcessRole::Plant { .. } => f.write_str("the plant"),
+            ProcessRole::ControlTimer { .. } => f.write_str("the control timer"),
+            ProcessRole::Bridge { .. } => f.write_str("the bridge"),
+            ProcessRole::Ros2 { .. } => f.write_str("the process for ROS 2"),
+            ProcessRole::Load => f.write_str("a process that takes processor time"),
+            ProcessRole::KeepCoreAwake => f.write_str("a process that keeps a core awake"),
+            ProcessRole::Reaper { .. } => {
+                f.write_str("the process that ends what programs leave behind")
+            }
+            ProcessRole::Run { .. } => f.write_str("a run"),
+            ProcessRole::Metrics { .. } => f.write_str("the program of a metric"),
+            ProcessRole::Bench { words } => {
                 let words = words.iter().take(2).map(|word| format!(" {}", word.display()));
                 write!(f, "`phalanx{}`", words.collect::<String>())
             }
@@ -99,7 +128,7 @@ impl SpawnError {
 
     /// Returns the error for a thread `what` that could not be started.
     pub(crate) fn from_thread_error(what: &str, source: io::Error) -> SpawnError {
-        SpawnError { process: what.into(), why: limits::explain(&source), source }
+        SpawnError { process: what.into(), why: limits::explain_refusal(&source), source }
     }
 }
 
@@ -110,12 +139,12 @@ impl Launcher {
     }
 
     /// Creates a launcher of another executable, given by a path that contains a slash. Its `main` must
-    /// begin with [`crate::child::obey_parent`] and accept the command lines of [`Role`], like `phalanx`.
+    /// begin with [`crate::child::prepare_process`] and accept the command lines of [`ProcessRole`], like `phalanx`.
     pub fn new(executable: impl Into<PathBuf>) -> Launcher {
         Launcher {
             executable: executable.into(),
             realtime_priority: false,
-            keeps_awake: true,
+            keeps_cores_awake: true,
             same_addresses: false,
             run_root: None,
         }
@@ -127,8 +156,8 @@ impl Launcher {
     }
 
     /// Keeps no core awake, because other runs execute concurrently.
-    pub fn without_awake(self) -> Launcher {
-        Launcher { keeps_awake: false, ..self }
+    pub fn without_awake_cores(self) -> Launcher {
+        Launcher { keeps_cores_awake: false, ..self }
     }
 
     /// Gives robots with the built-in agent a fixed address-space layout, which is faster in lockstep.
@@ -142,16 +171,19 @@ impl Launcher {
     }
 
     /// Returns whether cores are kept awake.
-    pub(crate) fn keeps_awake(&self) -> bool {
-        self.keeps_awake
+    pub(crate) fn keeps_cores_awake(&self) -> bool {
+        self.keeps_cores_awake
     }
 
     /// Starts a process in this role, with its output appended to `log`. The calling thread must outlive
     /// the run, because the child dies with that thread.
-    pub fn spawn(&self, role: Role<'_>, log: &Path) -> Result<Child, SpawnError> {
+    pub fn spawn(&self, role: ProcessRole<'_>, log: &Path) -> Result<Child, SpawnError> {
         let unlogged = |source: io::Error| {
-            let why =
-                format!("its log {} cannot be opened: {}", log.display(), limits::explain(&source));
+            let why = format!(
+                "its log {} cannot be opened: {}",
+                log.display(),
+                limits::explain_refusal(&source)
+            );
             SpawnError { process: role.to_string(), why, source }
         };
         let refused = |source: io::Error| SpawnError {
@@ -160,56 +192,44 @@ impl Launcher {
             source,
         };
         let out = File::options().create(true).append(true).open(log).map_err(unlogged)?;
-        if let Role::Agent { incarnation: incarnation @ 1.., .. } = role {
+        if let ProcessRole::Agent { incarnation: incarnation @ 1.., .. } = role {
             let line = child::replacement_line(incarnation);
             (&out).write_all(line.as_bytes()).map_err(unlogged)?;
         }
         let mut command = Command::new(&self.executable);
-        let (name, verb, brief) = match role {
-            Role::Agent { brief, .. } => ("phalanx-agent", Some("agent"), Some(brief)),
-            Role::Plant { brief, .. } => ("phalanx-plant", Some("plant"), Some(brief)),
-            Role::ControlTimer { run_root, .. } => {
-                ("phalanx-machine", Some("machine"), Some(run_root))
-            }
-            Role::Bridge { brief } => ("phalanx-bridge", Some("bridge"), Some(brief)),
-            Role::Ros2 { brief } => ("phalanx-ros2", Some("ros2"), Some(brief)),
-            Role::Load => ("phalanx-load", Some("load"), None),
-            Role::Awake => ("phalanx-awake", Some("awake"), None),
-            Role::Reaper { run_root, .. } => ("phalanx-reaper", Some("reap"), Some(run_root)),
-            Role::Bench { .. } => ("phalanx-bench", None, None),
-            Role::Run { .. } => ("phalanx", None, None),
-        };
+        let (name, verb, brief) = role.command_line_start();
         command.arg0(name);
         let mut keeps = None;
         match role {
-            Role::Agent { program: Some(program), .. }
-            | Role::Plant { program: Some(program), .. } => {
+            ProcessRole::Agent { program: Some(program), .. }
+            | ProcessRole::Plant { program: Some(program), .. }
+            | ProcessRole::Metrics { program, .. } => {
                 let kept = self.keeper_config(&role, program);
-                become_program(&mut command, program, &kept);
+                add_keeper_arguments(&mut command, program, &kept);
                 keeps = Some(kept);
             }
             _ => drop(command.args(verb)),
         }
         command.args(brief);
         match role {
-            Role::Agent { incarnation, .. } => {
+            ProcessRole::Agent { incarnation, .. } => {
                 command.arg("--incarnation").arg(incarnation.to_string());
             }
-            Role::ControlTimer { period_ns, robots, .. } => {
+            ProcessRole::ControlTimer { period_ns, robots, .. } => {
                 command.arg("--period-ns").arg(period_ns.to_string());
                 command.arg("--robots").arg(robots.to_string());
             }
-            Role::Reaper { logs, .. } => drop(command.arg(logs)),
-            Role::Bench { words } | Role::Run { words } => drop(command.args(words)),
+            ProcessRole::Reaper { logs, .. } => drop(command.arg(logs)),
+            ProcessRole::Bench { words } | ProcessRole::Run { words } => drop(command.args(words)),
             _ => {}
         }
         if self.realtime_priority
             && matches!(
                 role,
-                Role::Agent { .. }
-                    | Role::Plant { .. }
-                    | Role::Bridge { .. }
-                    | Role::ControlTimer { .. }
+                ProcessRole::Agent { .. }
+                    | ProcessRole::Plant { .. }
+                    | ProcessRole::Bridge { .. }
+                    | ProcessRole::ControlTimer { .. }
             )
         {
             command.arg("--realtime-priority");
@@ -221,33 +241,41 @@ impl Launcher {
             .process_group(0); // a Ctrl-C on the terminal is the supervisor's alone
         // Nothing may run between fork and exec: with `pre_exec`, the start would copy the page tables of
         // this process, whose shared memory grows with the robots, once for each robot.
-        command.env(PARENT, std::process::id().to_string());
-        command.envs(self.run_root.iter().map(|run_root| (RUN, run_root)));
-        if let Role::Reaper { .. } = role {
-            command.env_remove(PARENT).env_remove(RUN).stdin(Stdio::piped());
+        command.env(PARENT_PID_VARIABLE, std::process::id().to_string());
+        command.envs(self.run_root.iter().map(|run_root| (RUN_ROOT_VARIABLE, run_root)));
+        if let ProcessRole::Metrics { output, .. } = role {
+            command.stdout(File::create_new(output).map_err(refused)?);
+        }
+        if let ProcessRole::Reaper { .. } = role {
+            command
+                .env_remove(PARENT_PID_VARIABLE)
+                .env_remove(RUN_ROOT_VARIABLE)
+                .stdin(Stdio::piped());
         }
         // Never for a program of the scenario, which may process untrusted input.
-        let own_agent = matches!(role, Role::Agent { program: None, .. });
-        let same = (self.same_addresses && own_agent).then(SameAddresses::for_children);
+        let own_agent = matches!(role, ProcessRole::Agent { program: None, .. });
+        let same = (self.same_addresses && own_agent).then(FixedAddressesGuard::for_children);
         let process = command.spawn().map_err(refused)?;
         drop(same);
         let watched = Child::watch(process, log).map_err(|source| {
-            let why = format!("it cannot be watched (pidfd_open): {}", limits::explain(&source));
+            let why =
+                format!("it cannot be watched (pidfd_open): {}", limits::explain_refusal(&source));
             SpawnError { process: role.to_string(), why, source }
         })?;
         Ok(watched.with_keeper(keeps))
     }
 
     /// Returns the configuration of a program's keeper.
-    fn keeper_config(&self, role: &Role<'_>, program: &ProgramCommand) -> KeptProgram {
+    fn keeper_config(&self, role: &ProcessRole<'_>, program: &ProgramCommand) -> KeeperConfig {
         let name = match role {
-            Role::Agent { brief, .. } => brief.file_stem(),
+            ProcessRole::Agent { brief, .. } => brief.file_stem(),
+            ProcessRole::Metrics { output, .. } => output.file_stem(),
             _ => None,
         };
         let name = name.map_or("plant".into(), |name| name.to_string_lossy());
         let root = self.run_root.as_deref().unwrap_or(Path::new("/"));
         let pid_file = run_root::pid_path(root, &name);
-        KeptProgram { pid_file, memory_max_mb: program.memory_max_mb }
+        KeeperConfig { pid_file, memory_max_mb: program.memory_max_mb }
     }
 
     /// Returns the reason why the process was not started.
@@ -260,13 +288,13 @@ impl Launcher {
                  system is mounted noexec"
             ),
             Some(libc::ENOEXEC) => format!("{path} is no executable for this machine ({error})"),
-            _ => limits::explain(error),
+            _ => limits::explain_refusal(error),
         }
     }
 }
 
 /// Adds the arguments by which this executable starts a program and becomes its keeper.
-fn become_program(command: &mut Command, program: &ProgramCommand, kept: &KeptProgram) {
+fn add_keeper_arguments(command: &mut Command, program: &ProgramCommand, kept: &KeeperConfig) {
     command.arg("become").arg(&program.folder).arg("--pid-file").arg(&kept.pid_file);
     if let Some(mb) = program.memory_max_mb {
         command.arg("--memory-max-mb").arg(mb.to_string());
@@ -278,7 +306,7 @@ fn become_program(command: &mut Command, program: &ProgramCommand, kept: &KeptPr
 mod tests {
     use super::*;
 
-    fn spawn_refusal_text(executable: &Path, role: Role<'_>) -> String {
+    fn spawn_refusal_text(executable: &Path, role: ProcessRole<'_>) -> String {
         let log = Path::new("/dev/null");
         Launcher::new(executable).spawn(role, log).unwrap_err().to_string()
     }
@@ -286,17 +314,21 @@ mod tests {
     #[test]
     fn spawn_error_names_the_executable_or_log_and_the_reason() {
         let brief = Path::new("/runs/x/briefs/r2.toml");
-        let agent = Role::Agent { brief, program: None, incarnation: 0 };
+        let agent = ProcessRole::Agent { brief, program: None, incarnation: 0 };
         assert_eq!(
             spawn_refusal_text(Path::new("/no/such/phalanx"), agent),
             "cannot start robot r2: the executable /no/such/phalanx does not exist"
         );
-        let text =
-            spawn_refusal_text(Path::new("/etc/passwd"), Role::Plant { brief, program: None });
+        let text = spawn_refusal_text(
+            Path::new("/etc/passwd"),
+            ProcessRole::Plant { brief, program: None },
+        );
         assert!(text.starts_with("cannot start the plant: /etc/passwd may not be exec"), "{text}");
         let log = Path::new("/no/such/folder/awake.jsonl");
-        let error =
-            Launcher::for_this_executable().spawn(Role::Awake, log).unwrap_err().to_string();
+        let error = Launcher::for_this_executable()
+            .spawn(ProcessRole::KeepCoreAwake, log)
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("keeps a core awake: its log /no/such/folder/awake.j"), "{error}");
     }
 }

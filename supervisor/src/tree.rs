@@ -13,14 +13,14 @@ use protocol::watchdog::{ProcessSample, SchedulingState};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
 /// Maximum time to wait until all processes below a keeper have stopped. Then they are not frozen, and the run ends.
-const STOP_MAX: Duration = Duration::from_secs(2);
+const STOP_DURATION_MAX: Duration = Duration::from_secs(2);
 /// Time after which a process in an uninterruptible wait counts as stopped. A process that waits for the
 /// child of a `vfork` leaves its wait only after the child, which is stopped, continues.
-const UNINTERRUPTIBLE_AFTER: Duration = Duration::from_millis(50);
+const UNINTERRUPTIBLE_TIMEOUT: Duration = Duration::from_millis(50);
 /// Maximum time to wait until killed processes are dead. The keeper reaps the rest.
-const KILL_MAX: Duration = Duration::from_millis(100);
+const KILL_TIMEOUT: Duration = Duration::from_millis(100);
 /// Pause between two passes over the processes.
-const PASS_EVERY: Duration = Duration::from_micros(200);
+const PASS_INTERVAL: Duration = Duration::from_micros(200);
 
 /// Failure to signal all processes below a keeper.
 #[derive(Debug, thiserror::Error)]
@@ -29,13 +29,13 @@ pub enum SignalError {
     #[error("{signal} was not sent to its process {pid}: {why}")]
     Refused { signal: &'static str, pid: u32, why: String },
     /// Processes fork faster than they can be stopped, or some do not stop.
-    #[error("its processes did not stop within {} s of SIGSTOP: {left}", STOP_MAX.as_secs())]
+    #[error("its processes did not stop within {} s of SIGSTOP: {left}", STOP_DURATION_MAX.as_secs())]
     NotStopped { left: String },
 }
 
 impl SignalError {
     /// Returns the error for a signal that the kernel refused with this error number.
-    pub(crate) fn refused(signal: Signal, pid: u32, error: io::Error) -> SignalError {
+    pub(crate) fn from_refusal(signal: Signal, pid: u32, error: io::Error) -> SignalError {
         let hint = match error.raw_os_error() {
             Some(libc::EPERM) => {
                 " (its program runs as another user, by setuid or sudo, or a seccomp filter forbids the signal: let it \
@@ -43,7 +43,7 @@ impl SignalError {
             }
             _ => "",
         };
-        SignalError::Refused { signal: name(signal), pid, why: format!("{error}{hint}") }
+        SignalError::Refused { signal: signal_name(signal), pid, why: format!("{error}{hint}") }
     }
 }
 
@@ -58,7 +58,7 @@ impl SignalError {
     }
 }
 
-fn name(signal: Signal) -> &'static str {
+fn signal_name(signal: Signal) -> &'static str {
     match signal {
         Signal::KILL => "SIGKILL",
         Signal::STOP => "SIGSTOP",
@@ -77,7 +77,7 @@ pub(crate) fn descendants(root: u32) -> Vec<u32> {
     let mut next = vec![root];
     while let Some(pid) = next.pop() {
         let children = match &parents {
-            None => children_of(pid),
+            None => read_thread_children(pid),
             Some(parents) => {
                 parents.iter().filter(|(_, parent)| *parent == pid).map(|(pid, _)| *pid).collect()
             }
@@ -93,9 +93,9 @@ pub(crate) fn descendants(root: u32) -> Vec<u32> {
 }
 
 /// Returns the children of a process, dead ones that are not reaped included.
-pub(crate) fn children(pid: u32) -> Vec<u32> {
+pub(crate) fn child_pids(pid: u32) -> Vec<u32> {
     match lists_children() {
-        true => children_of(pid),
+        true => read_thread_children(pid),
         false => {
             let all = list_parents().into_iter();
             all.filter(|(_, parent)| *parent == pid).map(|(child, _)| child).collect()
@@ -108,7 +108,7 @@ fn lists_children() -> bool {
     fs::exists("/proc/thread-self/children").unwrap_or(false)
 }
 
-fn children_of(pid: u32) -> Vec<u32> {
+fn read_thread_children(pid: u32) -> Vec<u32> {
     let threads = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
     let lists =
         threads.filter_map(|thread| fs::read_to_string(thread.path().join("children")).ok());
@@ -132,12 +132,12 @@ fn list_parents() -> Vec<(u32, u32)> {
 fn living_descendants(root: u32) -> Vec<(u32, ProcessSample)> {
     let sampled =
         descendants(root).into_iter().filter_map(|pid| Some((pid, ProcessSample::read(pid).ok()?)));
-    sampled.filter(|(_, sample)| sample.state != SchedulingState::Gone).collect()
+    sampled.filter(|(_, sample)| sample.state != SchedulingState::Exited).collect()
 }
 
 /// Samples the processes below `root` as one process: its processor time is their sum. It is runnable if
 /// one of them is, and stopped if all of them are. Fails if `root` is dead.
-pub(crate) fn sample(root: u32) -> io::Result<ProcessSample> {
+pub(crate) fn sample_tree(root: u32) -> io::Result<ProcessSample> {
     let top = ProcessSample::read(root)?;
     let members = living_descendants(root);
     let state = match members.iter().any(|(_, sample)| sample.state == SchedulingState::Runnable) {
@@ -146,8 +146,13 @@ pub(crate) fn sample(root: u32) -> io::Result<ProcessSample> {
         false if are_stopped(&members) => SchedulingState::Stopped,
         false => SchedulingState::Blocked,
     };
-    let computed = top.computed + members.iter().map(|(_, sample)| sample.computed).sum();
-    Ok(ProcessSample { state, computed, at_ns: clock::now_ns(), started: top.started })
+    let computed = top.cpu_time + members.iter().map(|(_, sample)| sample.cpu_time).sum();
+    Ok(ProcessSample {
+        state,
+        cpu_time: computed,
+        time_ns: clock::now_ns(),
+        start_time_ticks: top.start_time_ticks,
+    })
 }
 
 /// Returns whether there are processes below `root`, and all of them are stopped.
@@ -165,7 +170,7 @@ fn are_stopped(members: &[(u32, ProcessSample)]) -> bool {
 
 /// Returns the private memory of the processes below `root` together, in bytes, if there are at least two:
 /// the kernel enforces the bound of a single one.
-pub(crate) fn memory_of_several(root: u32) -> Option<u64> {
+pub(crate) fn private_memory_bytes(root: u32) -> Option<u64> {
     let members = living_descendants(root);
     let bytes = |pid: u32| {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
@@ -176,21 +181,22 @@ pub(crate) fn memory_of_several(root: u32) -> Option<u64> {
 }
 
 /// Sends a signal to one process, unless its ID now belongs to another.
-fn send(pid: u32, sample: &ProcessSample, signal: Signal) -> Result<(), SignalError> {
+fn send_signal(pid: u32, sample: &ProcessSample, signal: Signal) -> Result<(), SignalError> {
     let Some(id) = Pid::from_raw(pid as i32) else { return Ok(()) };
     let Ok(pidfd) = pidfd_open(id, PidfdFlags::empty()) else { return Ok(()) };
-    if !ProcessSample::read(pid).is_ok_and(|now| now.started == sample.started) {
+    if !ProcessSample::read(pid).is_ok_and(|now| now.start_time_ticks == sample.start_time_ticks) {
         return Ok(());
     }
     match pidfd_send_signal(&pidfd, signal) {
         Ok(()) | Err(rustix::io::Errno::SRCH) => Ok(()),
-        Err(error) => Err(SignalError::refused(signal, pid, error.into())),
+        Err(error) => Err(SignalError::from_refusal(signal, pid, error.into())),
     }
 }
 
 /// Sends a signal to each living process below `root`. Returns the first error after all were tried.
 pub(crate) fn signal_all(root: u32, signal: Signal) -> Result<(), SignalError> {
-    let sent = living_descendants(root).into_iter().map(|(pid, sample)| send(pid, &sample, signal));
+    let sent =
+        living_descendants(root).into_iter().map(|(pid, sample)| send_signal(pid, &sample, signal));
     sent.fold(Ok(()), Result::and)
 }
 
@@ -203,22 +209,22 @@ pub(crate) fn stop_all(root: u32) -> Result<(), SignalError> {
         let members = living_descendants(root);
         for (pid, sample) in &members {
             if sample.state != SchedulingState::Stopped {
-                send(*pid, sample, Signal::STOP)?;
+                send_signal(*pid, sample, Signal::STOP)?;
             }
         }
-        let patient = began.elapsed() < UNINTERRUPTIBLE_AFTER;
+        let patient = began.elapsed() < UNINTERRUPTIBLE_TIMEOUT;
         let running: Vec<u32> =
             members.iter().map(|(pid, _)| *pid).filter(|&pid| may_run(pid, patient)).collect();
         let ids: Vec<u32> = members.into_iter().map(|(pid, _)| pid).collect();
         if running.is_empty() && ids == before {
             return Ok(());
         }
-        if began.elapsed() > STOP_MAX {
+        if began.elapsed() > STOP_DURATION_MAX {
             let left = running.iter().map(|pid| format!("{pid}")).collect::<Vec<_>>().join(", ");
             return Err(SignalError::NotStopped { left });
         }
         before = ids;
-        std::thread::sleep(PASS_EVERY);
+        std::thread::sleep(PASS_INTERVAL);
     }
 }
 
@@ -235,19 +241,19 @@ fn may_run(pid: u32, patient: bool) -> bool {
     })
 }
 
-/// Kills every process below `root`, and repeats that until none lives or [`KILL_MAX`] is over. A killed process
+/// Kills every process below `root`, and repeats that until none lives or [`KILL_TIMEOUT`] is over. A killed process
 /// does not fork, so each pass finds only processes that were forked before. Returns at once if the kernel refuses a
 /// signal.
 pub(crate) fn kill_all(root: u32) -> Result<(), SignalError> {
     let began = Instant::now();
     loop {
         let members = living_descendants(root);
-        let sent = members.iter().map(|(pid, sample)| send(*pid, sample, Signal::KILL));
+        let sent = members.iter().map(|(pid, sample)| send_signal(*pid, sample, Signal::KILL));
         sent.fold(Ok(()), Result::and)?;
-        if members.is_empty() || began.elapsed() > KILL_MAX {
+        if members.is_empty() || began.elapsed() > KILL_TIMEOUT {
             return Ok(());
         }
-        std::thread::sleep(PASS_EVERY);
+        std::thread::sleep(PASS_INTERVAL);
     }
 }
 
@@ -266,7 +272,7 @@ mod tests {
             let began = Instant::now();
             while living_descendants(tree.0.id()).len() < count {
                 assert!(began.elapsed() < Duration::from_secs(60), "{count} processes");
-                std::thread::sleep(PASS_EVERY);
+                std::thread::sleep(PASS_INTERVAL);
             }
             tree
         }
@@ -287,7 +293,7 @@ mod tests {
         assert!(!is_stopped(root));
         stop_all(root).unwrap();
         assert!(is_stopped(root));
-        assert_eq!(sample(root).unwrap().state, SchedulingState::Stopped);
+        assert_eq!(sample_tree(root).unwrap().state, SchedulingState::Stopped);
         signal_all(root, Signal::CONT).unwrap();
         let began = Instant::now();
         while is_stopped(root) {
@@ -299,12 +305,13 @@ mod tests {
         for (pid, sample) in members {
             let is_dead = || {
                 ProcessSample::read(pid).map_or(true, |now| {
-                    now.state == SchedulingState::Gone || now.started != sample.started
+                    now.state == SchedulingState::Exited
+                        || now.start_time_ticks != sample.start_time_ticks
                 })
             };
             while !is_dead() {
                 assert!(began.elapsed() < Duration::from_secs(60), "{pid} lives");
-                std::thread::sleep(PASS_EVERY);
+                std::thread::sleep(PASS_INTERVAL);
             }
         }
     }
@@ -316,7 +323,7 @@ mod tests {
         let tree = Tree::start(&format!("python3 -c '{script}' & wait"), 2);
         stop_all(tree.0.id()).unwrap();
         assert!(is_stopped(tree.0.id()));
-        assert_eq!(sample(tree.0.id()).unwrap().state, SchedulingState::Stopped);
+        assert_eq!(sample_tree(tree.0.id()).unwrap().state, SchedulingState::Stopped);
     }
 
     #[test]
@@ -333,9 +340,9 @@ mod tests {
     fn processor_time_of_all_processes_counts() {
         let tree = Tree::start("sh -c 'while :; do :; done' & wait", 1);
         let began = Instant::now();
-        while sample(tree.0.id()).unwrap().computed < Duration::from_millis(50) {
+        while sample_tree(tree.0.id()).unwrap().cpu_time < Duration::from_millis(50) {
             assert!(began.elapsed() < Duration::from_secs(60));
-            std::thread::sleep(PASS_EVERY);
+            std::thread::sleep(PASS_INTERVAL);
         }
     }
 
@@ -345,7 +352,7 @@ mod tests {
         let root = tree.0.id();
         let all = list_parents().into_iter().filter(|(_, parent)| *parent == root);
         let mut by_parent: Vec<u32> = all.map(|(pid, _)| pid).collect();
-        let mut listed = children_of(root);
+        let mut listed = read_thread_children(root);
         by_parent.sort_unstable();
         listed.sort_unstable();
         assert_eq!(listed, by_parent);

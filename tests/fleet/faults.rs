@@ -26,8 +26,8 @@ fn outage(down: Duration) -> Option<FinishedFleetRun> {
     let down_s = cut.elapsed().as_secs_f64();
     hosts.plug(1, true);
     let ended = run.end();
-    ended.is_well();
-    ended.undisturbed(&["r1", "r2"]);
+    ended.assert_passed();
+    ended.assert_undisturbed(&["r1", "r2"]);
     // In both directions: r2 receives from r3, on the other host, and r3 from r1.
     let recovered_s =
         [("r2", "r3"), ("r3", "r1")].map(|(robot, from)| ended.peak_s(robot, from) - down_s);
@@ -44,7 +44,7 @@ fn outage(down: Duration) -> Option<FinishedFleetRun> {
 }
 
 /// Checks that an event of one kind is followed by one of the other kind.
-fn one_then_other(ended: &FinishedFleetRun, first: &str, then: &str) {
+fn assert_event_order(ended: &FinishedFleetRun, first: &str, then: &str) {
     let [first, then] = [first, then].map(|kind| ended.events(kind).first().map(|event| event.0));
     assert!(first.is_some() && first < then, "{first:?} s, {then:?} s\n{}", ended.logs());
 }
@@ -53,7 +53,7 @@ fn one_then_other(ended: &FinishedFleetRun, first: &str, then: &str) {
 #[ignore = "needs root"]
 fn link_down_for_2_s_only_delays_the_run() {
     let Some(ended) = outage(Duration::from_secs(2)) else { return };
-    one_then_other(&ended, "host-lost", "host-back");
+    assert_event_order(&ended, "host-lost", "host-back");
     assert_eq!(ended.events("unreachable")[0].1, "r3");
     let lost = ended.events("contact");
     assert!(lost.iter().any(|(_, robot, what)| robot == "r2" && what == "lost r3"), "{lost:?}");
@@ -65,7 +65,7 @@ fn link_down_for_2_s_only_delays_the_run() {
 #[ignore = "needs root"]
 fn link_down_for_15_s_only_delays_the_run() {
     let Some(ended) = outage(Duration::from_secs(15)) else { return };
-    one_then_other(&ended, "host-lost", "host-back");
+    assert_event_order(&ended, "host-lost", "host-back");
 }
 
 #[test]
@@ -78,15 +78,15 @@ fn killed_bridge_is_restarted_on_either_host() {
     run.wait_for_run_time(6.0);
     run.kill_child(0, "phalanx-bridge");
     let ended = run.end();
-    ended.is_well();
-    ended.undisturbed(&["r1", "r2"]);
+    ended.assert_passed();
+    ended.assert_undisturbed(&["r1", "r2"]);
     assert_eq!(ended.events("bridge-died").len(), 1, "{}", ended.logs());
     assert_eq!(ended.events("bridge-restarted").len(), 2, "{}", ended.logs());
 }
 
 /// Checks that r3, on the second host, failed for this reason, that the run failed, and that the last line says so.
 #[track_caller]
-fn r3_failed(ended: &FinishedFleetRun, cause: &str) {
+fn assert_r3_failed(ended: &FinishedFleetRun, cause: &str) {
     assert_eq!(ended.codes[0], Some(1), "{}", ended.logs());
     let expectations = ended.summary["expectations"].as_array().unwrap();
     let failed = expectations.iter().find(|asked| asked["name"] == "failed_robots").unwrap();
@@ -120,7 +120,7 @@ fn host_asked_to_end_leaves_and_fails_the_run() {
     run.wait_for_event("host-lost");
     let ended = run.end();
     assert_eq!(ended.codes, [Some(1), Some(130)], "{}", ended.logs());
-    r3_failed(&ended, "was out of reach at the end: the supervisor of host b ended");
+    assert_r3_failed(&ended, "was out of reach at the end: the supervisor of host b ended");
     assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
 }
 
@@ -134,7 +134,7 @@ fn host_that_dies_just_before_the_end_fails_the_run() {
     run.kill_host(1);
     let ended = run.end();
     let why = "host b did not report the states of its robots at the end";
-    r3_failed(&ended, &format!("was out of reach at the end: {why}"));
+    assert_r3_failed(&ended, &format!("was out of reach at the end: {why}"));
     assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
 }
 
@@ -163,7 +163,7 @@ fn robot_death_under_a_stopped_supervisor_fails_the_run() {
     run.signal_host(1, libc::SIGCONT);
     let ended = run.end();
     let why = "host b did not report the states of its robots at the end";
-    r3_failed(&ended, &format!("was out of reach at the end: {why}"));
+    assert_r3_failed(&ended, &format!("was out of reach at the end: {why}"));
     assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
 }
 
@@ -179,7 +179,7 @@ fn stopped_robot_on_another_host_is_a_fault_and_fails_the_run() {
     run.wait_for_event("thaw");
     run.signal_child(1, "phalanx-agent", libc::SIGSTOP);
     let ended = run.end();
-    r3_failed(&ended, "was stopped by another process, and was not resumed");
+    assert_r3_failed(&ended, "was stopped by another process, and was not resumed");
     let freezes = ended.events("freeze");
     assert!(freezes.len() == 2 && freezes.iter().all(|(_, robot, _)| robot == "r3"), "{freezes:?}");
     assert_eq!(ended.summary["faults"][0]["what"], "freeze r3, by another process");
@@ -191,7 +191,7 @@ fn planned_freeze_on_another_host_is_not_an_external_stop() {
     let Some(hosts) = Hosts::make(2) else { return };
     let options = ["--set", "expect={}", "--fault", "freeze r3 @2 for 2"];
     let ended = triangle(&hosts, "", 8.0, &options).end();
-    ended.is_well();
+    ended.assert_passed();
     let freezes = ended.events("freeze");
     assert_eq!(freezes.len(), 1, "{freezes:?}");
 }
@@ -219,7 +219,7 @@ fn silent_robot_on_another_host_is_reported_and_fails_the_run() {
     std::fs::write(&file, format!("{text}\n{law}")).unwrap();
     let options = ["--set", "duration_s=14", "--set", "expect={}", "--set", "robot.r3.law=own"];
     let ended = Run::start_file(&hosts, &file, &hosts.fleet(&SPLIT_ROBOTS, ""), &options).end();
-    r3_failed(&ended, "was hung at the end: it sent no status while blocked");
+    assert_r3_failed(&ended, "was hung at the end: it sent no status while blocked");
     let warning = "r3 has sent no status for 5 s while blocked; the others continue without it";
     assert!(ended.log(0).contains(warning), "{}", ended.log(0));
 }
@@ -233,9 +233,9 @@ fn killed_host_without_the_plant_does_not_stop_the_others() {
     run.kill_host(1);
     let ended = run.end();
     assert_eq!(ended.codes, [Some(1), None], "{}", ended.logs());
-    r3_failed(&ended, "was out of reach at the end: host b is unreachable");
-    ended.is_safe();
-    ended.undisturbed(&["r1", "r2"]);
+    assert_r3_failed(&ended, "was out of reach at the end: host b is unreachable");
+    ended.assert_safe();
+    ended.assert_undisturbed(&["r1", "r2"]);
     assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
     let fault = &ended.summary["faults"][0];
     assert!(fault["what"].as_str().unwrap().contains("r3 out of reach"), "{fault}");
@@ -264,8 +264,8 @@ fn loss_of_the_plant_host_ends_all_others_with_the_reason() {
 fn planned_partition_is_a_fault_in_the_report() {
     let Some(hosts) = Hosts::make(2) else { return };
     let ended = triangle(&hosts, "", 16.0, &["--fault", "partition b @4 for 3"]).end();
-    ended.is_well();
-    ended.undisturbed(&["r1", "r2"]);
+    ended.assert_passed();
+    ended.assert_undisturbed(&["r1", "r2"]);
     assert!(ended.dropped_count("partition") > 100, "{}", ended.logs());
     let lost = ended.events("contact");
     let told = |robot: &str, what: &str| lost.iter().any(|(_, r, w)| r == robot && w == what);
@@ -282,7 +282,7 @@ fn delayed(latency_max_s: f64) -> Option<FinishedFleetRun> {
     let ended = triangle(&hosts, &more, 14.0, &options).end();
     assert!(hosts.is_running());
     assert_eq!(ended.codes, [Some(0), Some(0)], "{}", ended.logs());
-    ended.is_safe();
+    ended.assert_safe();
     let round_trip_ns = ended.number("/wall/hosts/1/round_trip_ns").unwrap();
     assert!(round_trip_ns > 25e6, "{round_trip_ns} ns");
     Some(ended)
@@ -315,7 +315,7 @@ fn five_percent_packet_loss_only_delays_the_run() {
         let ended = triangle(&hosts, &more, 14.0, &options).end();
         assert!(hosts.is_running());
         assert_eq!(ended.codes, [Some(0), Some(0)], "{}", ended.logs());
-        ended.is_safe();
+        ended.assert_safe();
         let converged_s = ended.number("/converged_at_s");
         eprintln!(
             "5 % lost, {transport}: converged at {converged_s:?} s, too old {}",

@@ -228,7 +228,7 @@ impl FinishedFleetRun {
 
     /// Checks that no two front points came closer than d, and that no message was used beyond its maximum age:
     /// commands by the plant's clock, beacons and odometry by the clock of the robot that used them.
-    pub fn is_safe(&self) {
+    pub fn assert_safe(&self) {
         assert_eq!(self.summary["violations"], 0, "{}", self.logs());
         let brief = |name: &str| self.place.path().join(format!("a/briefs/{name}.toml"));
         let plant: PlantBrief = brief::read(&brief("plant")).unwrap();
@@ -262,7 +262,7 @@ impl FinishedFleetRun {
     }
 
     /// Checks that these robots of one host never lost each other.
-    pub fn undisturbed(&self, robots: &[&str]) {
+    pub fn assert_undisturbed(&self, robots: &[&str]) {
         for (t_s, robot, what) in self.events("contact") {
             let of_them = |name: &str| robots.contains(&name);
             let lost = what.strip_prefix("lost ").is_some_and(of_them);
@@ -270,14 +270,26 @@ impl FinishedFleetRun {
         }
     }
 
-    /// Checks that the run passed on every host.
-    pub fn is_well(&self) {
+    /// Checks that the run was safe, and that it passed on every host. If other programs occupied the cores, as the
+    /// plant's host reports, robots stopped for lack of commands: errors and times may then miss their expectations,
+    /// but the robots must still come near their goals.
+    pub fn assert_passed(&self) {
+        let has_passed = self.codes.iter().all(|code| *code == Some(0));
+        let only_late = self.codes[0] == Some(1)
+            && self.codes[1..].iter().all(|code| *code == Some(0))
+            && self.log(0).contains("other programs occupied the cores");
+        assert!(has_passed || only_late, "{:?}\n{}", self.codes, self.logs());
+        for expectation in self.summary["expectations"].as_array().unwrap() {
+            let name = expectation["name"].as_str().unwrap();
+            let is_timed = ["error", "hull", "converged"].iter().any(|word| name.contains(word));
+            assert!(expectation["held"] == true || (only_late && is_timed), "{}", self.logs());
+        }
+        let final_error_m = self.number("/final_error_m_max");
         assert!(
-            self.codes.iter().all(|code| *code == Some(0)),
-            "{:?}\n{}",
-            self.codes,
+            has_passed || final_error_m.is_some_and(|error_m| error_m <= 0.1),
+            "{}",
             self.logs()
         );
-        self.is_safe();
+        self.assert_safe();
     }
 }

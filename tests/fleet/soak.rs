@@ -39,8 +39,8 @@ fn soak_random_outages_leave_no_permanent_damage() {
     // Time since the link is up, and time that it was down, including gaps too short for robots to receive anything.
     let (mut gap_ms, mut stretch_ms, mut longest_ms) = (u64::MAX, 0, 0);
     for outage in 0..count {
-        let length_ms = random.between(LENGTH_MS[0], LENGTH_MS[1]);
-        let before_ms = random.between(0, 1_000 * EVERY_S - length_ms);
+        let length_ms = random.draw_between(LENGTH_MS[0], LENGTH_MS[1]);
+        let before_ms = random.draw_between(0, 1_000 * EVERY_S - length_ms);
         gap_ms = gap_ms.saturating_add(before_ms);
         stretch_ms = length_ms + if gap_ms < HEARD_WITHIN_MS { stretch_ms + gap_ms } else { 0 };
         longest_ms = longest_ms.max(stretch_ms);
@@ -58,8 +58,8 @@ fn soak_random_outages_leave_no_permanent_damage() {
     }
     let last_kb = bridges_kb(&run);
     let ended = run.end();
-    ended.is_well();
-    ended.undisturbed(&["r1", "r2"]);
+    ended.assert_passed();
+    ended.assert_undisturbed(&["r1", "r2"]);
     let heard_again_s = ended.peak_s("r2", "r3");
     let most_s = (longest_ms + HEARD_WITHIN_MS) as f64 / 1e3;
     assert!(heard_again_s < most_s, "{heard_again_s} s, more than {most_s} s");

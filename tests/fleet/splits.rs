@@ -10,7 +10,7 @@ fn pentagon_on_two_hosts_keeps_distance_and_converges() {
     let fleet = hosts.fleet(&[&["r1", "r2", "r3"], &["r4", "r5"]], "");
     let options = ["--set", "period_s=0.005", "--set", "duration_s=20"];
     let ended = Run::start(&hosts, "pentagon", &fleet, &options).end();
-    ended.is_well();
+    ended.assert_passed();
     // The clocks are a day apart, but ages are as on one machine.
     let error_ns = ended.number("/wall/hosts/1/stamp_error_ns_max").unwrap();
     assert!(error_ns < 1e9, "{error_ns}");
@@ -31,7 +31,7 @@ fn containment_on_three_hosts_keeps_distance_and_converges() {
     let Some(hosts) = Hosts::make(3) else { return };
     let fleet = hosts.fleet(&[&["r1", "r2", "r8"], &["r3", "r4", "r5"], &["r6", "r7"]], "");
     let options = ["--set", "period_s=0.005", "--set", "duration_s=20"];
-    Run::start(&hosts, "containment", &fleet, &options).end().is_well();
+    Run::start(&hosts, "containment", &fleet, &options).end().assert_passed();
 }
 
 #[test]
@@ -46,7 +46,7 @@ fn unneeded_host_receives_only_heartbeats() {
     let per_s = (hosts.bytes(1) - before) as f64 / 4.0;
     eprintln!("without a consumer: {per_s:.0} B/s");
     let ended = run.end();
-    ended.is_well();
+    ended.assert_passed();
     for host in [0, 1] {
         let of_host = |key: &str| ended.number(&format!("/wall/hosts/{host}/{key}"));
         assert_eq!(of_host("samples_sent"), Some(0.0), "{}", ended.logs());

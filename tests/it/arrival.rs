@@ -1,17 +1,29 @@
 //! Robots that cannot arrive come to rest, and block others no longer than necessary.
 
-use experiment::scenario::Scenario;
-use formation::front_point::front_point;
-use outcome::metrics::Measures;
-use outcome::metrics::blocked_robots::BlockReason;
+use std::path::Path;
 
+use agent::controller::{Controller, Parts};
+use agent::laws::{Law, Situation};
+use experiment::campaign::starts::{BoxCenter, GoalAssignment, RandomStarts};
+use experiment::scenario::Scenario;
+use experiment::scenario::read::{Overrides, read_text};
+use formation::Vec2;
+use formation::desired::Target;
+use formation::front_point::front_point;
+use outcome::metrics::RunMetrics;
+use outcome::metrics::blocked_robots::BlockReason;
+use protocol::brief::AgentBrief;
+use protocol::message::TruthRow;
+use run::in_process::measured::measure_run;
+
+use crate::harness::map_in_parallel;
 use crate::oracle::{simulate_watched, with_faults};
 
 /// Maximum distance in 20 s of a robot that is at rest, m.
 const STILL_M: f64 = 5e-3;
 
 /// Simulates `scenario`. Returns its measures, and the distance that each front point moved between these times, m.
-fn run(scenario: &Scenario, [from_s, until_s]: [f64; 2]) -> (Measures, Vec<f64>) {
+fn run(scenario: &Scenario, [from_s, until_s]: [f64; 2]) -> (RunMetrics, Vec<f64>) {
     let mut ways_m = vec![0.0; scenario.robots.len()];
     let mut before = Vec::new();
     let measures = simulate_watched(scenario, |header, rows, _| {
@@ -31,7 +43,7 @@ fn run(scenario: &Scenario, [from_s, until_s]: [f64; 2]) -> (Measures, Vec<f64>)
 }
 
 /// Returns the names of the robots with a final error of more than 1 mm.
-fn robots_off_target(measures: &Measures) -> Vec<&str> {
+fn robots_off_target(measures: &RunMetrics) -> Vec<&str> {
     let errors = measures.final_error_m.iter();
     let is_off = |error_m: &Option<f64>| error_m.is_none_or(|error_m| error_m > 1e-3);
     errors.filter(|(_, error_m)| is_off(error_m)).map(|(robot, _)| robot.as_str()).collect()
@@ -70,4 +82,88 @@ fn robots_behind_a_blocked_door_wait_and_then_arrive() {
     assert!(ways_m.iter().all(|way| *way < STILL_M), "{ways_m:?}");
     let arrived_at_s = measures.converged_at_s.expect("all arrive");
     assert!(arrived_at_s > 71.0, "the door was blocked until then");
+}
+
+/// Law of a free robot that moves straight to the goal in its parameters, and names it as its target if `is_named`.
+struct ToGoal {
+    goal: Vec2,
+    speed_m_s: f64,
+    is_named: bool,
+}
+
+impl Law for ToGoal {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
+        let error = situation.front_point - self.goal;
+        // Within this distance the speed is proportional to the error, as in the built-in laws.
+        let near_m = 10.0 * self.speed_m_s * situation.period_s;
+        -self.speed_m_s * error / error.norm().max(near_m)
+    }
+
+    fn target(&mut self) -> Option<Target> {
+        self.is_named.then(|| Target::at_rest(self.goal))
+    }
+}
+
+/// Returns 12 robots on 0.2 m^2 each, of which random pairs swap their positions: with a law in a program and the role
+/// `free`.
+fn dense_swap(seed: u64) -> Scenario {
+    let root = env!("CARGO_MANIFEST_DIR");
+    let path = Path::new(root).join("scenarios/campaigns/comparison/antipodal-16.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let lines = text.lines().filter(|line| !(13..=16).any(|i| line.contains(&format!("\"r{i}\""))));
+    let goals: String = lines.map(|line| format!("{line}\n")).collect();
+    let read = |text: &str, set: Vec<String>| {
+        let overrides = Overrides { assignments: set, ..Overrides::default() };
+        let read = read_text(&path, text, &overrides, &agent::catalog());
+        read.unwrap_or_else(|error| panic!("{}", error.render(false))).0
+    };
+    let side_m = (12.0f64 * 0.2).sqrt();
+    let starts = RandomStarts {
+        box_m: [side_m; 2],
+        separation_min_m: 0.3,
+        box_center: BoxCenter::Common(None),
+        goals: GoalAssignment::Swaps,
+    };
+    let drawn = starts.draw(&read(&goals, Vec::new()), seed).unwrap();
+    let law = "[laws.swap]\nprogram = ['python3']\nrole = 'free'\ngains = ['speed_m_s']\n";
+    let free =
+        goals.replace("goal_m = [", "params.goal_m = [").replace("\"goal-unit\"", "\"swap\"");
+    let set = drawn.into_iter().map(|set| set.replace(".goal_m=", ".params.goal_m=")).collect();
+    read(&format!("{free}\n{law}"), set)
+}
+
+/// Returns the number of robots that end within a quarter of d of their goals.
+fn arrived(scenario: &Scenario, is_named: bool) -> usize {
+    let think = |brief: &AgentBrief, incarnation| {
+        let goal = brief.params["goal_m"].as_array().unwrap();
+        let [x, y] = [0, 1].map(|i| goal[i].as_float().unwrap());
+        let speed_m_s = brief.gains["speed_m_s"];
+        let law = Box::new(ToGoal { goal: Vec2::new(x, y), speed_m_s, is_named });
+        let parts = Parts::with_law(brief, law).unwrap();
+        Controller::with_parts(brief, incarnation, parts)
+    };
+    let mut ends: Vec<Vec2> = Vec::new();
+    let front_points = |rows: &[TruthRow]| {
+        let rows = rows.iter().zip(&scenario.robots);
+        rows.map(|(row, robot)| front_point(row.pose(), robot.front_point_m)).collect()
+    };
+    let measures = measure_run(scenario, &think, |_, rows, _| {
+        ends = front_points(rows);
+        true
+    });
+    let measures = measures.unwrap();
+    assert_eq!(measures.violations, 0);
+    let is_there = |(robot, end): (&experiment::scenario::Robot, &Vec2)| {
+        let goal = robot.params["goal_m"].as_array().unwrap();
+        let goal = Vec2::from([0, 1].map(|i| goal[i].as_float().unwrap()));
+        (end - goal).norm() < 0.05
+    };
+    scenario.robots.iter().zip(&ends).filter(|pair| is_there(*pair)).count()
+}
+
+#[test]
+fn robots_of_dense_swaps_arrive_at_the_targets_of_free_laws() {
+    let seeds: Vec<u64> = (1..=11).collect();
+    let counts = map_in_parallel(&seeds, |&seed| arrived(&dense_swap(seed), true));
+    assert_eq!(counts, [12; 11], "robots of 12 that arrived in each swap");
 }

@@ -1,12 +1,13 @@
-//! Invalid scenarios, one mistake per file: the diagnostic of each equals the `*.stderr` next to it. `phalanx run` prints
-//! it, exits with status 3, and leaves no files. `PHALANX_BLESS=1` rewrites the expected diagnostics; read the diff.
+//! Invalid scenarios, one mistake per file: the diagnostic of each equals the `*.stderr` next to it. `phalanx run`
+//! prints it, exits with status 3, and leaves no files. `PHALANX_BLESS=1` rewrites the expected diagnostics; read the
+//! diff.
 
 use std::cell::Cell;
 use std::path::Path;
 
-use experiment::scenario::read::{Overrides, read_to_run};
+use experiment::scenario::read::{Overrides, read_for_run};
 
-use crate::harness::{ExitsWith as _, as_written_beside, phalanx};
+use crate::harness::{ExitsWith as _, assert_texts_beside, phalanx};
 
 /// Returns the stderr of `phalanx run` on a path relative to the root of the project. Checks that its exit status is 3,
 /// that stdout is empty, and that no run directory is created.
@@ -36,8 +37,8 @@ const PROCESS_EVERY: usize = 22;
 #[test]
 fn every_bad_scenario_gets_its_diagnostic_and_exit_status_3() {
     let (catalog, files) = (agent::catalog(), Cell::new(0));
-    as_written_beside("tests/bad", 216, |path| {
-        let read = read_to_run(path, &Overrides::default(), &catalog);
+    assert_texts_beside("tests/bad", 224, |path| {
+        let read = read_for_run(path, &Overrides::default(), &catalog);
         let shown = read.expect_err(&run_of(path)).render(false) + "\n";
         if files.replace(files.get() + 1) % PROCESS_EVERY == 0 {
             assert_eq!(run_refused_scenario(path), shown, "{}", run_of(path));

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use formation::obstacle::Obstacle;
 use outcome::report::page;
 use outcome::report::scene::{
-    EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneRobot,
+    EdgeState, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneFrame, SceneRobot,
 };
 
 /// Deadline of all browser tests together, which take a minute or two. Only a hang reaches it.
@@ -30,6 +30,7 @@ fn scene() -> Scene {
         name: name.into(),
         role: role.into(),
         front_point_m: FRONT_POINT_M,
+        keep_m: None,
     };
     let fault = |what: &str, robot, t_s, until_s| SceneFault {
         t_s,
@@ -58,10 +59,10 @@ fn scene() -> Scene {
     }
 }
 
-/// Returns a frame of the synthetic run. The robots drive on a circle, which narrows around 14.5 s until they are closer than d. r2
-/// is dead from 5 s, its replacement starts at 7.5 s and moves from 8 s; r1 is frozen from 10 s to 12 s, and the edge to
-/// it is cut from 17 s to 18 s.
-fn frame(step: u32) -> Frame {
+/// Returns a frame of the synthetic run. The robots drive on a circle, which narrows around 14.5 s until they are
+/// closer than d. r2 is dead from 5 s, its replacement starts at 7.5 s and moves from 8 s; r1 is frozen from 10 s to 12
+/// s, and the edge to it is cut from 17 s to 18 s.
+fn frame(step: u32) -> SceneFrame {
     let t_s = f64::from(step) / f64::from(FRAMES_PER_S);
     let narrower = if (13.0..16.0).contains(&t_s) { (TAU / 6.0 * (t_s - 13.0)).sin() } else { 0.0 };
     let radius_m = 0.3 - 0.2 * narrower.powi(2);
@@ -104,7 +105,7 @@ fn frame(step: u32) -> Frame {
         heard[place].combine([robots[from].state, robots[to].state], cut)
     };
     let edges = EDGES.into_iter().enumerate().map(edge).collect();
-    Frame { t_s, robots, edges, distance_m }
+    SceneFrame { t_s, robots, edges, distance_m }
 }
 
 fn write_pages(folder: &Path) {
@@ -116,11 +117,11 @@ fn write_pages(folder: &Path) {
          <meta http-equiv=\"Content-Security-Policy\" content=\"{}\">\
          <title>Replay</title></head><body>{}</body></html>",
         page::content_security_policy(),
-        page::replay(&scene, &frames)
+        page::replay_html(&scene, &frames)
     );
     fs::write(folder.join("replay.html"), replay).unwrap();
-    fs::write(folder.join("live.html"), page::live(&scene, false)).unwrap();
-    fs::write(folder.join("control.html"), page::live(&scene, true)).unwrap();
+    fs::write(folder.join("live.html"), page::live_html(&scene, false)).unwrap();
+    fs::write(folder.join("control.html"), page::live_html(&scene, true)).unwrap();
     fs::write(folder.join("scene.json"), serde_json::to_string(&scene).unwrap()).unwrap();
     fs::write(folder.join("frames.json"), serde_json::to_string(&frames).unwrap()).unwrap();
 }

@@ -10,7 +10,7 @@ use rustix::process::Signal;
 use tempfile::TempDir;
 
 use crate::harness::{
-    ExitsWith as _, ROOT, RunRoot, as_written_beside, files_below, phalanx, signal_pid,
+    ExitsWith as _, ROOT, RunRoot, assert_texts_beside, files_below, phalanx, signal_pid,
 };
 
 /// Deadline of every campaign. Only a hang reaches it.
@@ -77,7 +77,7 @@ impl CampaignDir {
     }
 
     /// Waits until no process uses the run root: children of a killed sweep exit by themselves.
-    pub fn leaves_nothing(&self) {
+    pub fn assert_no_process_left(&self) {
         let began = Instant::now();
         loop {
             self.run_root.sweep();
@@ -131,7 +131,7 @@ fn campaign_killed_twice_ends_with_an_identical_table() {
     let left = fs::read_dir(place.out_path("killed/runs")).unwrap().flatten();
     let left: Vec<_> = left.map(|entry| entry.file_name()).collect();
     assert_eq!(left.len(), 9, "nothing is left of runs that were cut short: {left:?}");
-    place.leaves_nothing();
+    place.assert_no_process_left();
 }
 
 #[test]
@@ -146,7 +146,7 @@ fn interrupted_campaign_prints_progress_and_can_be_resumed() {
     assert!(said.contains("of 9 runs are done"), "{said}");
     let left = fs::read_dir(place.out_path("out/runs")).unwrap().flatten();
     assert!(left.map(|entry| entry.file_name()).all(|name| name.len() == 64), "no part of a run");
-    place.leaves_nothing();
+    place.assert_no_process_left();
     // The table has the completed runs, and the exit code shows that it is incomplete.
     let said = run_to_exit_code(place.sweep("out", &["--collect"]), 4);
     assert!(said.contains("are missing"), "{said}");
@@ -166,7 +166,7 @@ fn second_sweep_into_a_folder_in_use_is_refused_with_owner() {
     assert_eq!(first.wait().unwrap().code(), Some(0));
     let said = run_to_exit_code(place.sweep("out", &[]), 0);
     assert!(said.contains("9 of 9 runs"), "it is free again: {said}");
-    place.leaves_nothing();
+    place.assert_no_process_left();
 }
 
 #[test]
@@ -330,7 +330,8 @@ fn batched_commands_run_only_their_runs_and_give_equal_tables() {
     assert!(said.contains("add --chunk RUNS"), "{said}");
 }
 
-/// Runs the commands of a campaign with another engine: a shell command in which `COMMANDS` is the file of the commands.
+/// Runs the commands of a campaign with another engine: a shell command in which `COMMANDS` is the file of the
+/// commands.
 fn run_with_engine(engine: &str) {
     let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
     run_to_exit_code(place.sweep("own", &[]), 0);
@@ -343,7 +344,7 @@ fn run_with_engine(engine: &str) {
     run_to_exit_code(place.prepared(shell), 0);
     run_to_exit_code(place.sweep("theirs", &["--collect"]), 0);
     assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
-    place.leaves_nothing();
+    place.assert_no_process_left();
 }
 
 #[test]
@@ -362,7 +363,7 @@ fn engines_hyperqueue_gives_the_same_table() {
 fn every_bad_campaign_gets_its_diagnostic_and_exit_status_3() {
     let scratch = tempfile::tempdir().unwrap();
     let out = scratch.path().join("out");
-    as_written_beside("tests/bad_campaigns", 15, |path| {
+    assert_texts_beside("tests/bad_campaigns", 15, |path| {
         let sweep = [OsStr::new("sweep"), path.as_os_str(), OsStr::new("--out"), out.as_os_str()];
         let stderr = phalanx(sweep).exits_with(3).stderr;
         assert!(!out.exists(), "a folder was made for {}", path.display());

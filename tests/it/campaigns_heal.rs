@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::campaigns::{CampaignDir, NINE_RUN_CAMPAIGN, run_to_exit_code};
-use crate::harness::{ExitsWith as _, ROOT, in_parallel, phalanx, run};
+use crate::harness::{ExitsWith as _, ROOT, map_in_parallel, phalanx, run};
 
 /// Returns the directories of all runs that have been completed.
 fn runs(place: &CampaignDir) -> Vec<PathBuf> {
@@ -154,7 +154,7 @@ fn power_failure_at_any_point_is_resumed_to_an_equal_table() {
     let cuts: Vec<usize> = (1..=calls.parse().unwrap()).collect();
     assert!(cuts.len() > 20, "{told}");
     let whole = place.file("whole/runs.csv");
-    in_parallel(&cuts, |cut| {
+    map_in_parallel(&cuts, |cut| {
         let out = format!("cut-{cut}");
         run_to_exit_code(sweep(&out, *cut), 137);
         let collected = place.sweep(&out, &["--collect"]).output().unwrap();
@@ -178,11 +178,11 @@ fn report_verifies_table_checksums() {
     let samples = ended.file("samples.csv");
     fs::write(run_dir.join("samples.csv"), samples.replacen("r1,0", "r1,1", 1)).unwrap();
     let said = report(1);
-    ended.claim(said.contains("samples.csv is not as the run wrote it"), &said);
+    ended.assert_holds(said.contains("samples.csv is not as the run wrote it"), &said);
     let page = ended.file("report.html");
-    ended.claim(page.contains("results are unreliable: samples.csv"), "the page says so");
+    ended.assert_holds(page.contains("results are unreliable: samples.csv"), "the page says so");
     fs::remove_file(run_dir.join("samples.csv")).unwrap();
-    ended.claim(report(1).contains("samples.csv is missing"), "it is named");
+    ended.assert_holds(report(1).contains("samples.csv is missing"), "it is named");
     fs::remove_file(run_dir.join("checksums.sha256")).unwrap();
-    ended.claim(report(0).contains("no checksums"), "nothing is known of an older run");
+    ended.assert_holds(report(0).contains("no checksums"), "nothing is known of an older run");
 }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use agent::controller::Controller;
-use run::in_process::InProcess;
+use run::in_process::InProcessRun;
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -13,7 +13,7 @@ use crate::harness::signal_pid;
 use crate::oracle::with_faults;
 
 /// Campaign with every feature that is possible without processes.
-const ALL: &str = "name = \"all\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep = \"KEEP\"\n\
+const FULL_CAMPAIGN: &str = "name = \"all\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep = \"KEEP\"\n\
     case = [\n\
     { axis = \"case\", name = \"kills\", faults = [\"kill r2 @0.4 restart 0.3\", \"kill r2 @0.9 restart 0.2\", \
       \"freeze r3 @0.4 for 0.4\", \"freeze r1 @0.6 for 0.1\", \"kill r1 @1\", \"kill r3 @1.2\"] },\n\
@@ -62,7 +62,7 @@ fn determined(path: &Path) -> Value {
 
 #[test]
 fn campaign_in_process_equals_processes_byte_for_byte() {
-    let place = CampaignDir::new(&ALL.replace("KEEP", "all").replace("]\n[set]", CHAOS));
+    let place = CampaignDir::new(&FULL_CAMPAIGN.replace("KEEP", "all").replace("]\n[set]", CHAOS));
     run_to_exit_code(place.sweep("processes", &[]), 0);
     let said = run_to_exit_code(place.sweep("one", &["--in-process"]), 0);
     assert!(!said.contains("by processes"), "{said}");
@@ -142,7 +142,7 @@ fn early_end_tick_is_equal_in_processes_and_in_process() {
 
 #[test]
 fn campaign_resumes_in_process_and_with_processes() {
-    let place = CampaignDir::new(&ALL.replace("KEEP", "summary"));
+    let place = CampaignDir::new(&FULL_CAMPAIGN.replace("KEEP", "summary"));
     run_to_exit_code(place.sweep("whole", &["--in-process"]), 0);
     let table = place.file("whole/runs.csv");
     for (out, first, then) in
@@ -176,8 +176,9 @@ fn in_process_campaign_starts_processes_only_if_required() {
 #[test]
 fn plant_kill_is_refused_in_process() {
     let scenario = with_faults("triangle", &[], &["kill plant @0.5"]);
-    let run =
-        InProcess::new(scenario, |brief, incarnation| Controller::new(brief, incarnation).unwrap());
+    let run = InProcessRun::new(scenario, |brief, incarnation| {
+        Controller::new(brief, incarnation).unwrap()
+    });
     let refusal = run.err().expect("it cannot be foretold").to_string();
     assert!(refusal.contains("a fault kills the plant"), "{refusal}");
 }
@@ -227,5 +228,5 @@ fn run_past_its_deadline_counts_as_machinery_failure() {
         let ends = |name: &String| name.ends_with(".failed") || name.ends_with(".log");
         assert!(left.iter().all(ends), "{left:?}");
     }
-    place.leaves_nothing();
+    place.assert_no_process_left();
 }

@@ -1,13 +1,13 @@
 //! The tables of `docs/chapter.md`, measured again in the oracle. Each test prints its table and
 //! checks that the page has every row of it:
-//! `cargo test --test it -- --include-ignored --nocapture the_page_has`, some minutes in all.
+//! `cargo test --test it -- --include-ignored --nocapture assert_page_has`, some minutes in all.
 
 use experiment::check::Theory;
 
-use outcome::metrics::Measures;
+use outcome::metrics::RunMetrics;
 
 use crate::closing::scattered_scenario;
-use crate::harness::in_parallel;
+use crate::harness::map_in_parallel;
 use crate::oracle::{scenario, simulate};
 
 /// The four starts of case 1, and its minimum distance (d), m.
@@ -18,12 +18,12 @@ const CASE_1_D_M: f64 = 0.2;
 const LED_CASES: [(&str, f64); 2] = [("pentagon", 0.3), ("containment", 0.2)];
 
 /// Returns the minimum distance, and the maximum error of the last 10 % of the run, m.
-fn nearest_and_worst(simulated: &Measures) -> (f64, f64) {
+fn nearest_and_worst(simulated: &RunMetrics) -> (f64, f64) {
     (simulated.min_distance_m.unwrap(), simulated.final_error_m_max.unwrap())
 }
 
 #[track_caller]
-fn the_page_has(rows: &[String]) {
+fn assert_page_has(rows: &[String]) {
     println!("\n{}", rows.join("\n"));
     let page = include_str!("../../docs/chapter.md");
     let missing: Vec<_> =
@@ -83,25 +83,25 @@ fn chapter_page_has_the_bounds_and_epsilon_rules() {
         let epsilon = theory.epsilon.iter().map(|rule| format!("{:.2}", rule.epsilon_per_s));
         row([name.to_owned()].into_iter().chain(speeds).chain(epsilon))
     });
-    the_page_has(&rows);
+    assert_page_has(&rows);
 }
 
 #[test]
 fn chapter_page_has_the_laws_without_avoidance() {
     let names: Vec<&str> = STARTS.into_iter().chain(LED_CASES.map(|(name, _)| name)).collect();
-    let rows = in_parallel(&names, |name| {
+    let rows = map_in_parallel(&names, |name| {
         let simulated = simulate(&scenario(name, &["avoidance.kind=none"]));
         let hull = simulated.hull_distance_m_max_final.map(|hull_m| hull_m.to_string());
         let worst = error(nearest_and_worst(&simulated).1);
         let settled = settled_at(simulated.converged_at_s);
         row([(*name).into(), settled, worst, hull.unwrap_or("-".into())])
     });
-    the_page_has(&rows);
+    assert_page_has(&rows);
 }
 
 #[test]
 fn chapter_page_has_case_1_from_four_starts() {
-    let rows = in_parallel(&STARTS, |name| {
+    let rows = map_in_parallel(&STARTS, |name| {
         let guard = simulate(&scenario(name, &[]));
         let focus = simulate(&scenario(name, &["avoidance.kind=focus", "period_s=0.001"]));
         let none = simulate(&scenario(name, &["avoidance.kind=none"]));
@@ -121,7 +121,7 @@ fn chapter_page_has_case_1_from_four_starts() {
             format!("{:.3}", nearest_and_worst(&none).0 / CASE_1_D_M),
         ])
     });
-    the_page_has(&rows);
+    assert_page_has(&rows);
 }
 
 #[test]
@@ -136,8 +136,8 @@ fn guard_converges_from_every_start_and_keeps_d() {
     }
 }
 
-/// Period (ms), maximum error (m) and minimum distance / d of cases 2 and 3 in an independent simulation of the same laws
-/// without yield priorities. With priorities, robots stay farther apart.
+/// Period (ms), maximum error (m) and minimum distance / d of cases 2 and 3 in an independent simulation of the same
+/// laws without yield priorities. With priorities, robots stay farther apart.
 const MEASURED: [(f64, [(f64, f64); 2]); 5] = [
     (1.0, [(6.9e-5, 1.050), (2.2e-4, 1.049)]),
     (2.0, [(1.4e-4, 1.050), (4.3e-4, 1.039)]),
@@ -148,7 +148,7 @@ const MEASURED: [(f64, [(f64, f64); 2]); 5] = [
 
 #[test]
 fn chapter_page_has_cases_2_and_3_with_the_guard() {
-    let rows = in_parallel(&MEASURED, |&(period_ms, measured)| {
+    let rows = map_in_parallel(&MEASURED, |&(period_ms, measured)| {
         [0, 1].map(|case| {
             let ((name, d), (error_m, distance)) = (LED_CASES[case], measured[case]);
             let simulated = simulate(&scenario(name, &[&period(period_ms)]));
@@ -168,7 +168,7 @@ fn chapter_page_has_cases_2_and_3_with_the_guard() {
             ])
         })
     });
-    the_page_has(&rows.concat());
+    assert_page_has(&rows.concat());
 }
 
 #[test]
@@ -178,7 +178,7 @@ fn chapter_page_has_the_minimum_distances_of_focus() {
         let set = ["avoidance.kind=focus", &period(ms), "expect={}"];
         nearest_and_worst(&simulate(&scenario(name, &set)))
     };
-    let rows = in_parallel(&[0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0], |&ms| {
+    let rows = map_in_parallel(&[0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0], |&ms| {
         let starts = STARTS.map(|name| literal(name, ms));
         let nearest_m = starts.iter().map(|start| start.0).fold(f64::INFINITY, f64::min);
         let led = LED_CASES.map(|(name, d)| {
@@ -188,12 +188,12 @@ fn chapter_page_has_the_minimum_distances_of_focus() {
         let case_1 = [format!("{:.4}", nearest_m / CASE_1_D_M), format!("{:.2}", starts[2].1)];
         row([format!("{ms}")].into_iter().chain(case_1).chain(led.into_iter().flatten()))
     });
-    the_page_has(&rows);
+    assert_page_has(&rows);
 }
 
 #[test]
 fn chapter_page_has_the_effect_of_each_published_velocity() {
-    let rows = in_parallel(&["gamma", "gamma+beta", "differenced"], |kind| {
+    let rows = map_in_parallel(&["gamma", "gamma+beta", "differenced"], |kind| {
         let measured = LED_CASES.map(|(name, d)| {
             let set = format!("published_velocity=\"{kind}\"");
             let (distance_m, error_m) = nearest_and_worst(&simulate(&scenario(name, &[&set])));
@@ -202,13 +202,13 @@ fn chapter_page_has_the_effect_of_each_published_velocity() {
         });
         row([format!("`{kind}`")].into_iter().chain(measured.into_iter().flatten()))
     });
-    the_page_has(&rows);
+    assert_page_has(&rows);
 }
 
 #[test]
 #[ignore = "a table of docs/chapter.md: 1400 runs"]
 fn chapter_page_has_the_number_of_stuck_lattices() {
-    let rows = in_parallel(&[1.1, 1.2, 1.5, 2.0, 2.2, 2.5, 3.0], |gap| {
+    let rows = map_in_parallel(&[1.1, 1.2, 1.5, 2.0, 2.2, 2.5, 3.0], |gap| {
         let stuck = [false, true].map(|both_ways| {
             let runs = (1..=100)
                 .map(|seed| simulate(&scattered_scenario(12, CASE_1_D_M * gap, both_ways, seed)));
@@ -222,5 +222,5 @@ fn chapter_page_has_the_number_of_stuck_lattices() {
         });
         row([format!("{gap}")].into_iter().chain(stuck))
     });
-    the_page_has(&rows);
+    assert_page_has(&rows);
 }

@@ -17,10 +17,10 @@ fn interrupt_ends_the_run_with_130_and_keeps_measurements() {
         running.wait_for_event("contact");
         running.signal(signal);
         let ended = running.finish();
-        ended.exits_with(130).leaves_nothing();
-        ended.claim(ended.summary["interrupted"] == true, "the summary says so");
-        ended.claim(ended.number("/min_distance_m") >= 0.2, "and has what was measured");
-        ended.claim(ended.file("samples.csv").lines().count() > 3, "samples are kept");
+        ended.exits_with(130).assert_leaves_nothing();
+        ended.assert_holds(ended.summary["interrupted"] == true, "the summary says so");
+        ended.assert_holds(ended.number("/min_distance_m") >= 0.2, "and has what was measured");
+        ended.assert_holds(ended.file("samples.csv").lines().count() > 3, "samples are kept");
     }
 }
 
@@ -99,17 +99,17 @@ fn full_disk_exits_4_and_keeps_written_files() {
     limited.args(["run", "scenarios/triangle.toml"]);
     let ended =
         Phalanx::new(limited).lockstep().set("period_s=0.0005").set("record_hz=2000").finish();
-    ended.exits_with(4).leaves_nothing();
+    ended.exits_with(4).assert_leaves_nothing();
     let named = ["samples.csv", "run.mcap"].iter().any(|file| ended.stderr.contains(file));
-    ended.claim(named, "the error names the file");
-    ended.claim(ended.stderr.contains("kept"), "and says that the rest is kept");
-    ended.claim(ended.file("samples.csv").len() > 1_000_000, "samples are kept");
+    ended.assert_holds(named, "the error names the file");
+    ended.assert_holds(ended.stderr.contains("kept"), "and says that the rest is kept");
+    ended.assert_holds(ended.file("samples.csv").len() > 1_000_000, "samples are kept");
     let tables = ended.run_dir().join("tables");
     let mut export = phalanx(["export", "--allow-damage", "--out"]);
     export.arg(&tables).arg(ended.run_dir()).exits_with(0);
     let poses = std::fs::read_to_string(tables.join("poses.csv")).unwrap();
-    ended.claim(poses.len() > 1_000_000, "as far as it was kept");
-    ended.claim(ended.number("/t_s") > 0.0, "and there is a summary");
+    ended.assert_holds(poses.len() > 1_000_000, "as far as it was kept");
+    ended.assert_holds(ended.number("/t_s") > 0.0, "and there is a summary");
 }
 
 #[test]
@@ -117,8 +117,8 @@ fn file_size_limit_below_shared_memory_size_is_reported() {
     let mut limited = limited_by("ulimit -f 200");
     limited.args(["run", "scenarios/triangle.toml"]);
     let ended = Phalanx::new(limited).lockstep().finish();
-    ended.exits_with(4).leaves_nothing();
-    ended.claim(ended.stderr.contains("`ulimit -f`"), "it says what to look at");
+    ended.exits_with(4).assert_leaves_nothing();
+    ended.assert_holds(ended.stderr.contains("`ulimit -f`"), "it says what to look at");
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! Lattices whose gaps are too narrow for a robot: they jam while they form, unless they are open during that time
 //! (`scale = { kind = "closing" }`). Simulated in the oracle.
 
-use experiment::campaign::starts::{Around, Goals, Starts};
-use experiment::check::{Opening, check};
+use experiment::campaign::starts::{BoxCenter, GoalAssignment, RandomStarts};
+use experiment::check::{Opening, check_scenario};
 use experiment::scenario::{Fault, FaultKind, Scenario};
 use formation::Vec2;
 use formation::front_point::front_point;
@@ -14,7 +14,7 @@ use formation::scale::Scale;
 use crate::oracle::{scenario, simulate};
 
 /// Minimum distance (d), m.
-const D: f64 = 0.2;
+const DISTANCE_MIN_M: f64 = 0.2;
 
 /// Returns a scenario of 120 s with robots scattered over a square (4.8 m^2 for ten robots) that form a lattice of four
 /// columns, or six for more than 12 robots. Each receives from its neighbors to the left and below, or with `both_ways`
@@ -28,8 +28,8 @@ pub fn scattered_scenario(robots: usize, gap_m: f64, both_ways: bool, seed: u64)
     let mut alphas: Vec<Vec2> = Vec::new();
     scenario.robots.clear();
     while alphas.len() < robots {
-        let [x_m, y_m] = [0, 1].map(|_| side_m * dice.unit() - 0.5 * side_m);
-        let heading_rad = std::f64::consts::TAU * (dice.unit() - 0.5);
+        let [x_m, y_m] = [0, 1].map(|_| side_m * dice.draw_unit() - 0.5 * side_m);
+        let heading_rad = std::f64::consts::TAU * (dice.draw_unit() - 0.5);
         let start = Pose { x_m, y_m, heading_rad };
         let alpha = front_point(start, one.front_point_m);
         if alphas.iter().all(|other| (alpha - other).norm() > 0.25) {
@@ -60,8 +60,8 @@ fn opened(robots: usize, gap_m: f64, both_ways: bool, seed: u64, reopen_at_s: &[
     let Opening { from, hold_s, over_s, .. } =
         Opening::compute(&scenario).expect("all robots keep a slot");
     let scale = Scale::Closing { from, hold_s, over_s, reopen_at_s: reopen_at_s.to_vec() };
-    scenario.duration_ns = 1_000_000_000 * (scale.closed_at_s().unwrap() + 40.0) as u64;
-    scenario.unled_scale = Some(scale);
+    scenario.duration_ns = 1_000_000_000 * (scale.closing_end_s().unwrap() + 40.0) as u64;
+    scenario.leaderless_scale = Some(scale);
     scenario
 }
 
@@ -74,7 +74,7 @@ fn scenario_with_restarted_robot(
     seed: u64,
 ) -> Scenario {
     let scenario = opened(robots, gap_m, both_ways, seed, &[]);
-    let Some(Scale::Closing { hold_s, over_s, .. }) = scenario.unled_scale else {
+    let Some(Scale::Closing { hold_s, over_s, .. }) = scenario.leaderless_scale else {
         unreachable!("it closes")
     };
     let (killed_s, closed_s) = (hold_s.min(60.0), hold_s + over_s);
@@ -84,7 +84,7 @@ fn scenario_with_restarted_robot(
     let restart_after_ns = Some(ns(closed_s + 10.0 - killed_s));
     let kind = FaultKind::Kill { robot, restart_after_ns };
     let mut scenario = opened(robots, gap_m, both_ways, seed, &[closed_s + 15.0]);
-    scenario.faults.push(Fault { at_ns: ns(killed_s), for_ns: None, kind });
+    scenario.faults.push(Fault { start_ns: ns(killed_s), duration_ns: None, kind });
     scenario
 }
 
@@ -93,7 +93,11 @@ fn seeds_that_get_stuck(seeds: u64, scenario: impl Fn(u64) -> Scenario) -> Vec<u
     let mut stuck = Vec::new();
     for seed in 1..=seeds {
         let measures = simulate(&scenario(seed));
-        assert!(measures.min_distance_m.unwrap() >= D, "{seed}: {:?}", measures.min_distance_m);
+        assert!(
+            measures.min_distance_m.unwrap() >= DISTANCE_MIN_M,
+            "{seed}: {:?}",
+            measures.min_distance_m
+        );
         if measures.converged_at_s.is_none() {
             stuck.push(seed);
         }
@@ -104,10 +108,12 @@ fn seeds_that_get_stuck(seeds: u64, scenario: impl Fn(u64) -> Scenario) -> Vec<u
 #[test]
 fn dense_lattice_forms_by_opening_where_it_jams_otherwise() {
     for both_ways in [false, true] {
-        let jammed =
-            seeds_that_get_stuck(4, |seed| scattered_scenario(12, 1.1 * D, both_ways, seed));
+        let jammed = seeds_that_get_stuck(4, |seed| {
+            scattered_scenario(12, 1.1 * DISTANCE_MIN_M, both_ways, seed)
+        });
         assert!(!jammed.is_empty(), "both ways: {both_ways}");
-        let opened = seeds_that_get_stuck(4, |seed| opened(12, 1.1 * D, both_ways, seed, &[]));
+        let opened =
+            seeds_that_get_stuck(4, |seed| opened(12, 1.1 * DISTANCE_MIN_M, both_ways, seed, &[]));
         assert_eq!(opened, [0; 0], "both ways: {both_ways}");
     }
 }
@@ -118,7 +124,7 @@ fn returning_robot_enters_a_closed_lattice_after_reopening() {
         assert_eq!(
             seeds_that_get_stuck(2, |seed| scenario_with_restarted_robot(
                 12,
-                1.1 * D,
+                1.1 * DISTANCE_MIN_M,
                 both_ways,
                 seed
             )),
@@ -136,32 +142,36 @@ fn thirty_mutual_robots_form_with_advised_and_small_opening() {
             scenario("lattices/lattice", &set.iter().map(String::as_str).collect::<Vec<_>>())
         };
         // The scenarios of the campaign.
-        let around = Around::Middle(None);
-        let starts =
-            Starts { box_m: [3.8, 3.8], separation_min_m: 0.25, around, goals: Goals::Own };
+        let around = BoxCenter::Common(None);
+        let starts = RandomStarts {
+            box_m: [3.8, 3.8],
+            separation_min_m: 0.25,
+            box_center: around,
+            goals: GoalAssignment::Own,
+        };
         set.extend(starts.draw(&read(&set), 1).expect("there is room"));
         read(&set)
     };
     let measures = simulate(&start("{ kind = \"closing\" }"));
-    assert!(measures.min_distance_m.unwrap() >= D, "{:?}", measures.min_distance_m);
+    assert!(measures.min_distance_m.unwrap() >= DISTANCE_MIN_M, "{:?}", measures.min_distance_m);
     assert!(measures.converged_at_s.is_some());
     // Gaps of 2.4 d: wide enough for one robot at a time.
     let measures = simulate(&start("{ kind = \"closing\", from = 2.182 }"));
-    assert!(measures.min_distance_m.unwrap() >= D, "{:?}", measures.min_distance_m);
+    assert!(measures.min_distance_m.unwrap() >= DISTANCE_MIN_M, "{:?}", measures.min_distance_m);
     assert!(measures.converged_at_s.is_some());
 }
 
 #[test]
 fn check_advises_opening_only_for_dense_closed_lattices() {
     let warned = |scenario: &Scenario| -> Vec<String> {
-        check(scenario).into_iter().map(|finding| finding.message).collect()
+        check_scenario(scenario).into_iter().map(|finding| finding.message).collect()
     };
     let asks =
         |messages: &[String]| messages.iter().any(|message| message.contains("arrives late"));
-    let dense = scattered_scenario(12, 1.1 * D, false, 1);
+    let dense = scattered_scenario(12, 1.1 * DISTANCE_MIN_M, false, 1);
     assert!(asks(&warned(&dense)), "{:?}", warned(&dense));
-    assert!(!asks(&warned(&scattered_scenario(12, 3.0 * D, false, 1))));
-    let mut opens = opened(12, 1.1 * D, false, 1, &[]);
+    assert!(!asks(&warned(&scattered_scenario(12, 3.0 * DISTANCE_MIN_M, false, 1))));
+    let mut opens = opened(12, 1.1 * DISTANCE_MIN_M, false, 1, &[]);
     assert!(!asks(&warned(&opens)));
     for (from, hold_s, over_s, word) in [
         (1.3, 70.0, 30.0, "no robot passes"),
@@ -169,7 +179,7 @@ fn check_advises_opening_only_for_dense_closed_lattices() {
         (2.2, 70.0, 900.0, "run ends"),
     ] {
         let reopen_at_s = Vec::new();
-        opens.unled_scale = Some(Scale::Closing { from, hold_s, over_s, reopen_at_s });
+        opens.leaderless_scale = Some(Scale::Closing { from, hold_s, over_s, reopen_at_s });
         let messages = warned(&opens);
         assert!(messages.iter().any(|message| message.contains(word)), "{word}: {messages:?}");
     }

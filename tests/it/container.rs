@@ -1,5 +1,5 @@
-//! The `Dockerfile`, tested without Docker: its files exist, its test command is that of continuous integration, and runs
-//! work with the shared memory that Docker provides.
+//! The `Dockerfile`, tested without Docker: its files exist, its test command is that of continuous integration, and
+//! runs work with the shared memory that Docker provides.
 
 use std::path::Path;
 use std::process::Command;
@@ -100,7 +100,7 @@ fn hundred_robots_run_in_dockers_shared_memory() {
     }
     let folder = tempfile::tempdir().unwrap();
     let scenario = folder.path().join("ring.toml");
-    std::fs::write(&scenario, bench::ring::text(100, 20, 0.005)).unwrap();
+    std::fs::write(&scenario, bench::ring::ring_scenario_text(100, 20, 0.005)).unwrap();
     in_namespace(env!("CARGO_BIN_EXE_phalanx"))
         .arg("run")
         .arg(&scenario)

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use crate::harness::{ExitsWith as _, FinishedRun, command_with_ulimit, in_parallel, phalanx, run};
+use crate::harness::{
+    ExitsWith as _, FinishedRun, command_with_ulimit, map_in_parallel, phalanx, run,
+};
 
 // Opcodes of records.
 const HEADER: u8 = 0x01;
@@ -173,7 +175,7 @@ fn record_length_never_causes_an_allocation() {
         cases.extend(found.into_iter().map(|(inner, size)| (name, at + 9 + inner, size)));
     }
     assert!(cases.len() > 20, "{cases:?}");
-    in_parallel(&cases, |&(name, place, size)| {
+    map_in_parallel(&cases, |&(name, place, size)| {
         let scratch = tempfile::tempdir().unwrap();
         let [file, out] = ["run.mcap", "out.mcap"].map(|name| scratch.path().join(name));
         let mut changed = bytes.clone();

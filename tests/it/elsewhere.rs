@@ -39,7 +39,7 @@ impl Pentagon {
 
     /// Checks, in this number of runs, that the trajectories with `mine` equal those of the built-in law, bit for bit.
     #[track_caller]
-    pub fn moves_as_built_in(&self, times: usize, set: &str, fault: Option<&str>) {
+    pub fn assert_moves_as_built_in(&self, times: usize, set: &str, fault: Option<&str>) {
         let finish = |run: Phalanx| {
             let run = run.lockstep().set(set);
             fault.into_iter().fold(run, |run, fault| run.fault(fault)).finish()
@@ -47,48 +47,54 @@ impl Pentagon {
         let built_in = finish(self.run());
         for _ in 0..times {
             let ended = finish(self.with_r3());
-            ended.exits_with(0).leaves_nothing();
-            ended.claim(ended.hash() == built_in.hash(), format!("as {}", built_in.hash()));
-            keeps_its_distance(&ended);
+            ended.exits_with(0).assert_leaves_nothing();
+            ended.assert_holds(ended.hash() == built_in.hash(), format!("as {}", built_in.hash()));
+            assert_keeps_distance(&ended);
         }
     }
 
     /// Checks that r3 is killed and restarted in real time without a violation of d.
     #[track_caller]
-    pub fn comes_back(&self, set: &str, kill: &str) {
+    pub fn assert_comes_back(&self, set: &str, kill: &str) {
         let ended = self.with_r3().set(set).fault(kill).finish();
-        ended.exits_with(0).leaves_nothing();
-        keeps_its_distance(&ended);
+        ended.exits_with(0).assert_leaves_nothing();
+        assert_keeps_distance(&ended);
         let events = ended.file("events.csv");
-        ended.claim(events.contains(",ready,r3,incarnation 1"), "r3 came back");
+        ended.assert_holds(events.contains(",ready,r3,incarnation 1"), "r3 came back");
         let alive = ended.summary["alive_at_end"].to_string();
-        ended.claim(alive.contains("r3"), format!("r3 lives at the end: {alive}"));
+        ended.assert_holds(alive.contains("r3"), format!("r3 lives at the end: {alive}"));
     }
 
     /// Checks that the controller `mine` with the gain `k_per_s` holds r3 at its slot.
     #[track_caller]
-    pub fn keeps_its_place(&self) {
+    pub fn assert_keeps_its_place(&self) {
         let ended =
             self.with_r3().set("robot.r3.k_per_s=3").lockstep().set("duration_s=12").finish();
-        ended.exits_with(0).leaves_nothing();
-        keeps_its_distance(&ended);
+        ended.exits_with(0).assert_leaves_nothing();
+        assert_keeps_distance(&ended);
         let error_m = ended.number("/final_error_m/r3");
-        ended.claim(error_m < 0.02, format!("r3 is where it belongs: {error_m} m"));
+        ended.assert_holds(error_m < 0.02, format!("r3 is where it belongs: {error_m} m"));
     }
 
     /// Checks that r3's program does not become ready, that the run ends, and that its output has all of `parts`.
     #[track_caller]
-    pub fn cannot_start(&self, set: &[&str], parts: &[&str]) {
+    pub fn assert_cannot_start(&self, set: &[&str], parts: &[&str]) {
         let run = self.with_r3().lockstep();
         let ended = set.iter().fold(run, |run, set| run.set(set)).finish();
-        ended.exits_with(4).leaves_nothing();
+        ended.exits_with(4).assert_leaves_nothing();
         parts.iter().for_each(|part| stderr_contains(&ended, part));
     }
 
-    /// Checks that the program, started directly with these arguments, exits with `code` and prints all of `parts` in at
-    /// most `lines_max` lines.
+    /// Checks that the program, started directly with these arguments, exits with `code` and prints all of `parts` in
+    /// at most `lines_max` lines.
     #[track_caller]
-    pub fn says_by_hand(&self, words: &[&Path], code: i32, parts: &[&str], lines_max: usize) {
+    pub fn assert_output_by_hand(
+        &self,
+        words: &[&Path],
+        code: i32,
+        parts: &[&str],
+        lines_max: usize,
+    ) {
         let said = (self.by_hand)(self.folder.path(), words).exits_with(code).stderr;
         assert!(parts.iter().all(|part| said.contains(part)), "{said}");
         assert!(said.lines().count() <= lines_max, "{said}");
@@ -96,24 +102,32 @@ impl Pentagon {
 
     /// Checks the program with a brief of another version of the supervisor, which has additional keys.
     #[track_caller]
-    pub fn says_that_versions_differ(&self, part: &str, lines_max: usize) {
+    pub fn assert_version_mismatch(&self, part: &str, lines_max: usize) {
         let ended = self.with_r3().lockstep().set("duration_s=0.1").finish();
         let brief = ended.file("briefs/r3.toml");
         let version = format!("phalanx = \"{}\"", env!("CARGO_PKG_VERSION"));
         assert!(brief.contains(&version), "{brief}");
         let path = self.folder.path().join("r3.toml");
         std::fs::write(&path, brief.replace(&version, "phalanx = \"99.1.0\"\nnew = true")).unwrap();
-        self.says_by_hand(&[&path], 4, &["phalanx 99.1.0 starts this program", part], lines_max);
+        self.assert_output_by_hand(
+            &[&path],
+            4,
+            &["phalanx 99.1.0 starts this program", part],
+            lines_max,
+        );
     }
 }
 
 #[track_caller]
-pub fn keeps_its_distance(ended: &FinishedRun) {
+pub fn assert_keeps_distance(ended: &FinishedRun) {
     let distance_m = ended.number("/min_distance_m");
-    ended.claim(distance_m >= 0.3, format!("no two robots came closer than 0.3 m: {distance_m}"));
+    ended.assert_holds(
+        distance_m >= 0.3,
+        format!("no two robots came closer than 0.3 m: {distance_m}"),
+    );
 }
 
 #[track_caller]
 pub fn stderr_contains(ended: &FinishedRun, part: &str) {
-    ended.claim(ended.stderr.contains(part), format!("it says {part:?}"));
+    ended.assert_holds(ended.stderr.contains(part), format!("it says {part:?}"));
 }

@@ -1,6 +1,6 @@
 //! Every kind of fault in lockstep: predicted bit for bit, survived, reported, and without effect after its end.
 
-use crate::harness::{in_parallel, run};
+use crate::harness::{map_in_parallel, run};
 use crate::oracle::{self, with_faults};
 
 /// Faults on the way into the formation, and whether each changes the trajectory.
@@ -41,20 +41,23 @@ const FAULTS: [(&str, bool); 28] = [
 #[test]
 fn every_fault_is_predicted_and_recovered_without_traces() {
     let set = ["duration_s=20", "expect={}"];
-    in_parallel(&FAULTS, |&(fault, changes)| {
+    map_in_parallel(&FAULTS, |&(fault, changes)| {
         let ended = run("triangle").lockstep().sets(set).fault(fault).finish();
-        ended.exits_with(0).leaves_nothing().keeps_d();
+        ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
         let foretold = oracle::simulate(&with_faults("triangle", &set, &[fault]));
         let hash = foretold.trajectory_hash.unwrap();
-        ended.claim(ended.hash() == hash, format!("{fault}: the hash is {hash}"));
+        ended.assert_holds(ended.hash() == hash, format!("{fault}: the hash is {hash}"));
         let undisturbed = oracle::simulate(&with_faults("triangle", &set, &[])).trajectory_hash;
         // Noise makes the guard more careful from the start, even if no robot is near.
         let changed = Some(ended.hash()) != undisturbed.as_deref();
-        ended.claim(changed == changes, format!("{fault}: it changes something: {changes}"));
-        ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
+        ended.assert_holds(changed == changes, format!("{fault}: it changes something: {changes}"));
+        ended.assert_holds(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
         let reported = ended.summary["faults"].as_array().map(Vec::len);
-        ended.claim(reported == Some(1), "one fault is reported");
-        ended.claim(ended.number("/faults/0/recovered_after_s") >= 0.0, "it was recovered from");
+        ended.assert_holds(reported == Some(1), "one fault is reported");
+        ended.assert_holds(
+            ended.number("/faults/0/recovered_after_s") >= 0.0,
+            "it was recovered from",
+        );
     });
 }
 
@@ -71,12 +74,20 @@ fn silent_neighbor_is_stale_and_then_lost_at_the_exact_tick() {
     ] {
         let ended = run("triangle").lockstep().set("expect={}").fault(fault).finish();
         ended.exits_with(0);
-        ended.claim(ended.number("/faults/0/stale_after_s") == stale_s, format!("{fault}: stale"));
-        ended.claim(ended.number("/faults/0/lost_after_s") == lost_s, format!("{fault}: lost"));
+        ended.assert_holds(
+            ended.number("/faults/0/stale_after_s") == stale_s,
+            format!("{fault}: stale"),
+        );
+        ended.assert_holds(
+            ended.number("/faults/0/lost_after_s") == lost_s,
+            format!("{fault}: lost"),
+        );
         let events = ended.file("events.csv");
         let last = events.lines().rfind(|line| line.contains(" r2,")).unwrap_or_default();
-        ended
-            .claim(last.contains(",contact,r1,fresh r2,"), format!("{fault}: heard again: {last}"));
+        ended.assert_holds(
+            last.contains(",contact,r1,fresh r2,"),
+            format!("{fault}: heard again: {last}"),
+        );
     }
 }
 
@@ -85,9 +96,9 @@ fn plant_death_ends_run_with_4_and_can_be_expected() {
     for pace in ["lockstep", "realtime"] {
         let killed = || run("triangle").args(["--pace", pace]).fault("kill plant @1");
         let ended = killed().set("expect={}").finish();
-        ended.exits_with(4).leaves_nothing();
-        ended.claim(ended.stderr.contains("the plant died (signal 9)"), "it says why");
+        ended.exits_with(4).assert_leaves_nothing();
+        ended.assert_holds(ended.stderr.contains("the plant died (signal 9)"), "it says why");
         let expected = killed().set("expect={ exit = 4 }").finish();
-        expected.exits_with(0).leaves_nothing();
+        expected.exits_with(0).assert_leaves_nothing();
     }
 }

@@ -1,5 +1,5 @@
-//! Failures are reported by exit code and on the last lines, with the robot's name, the cause and the log. A program that
-//! writes endlessly or leaves processes affects no other robot.
+//! Failures are reported by exit code and on the last lines, with the robot's name, the cause and the log. A program
+//! that writes endlessly or leaves processes affects no other robot.
 
 mod standstill;
 
@@ -8,18 +8,18 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 
 use crate::harness::{
-    ExitsWith as _, FinishedRun, HANG, PHALANX, Phalanx, ROOT, RunRoot, Running, phalanx, run,
-    signal_pid, wait_until_gone,
+    ExitsWith as _, FinishedRun, PHALANX, Phalanx, ROOT, RunInProgress, RunRoot, WAIT_TIMEOUT,
+    phalanx, run, signal_pid, wait_until_gone,
 };
 use crate::programs::{FOLLOWS, run as run_own, scenario, script};
 
 /// Checks that the last line of the output has this text about a process.
 #[track_caller]
-fn last_line(ended: &FinishedRun, process: &str, how: &str) {
+fn assert_last_line(ended: &FinishedRun, process: &str, how: &str) {
     let log = ended.run_dir().join(format!("logs/{process}.jsonl"));
     let line = format!("failed: {how}; its log: {}", log.display());
     let last = ended.stderr.lines().last().unwrap_or_default();
-    ended.claim(last == line, format!("the last line is {line:?}, not {last:?}"));
+    ended.assert_holds(last == line, format!("the last line is {line:?}, not {last:?}"));
 }
 
 /// Prepares a run of two robots. r2 is a script that runs these commands before it becomes an agent.
@@ -47,14 +47,17 @@ fn unplanned_permanent_death_fails_run_unless_expendable() {
         let r2 = running.pid_of("r2");
         signal_pid(r2, Signal::KILL);
         let ended = running.finish();
-        ended.exits_with(code).leaves_nothing();
+        ended.exits_with(code).assert_leaves_nothing();
         let how = "r2 died (signal 9) and was not restarted (restart_policy never)";
-        last_line(&ended, "r2", how);
+        assert_last_line(&ended, "r2", how);
         let missed = ended.stdout.contains("triangle, lockstep: a robot failed\n")
             && ended.stdout.contains("MISSED failed_robots")
             && ended.stdout.contains(how);
-        ended.claim(missed == (code == 1), format!("{expect}: the verdict is about it: {missed}"));
-        ended.claim(ended.number("/t_s") == 30.0, "the run goes to its end");
+        ended.assert_holds(
+            missed == (code == 1),
+            format!("{expect}: the verdict is about it: {missed}"),
+        );
+        ended.assert_holds(ended.number("/t_s") == 30.0, "the run goes to its end");
     }
 }
 
@@ -72,11 +75,12 @@ fn silent_robot_in_real_time_is_reported_and_fails_the_run() {
     let mut running = run.set("duration_s=12").start();
     running.wait_for_event("contact");
     std::fs::write(go, "").unwrap();
-    running
-        .line(" WARN r2 has sent no status for 5 s while blocked; the others continue without it");
+    running.wait_for_line(
+        " WARN r2 has sent no status for 5 s while blocked; the others continue without it",
+    );
     let ended = running.finish();
-    ended.exits_with(1).leaves_nothing();
-    last_line(&ended, "r2", "r2 was hung at the end: it sent no status while blocked");
+    ended.exits_with(1).assert_leaves_nothing();
+    assert_last_line(&ended, "r2", "r2 was hung at the end: it sent no status while blocked");
 }
 
 #[test]
@@ -87,8 +91,8 @@ fn robot_stopped_for_good_in_real_time_fails_the_run() {
     signal_pid(r2, Signal::STOP);
     running.wait_for_event("freeze");
     let ended = running.finish();
-    ended.exits_with(1).leaves_nothing();
-    last_line(&ended, "r2", "r2 was stopped by another process, and was not resumed");
+    ended.exits_with(1).assert_leaves_nothing();
+    assert_last_line(&ended, "r2", "r2 was stopped by another process, and was not resumed");
 }
 
 #[test]
@@ -100,10 +104,10 @@ fn lockstep_stop_beyond_the_limit_ends_the_run_with_4() {
         let stopped = running.pid_of(process);
         signal_pid(stopped, Signal::STOP);
         let ended = running.finish();
-        ended.exits_with(4).leaves_nothing();
+        ended.exits_with(4).assert_leaves_nothing();
         let ago =
             "was stopped by another process 0.5 s ago, and has not been resumed (stopped_after_s)";
-        last_line(&ended, process, &format!("{who} {ago}"));
+        assert_last_line(&ended, process, &format!("{who} {ago}"));
     }
 }
 
@@ -111,20 +115,20 @@ fn lockstep_stop_beyond_the_limit_ends_the_run_with_4() {
 fn leftover_program_processes_are_killed_and_named() {
     let (_folder, run) = with_script("sleep 1000 &\nsetsid sleep 1001 &");
     let ended = run.lockstep().finish();
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(0).assert_leaves_nothing();
     let begins = " WARN r2 left the process `sleep` (";
     let left: Vec<&str> = ended.stderr.lines().filter_map(|l| l.strip_prefix(begins)).collect();
-    ended.claim(left.len() == 2, format!("both are named: {left:?}"));
+    ended.assert_holds(left.len() == 2, format!("both are named: {left:?}"));
     for line in left {
         let (pid, rest) = line.split_once(')').unwrap();
         assert_eq!(rest, " behind; killed it");
         let words = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-        ended.claim(!words.starts_with("sleep"), format!("{pid} is gone: {words:?}"));
+        ended.assert_holds(!words.starts_with("sleep"), format!("{pid} is gone: {words:?}"));
     }
 }
 
 /// Starts a run whose r2 has left three processes, one of which hides its origin. Returns the run and their ids.
-fn with_three_left() -> (tempfile::TempDir, Running, Vec<u32>) {
+fn with_three_left() -> (tempfile::TempDir, RunInProgress, Vec<u32>) {
     let left = "sleep 1000 & echo $! >> \"$LEFT\"\nsetsid sleep 1001 & echo $! >> \"$LEFT\"\n\
                 env -i setsid sleep 1002 & echo $! >> \"$LEFT\"";
     let (folder, run) = with_script(left);
@@ -157,7 +161,7 @@ fn sleeps(pid: u32) -> bool {
 fn wait_until_none_sleeps(pids: &[u32]) {
     let began = Instant::now();
     while let Some(pid) = pids.iter().find(|&&pid| sleeps(pid)) {
-        assert!(began.elapsed() < HANG, "{pid} is left behind");
+        assert!(began.elapsed() < WAIT_TIMEOUT, "{pid} is left behind");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -175,7 +179,7 @@ fn killed_supervisor_takes_leftover_program_processes_along() {
         text.contains(&format!("r2 left the process `sleep` ({pid}) behind; killed it"))
     };
     while !pids.iter().all(|pid| names(&std::fs::read_to_string(&log).unwrap(), pid)) {
-        assert!(began.elapsed() < HANG, "{}", std::fs::read_to_string(&log).unwrap());
+        assert!(began.elapsed() < WAIT_TIMEOUT, "{}", std::fs::read_to_string(&log).unwrap());
         std::thread::sleep(Duration::from_millis(5));
     }
     let text = std::fs::read_to_string(log).unwrap();
@@ -223,17 +227,17 @@ fn next_run_or_clean_ends_and_names_orphaned_leftovers() {
 fn endless_program_output_is_truncated_with_a_warning() {
     let (_folder, run) = with_script("yes 'a line of a log' | head -c 68000000");
     let ended = run.lockstep().finish();
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(0).assert_leaves_nothing();
     let log = ended.run_dir().join("logs/r2.jsonl");
     let said = "logs/r2.jsonl is longer than 64 MiB; dropped its middle";
-    ended.claim(ended.stderr.contains(said), said);
+    ended.assert_holds(ended.stderr.contains(said), said);
     let text = std::fs::read_to_string(log).unwrap();
-    ended.claim(text.len() < 64 << 20, format!("it has {} bytes", text.len()));
-    ended.claim(
+    ended.assert_holds(text.len() < 64 << 20, format!("it has {} bytes", text.len()));
+    ended.assert_holds(
         text.contains(" bytes were dropped here: the limit of a log is 64 MiB\"}\n"),
         "it says so",
     );
-    ended.claim(text.starts_with("a line of a log\n"), "its beginning is there");
+    ended.assert_holds(text.starts_with("a line of a log\n"), "its beginning is there");
 }
 
 #[test]

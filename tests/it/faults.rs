@@ -6,16 +6,16 @@ use crate::harness::{FinishedRun, Phalanx, run, signal_pid};
 
 /// Checks the bounds during the fault and the convergence after it, in either time mode.
 #[track_caller]
-fn survived_the_kill(ended: &FinishedRun) {
-    ended.exits_with(0).leaves_nothing().keeps_d();
-    ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
-    ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
-    ended.claim(ended.number("/faults/0/recovered_after_s") >= 0.0, "and recovered from it");
+fn assert_survived_kill(ended: &FinishedRun) {
+    ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
+    ended.assert_holds(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
+    ended.assert_holds(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
+    ended.assert_holds(ended.number("/faults/0/recovered_after_s") >= 0.0, "and recovered from it");
     // The time at which r1 detects it is exact only in lockstep: a busy machine may delay r2 before its death.
     let events = ended.file("events.csv");
     let (dead, back) = events.split_once(",restart,r2").unwrap_or_default();
-    ended.claim(last_of_r2(dead) == Some("lost"), "r1 had lost r2 before it was restarted");
-    ended.claim(back.contains(",contact,r1,fresh r2"), "and heard it again");
+    ended.assert_holds(last_of_r2(dead) == Some("lost"), "r1 had lost r2 before it was restarted");
+    ended.assert_holds(back.contains(",contact,r1,fresh r2"), "and heard it again");
 }
 
 /// Returns the last state of r2 that r1, its out-neighbor, reported in this part of `events.csv`.
@@ -32,27 +32,30 @@ fn killed_on_the_way(name: &str) -> Phalanx {
 /// Checks a permanent death of r2: r3, which receives from r1, stops at its slot relative to r1, and r1, which received
 /// from r2, stops.
 #[track_caller]
-fn r1_stands_without_r2(triangle: Phalanx) -> FinishedRun {
+fn assert_r1_stands_without_r2(triangle: Phalanx) -> FinishedRun {
     let ended = triangle.lockstep().set("expect={}").fault("kill r2 @2.5").finish();
     ended.exits_with(0);
-    ended.claim(ended.number("/restarts/r2") == 0.0, "r2 was not restarted");
-    ended.claim(ended.number("/final_error_m/r3") < 1e-3, "r3 stands where r1 wants it");
-    ended.claim(ended.summary["final_error_m"]["r2"].is_null(), "the dead have no error");
+    ended.assert_holds(ended.number("/restarts/r2") == 0.0, "r2 was not restarted");
+    ended.assert_holds(ended.number("/final_error_m/r3") < 1e-3, "r3 stands where r1 wants it");
+    ended.assert_holds(ended.summary["final_error_m"]["r2"].is_null(), "the dead have no error");
     let samples = ended.file("samples.csv");
     let standing = samples.lines().filter(|line| line.starts_with("29.") && line.contains(",r1,"));
     let speeds: Vec<f64> =
         standing.map(|line| line.split(',').nth(5).unwrap().parse().unwrap()).collect();
-    ended.claim(speeds.len() > 50 && speeds.iter().all(|v| v.abs() < 1e-9), "r1 stands still");
+    ended.assert_holds(
+        speeds.len() > 50 && speeds.iter().all(|v| v.abs() < 1e-9),
+        "r1 stands still",
+    );
     ended
 }
 
 #[test]
 fn robot_with_only_dead_neighbors_stops_or_uses_last_position() {
-    r1_stands_without_r2(run("triangle").set("silence.policy=ignore"));
-    let ended = r1_stands_without_r2(run("triangle"));
+    assert_r1_stands_without_r2(run("triangle").set("silence.policy=ignore"));
+    let ended = assert_r1_stands_without_r2(run("triangle"));
     // r1 extrapolates the last beacon of r2, which was moving; r2 stopped a moment later.
     let off_m = ended.number("/final_error_m/r1");
-    ended.claim(off_m < 0.02, format!("r1 stands by the dead r2, {off_m} m off"));
+    ended.assert_holds(off_m < 0.02, format!("r1 stands by the dead r2, {off_m} m off"));
 }
 
 #[test]
@@ -63,9 +66,12 @@ fn robot_killed_before_start_is_replaced_and_run_is_equal() {
         let pid = running.pid_of("r2");
         signal_pid(pid, Signal::KILL);
         let ended = running.finish();
-        ended.exits_with(0).leaves_nothing();
+        ended.exits_with(0).assert_leaves_nothing();
         if ended.file("events.csv").contains("\n0,restart,r2") {
-            ended.claim(ended.hash() == whole.hash(), "no robot had moved: the hash is the same");
+            ended.assert_holds(
+                ended.hash() == whole.hash(),
+                "no robot had moved: the hash is the same",
+            );
         }
     }
 }
@@ -87,10 +93,16 @@ fn robot_at_the_restart_limit_is_given_up_and_run_continues() {
         });
     }
     let ended = running.finish();
-    ended.exits_with(1).leaves_nothing();
-    ended.claim(ended.file("events.csv").contains("restart-ceiling,r2"), "the ceiling is an event");
+    ended.exits_with(1).assert_leaves_nothing();
+    ended.assert_holds(
+        ended.file("events.csv").contains("restart-ceiling,r2"),
+        "the ceiling is an event",
+    );
     let why = "failed: r2 died (signal 9) after 1 restarts within 60 s (max_restarts); its log: ";
-    ended.claim(ended.stderr.lines().last().is_some_and(|l| l.starts_with(why)), "it is told last");
+    ended.assert_holds(
+        ended.stderr.lines().last().is_some_and(|l| l.starts_with(why)),
+        "it is told last",
+    );
 }
 
 #[test]
@@ -102,25 +114,33 @@ fn robot_that_gives_up_repeatedly_exits_4() {
     let pid = running.pid_of("r2");
     signal_pid(pid, Signal::KILL);
     let ended = running.finish();
-    ended.exits_with(4).leaves_nothing();
-    ended.claim(ended.stderr.contains("r2 died (exit code 4) and is not restarted"), "it is named");
-    ended.claim(ended.stderr.contains("not a brief"), "and why it gave up");
+    ended.exits_with(4).assert_leaves_nothing();
+    ended.assert_holds(
+        ended.stderr.contains("r2 died (exit code 4) and is not restarted"),
+        "it is named",
+    );
+    ended.assert_holds(ended.stderr.contains("not a brief"), "and why it gave up");
 }
 
-/// Checks that a process stopped by another program is reported on the screen, in the events, and in the report as frozen.
+/// Checks that a process stopped by another program is reported on the screen, in the events, and in the report as
+/// frozen.
 #[track_caller]
-fn was_stopped(ended: &FinishedRun, who: &str, events: [&str; 2]) {
-    ended.exits_with(0).leaves_nothing();
+fn assert_was_stopped(ended: &FinishedRun, who: &str, events: [&str; 2]) {
+    ended.exits_with(0).assert_leaves_nothing();
     let warned = format!(" WARN {who} was stopped by another process");
-    ended.claim(ended.stderr.contains(&warned), "it is told");
-    ended.claim(ended.stderr.contains(&format!(" WARN {who} was resumed after ")), "and its end");
+    ended.assert_holds(ended.stderr.contains(&warned), "it is told");
+    ended.assert_holds(
+        ended.stderr.contains(&format!(" WARN {who} was resumed after ")),
+        "and its end",
+    );
     for event in events {
-        ended.claim(ended.file("events.csv").contains(event), format!("{event} is an event"));
+        ended
+            .assert_holds(ended.file("events.csv").contains(event), format!("{event} is an event"));
     }
     let what = ended.summary["faults"][0]["what"].as_str().unwrap_or_default();
-    ended.claim(what.starts_with("freeze ") && what.ends_with(", by another process"), what);
-    ended.claim(ended.number("/faults/0/lasted_s") > 0.0, "a fault that is over");
-    ended.claim(ended.number("/min_distance_m") >= 0.2, "no two robots came closer than d");
+    ended.assert_holds(what.starts_with("freeze ") && what.ends_with(", by another process"), what);
+    ended.assert_holds(ended.number("/faults/0/lasted_s") > 0.0, "a fault that is over");
+    ended.assert_holds(ended.number("/min_distance_m") >= 0.2, "no two robots came closer than d");
 }
 
 #[test]
@@ -135,9 +155,9 @@ fn robot_stopped_in_real_time_is_reported_and_misses_deadlines() {
     let ended = running.finish();
     let events =
         ["freeze,r2,\"SIGSTOP, by another process\"", "thaw,r2,\"SIGCONT, by another process\""];
-    was_stopped(&ended, "r2", events);
+    assert_was_stopped(&ended, "r2", events);
     // At least 100 ms without an answer, at a period of 5 ms.
-    ended.claim(ended.number("/deadline_misses") >= 15.0, "the missed periods are counted");
+    ended.assert_holds(ended.number("/deadline_misses") >= 15.0, "the missed periods are counted");
 }
 
 #[test]
@@ -146,13 +166,13 @@ fn stopped_real_time_plant_is_reported_and_run_continues() {
     running.wait_for_event("contact");
     let pid = running.pid_of("plant");
     signal_pid(pid, Signal::STOP);
-    running.line(" WARN the plant was stopped by another process");
+    running.wait_for_line(" WARN the plant was stopped by another process");
     // Run time continues during the stop.
     std::thread::sleep(std::time::Duration::from_millis(500));
     signal_pid(pid, Signal::CONT);
     let ended = running.finish();
     let events = ["freeze,,\"SIGSTOP of the plant, by", "thaw,,\"SIGCONT of the plant, by"];
-    was_stopped(&ended, "the plant", events);
+    assert_was_stopped(&ended, "the plant", events);
 }
 
 #[test]
@@ -167,6 +187,6 @@ fn in_real_time_kills_by_plan_and_by_hand_are_survived_alike() {
     planned.wait_for_event("kill");
     signal_pid(pid, Signal::KILL);
     let (planned, by_hand) = (planned.finish(), by_hand.finish());
-    survived_the_kill(&planned);
-    survived_the_kill(&by_hand);
+    assert_survived_kill(&planned);
+    assert_survived_kill(&by_hand);
 }

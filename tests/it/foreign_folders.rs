@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 use tempfile::TempDir;
 
 use crate::harness::{
-    ExitsWith as _, FinishedRun, HANG, PHALANX, RunRoot, files_below, phalanx, run,
+    ExitsWith as _, FinishedRun, PHALANX, RunRoot, WAIT_TIMEOUT, files_below, phalanx, run,
 };
 
 const USERS_TEXT: &str = "precious\n";
@@ -44,7 +44,10 @@ impl Foreign {
     fn verb(&self, verb: &str, name: &str, code: i32) -> String {
         // A process that opens a pipe waits forever, whatever signal it receives.
         let mut command = Command::new("timeout");
-        command.args(["--signal", "KILL"]).arg(HANG.as_secs().to_string()).args([PHALANX, verb]);
+        command
+            .args(["--signal", "KILL"])
+            .arg(WAIT_TIMEOUT.as_secs().to_string())
+            .args([PHALANX, verb]);
         command.arg(self.ended.run_dir().join(name)).env("NO_COLOR", "1").stdin(Stdio::null());
         let said = command.env("PHALANX_RUN_ROOT", RunRoot::new().path()).exits_with(code);
         assert_eq!(
@@ -155,7 +158,7 @@ fn briefs_that_have_no_end_are_refused() {
     for brief in [Path::new("/dev/zero"), &pipe, folder.path()] {
         for role in ["agent", "plant"] {
             let mut command = Command::new("timeout");
-            command.args(["--signal", "KILL", &HANG.as_secs().to_string(), "sh", "-c"]);
+            command.args(["--signal", "KILL", &WAIT_TIMEOUT.as_secs().to_string(), "sh", "-c"]);
             command.args(["ulimit -v 4000000 && exec \"$0\" \"$@\"", PHALANX, role]).arg(brief);
             let said = command.stdin(Stdio::null()).exits_with(4).stdout_and_stderr();
             assert!(said.contains("it is no regular file"), "{role}: {said}");

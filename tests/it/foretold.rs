@@ -6,12 +6,12 @@ mod random;
 
 use std::fmt::Write as _;
 
-use experiment::prediction::{Broken, Predictor};
+use experiment::prediction::{BrokenPrediction, FailurePredictor};
 use experiment::scenario::Scenario;
 use formation::front_point::front_point;
-use outcome::metrics::Measures;
+use outcome::metrics::RunMetrics;
 
-use crate::harness::in_parallel;
+use crate::harness::map_in_parallel;
 use crate::oracle::{simulate, simulate_watched};
 use crate::repair::with_repair;
 use crate::single_faults::{self, SingleFaultCase};
@@ -29,7 +29,7 @@ struct PredictedAndSimulated {
     /// Scenario and fault.
     what: String,
     names: Vec<String>,
-    foretold: Vec<Broken>,
+    foretold: Vec<BrokenPrediction>,
     /// Distance of each robot from its slot at the end, m. `None` for dead robots.
     off_m: Vec<Option<f64>>,
     violations: u64,
@@ -39,8 +39,8 @@ impl PredictedAndSimulated {
     fn new(
         what: String,
         scenario: &Scenario,
-        foretold: Vec<Broken>,
-        measures: &Measures,
+        foretold: Vec<BrokenPrediction>,
+        measures: &RunMetrics,
     ) -> PredictedAndSimulated {
         PredictedAndSimulated {
             what,
@@ -75,7 +75,7 @@ impl PredictedAndSimulated {
                 continue;
             }
             let why = one.map_or("nothing foretold".to_owned(), |one| one.describe(name));
-            let about = one.and_then(|one| one.off_m);
+            let about = one.and_then(|one| one.slot_distance_m);
             let about = about.map_or(String::new(), |off_m| format!(" (about {off_m:.3} m)"));
             let off_m = self.off_m[robot].unwrap_or(f64::NAN);
             let _ = writeln!(text, "    {} off by {off_m:.3} m: {why}{about}", name(robot));
@@ -85,12 +85,20 @@ impl PredictedAndSimulated {
 }
 
 /// Predicts the robots that the permanent death of a robot or cut of an edge breaks.
-fn predict(scenario: &Scenario, broken: single_faults::Broken, at_s: f64) -> Vec<Broken> {
+fn predict(
+    scenario: &Scenario,
+    broken: single_faults::FailingComponent,
+    at_s: f64,
+) -> Vec<BrokenPrediction> {
     let (dead, cut) = match broken {
-        single_faults::Broken::Robot(robot) => (vec![robot], Vec::new()),
-        single_faults::Broken::Edge(edge) => (Vec::new(), vec![edge]),
+        single_faults::FailingComponent::Robot(robot) => (vec![robot], Vec::new()),
+        single_faults::FailingComponent::Edge(edge) => (Vec::new(), vec![edge]),
     };
-    Predictor::new(scenario).with_bound(BOUND_M).broken_robots(&dead, &cut, Some(at_s))
+    FailurePredictor::new(scenario).with_broken_threshold(BOUND_M).broken_robots(
+        &dead,
+        &cut,
+        Some(at_s),
+    )
 }
 
 fn outcome(case: &SingleFaultCase, whole_again: bool) -> PredictedAndSimulated {
@@ -115,7 +123,7 @@ fn outcome(case: &SingleFaultCase, whole_again: bool) -> PredictedAndSimulated {
 
 /// Simulates these cases and prints the results. Returns the cases whose broken robots differ from the prediction.
 fn different(cases: &[SingleFaultCase], whole_again: bool) -> Vec<PredictedAndSimulated> {
-    let outcomes = in_parallel(cases, |case| outcome(case, whole_again));
+    let outcomes = map_in_parallel(cases, |case| outcome(case, whole_again));
     for outcome in &outcomes {
         println!("{}", outcome.describe());
         assert_eq!(outcome.violations, 0, "{}: nearer than d", outcome.what);
@@ -164,7 +172,7 @@ fn leader_keeps_its_course_past_stranded_robots() {
     let cases: Vec<SingleFaultCase> =
         cases.filter(|case| about.contains(&case.what.as_str())).collect();
     assert_eq!(cases.len(), about.len());
-    let off_m = in_parallel(&cases, |case| {
+    let off_m = map_in_parallel(&cases, |case| {
         let scenario = case.scenario(false);
         let (r5, ell) = (4, scenario.robots[4].front_point_m);
         let lead = scenario.lead_of(r5).expect("r5 leads");

@@ -16,8 +16,21 @@ use crate::campaigns::{CampaignDir, run_to_exit_code};
 use crate::harness::ROOT;
 
 /// Scenarios that are also run with a process for each robot.
-const AS_PROCESSES: [&str; 6] =
-    ["containment", "corridor", "liar-10", "pentagon", "swap-8", "triangle-inertia"];
+const AS_PROCESSES: [&str; 10] = [
+    "bodies/drones-8",
+    "bodies/parking-8",
+    "bodies/team-9",
+    "bodies/triangle-axle",
+    "containment",
+    "corridor",
+    "liar-10",
+    "pentagon",
+    "swap-8",
+    "triangle-inertia",
+];
+
+/// Folders of shipped scenarios, below `scenarios`, with the prefix of their names.
+const FOLDERS: [&str; 2] = ["", "bodies/"];
 
 /// Tables whose checksums are stored, next to the trajectory hash and the checksum of
 /// `summary.json` without its section `wall`.
@@ -26,14 +39,18 @@ const HASHED_TABLES: [&str; 3] = ["samples.csv", "pairs.csv", "events.csv"];
 /// Scenario without stored results: each of its two runs takes more than 20 s of processor time in process.
 const NOT_STORED: &str = "thousand";
 
-/// Returns the name of every shipped scenario with stored results, sorted.
+/// Returns the name of every shipped scenario with stored results, sorted: `bodies/parking-8` is in the folder
+/// `bodies`.
 fn shipped() -> Vec<String> {
-    let files = fs::read_dir(Path::new(ROOT).join("scenarios")).unwrap().flatten();
-    let toml = files
-        .map(|file| file.path())
-        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"));
-    let mut names: Vec<String> =
-        toml.map(|path| path.file_stem().unwrap().to_string_lossy().into_owned()).collect();
+    let named = |folder: &str| {
+        let files = fs::read_dir(Path::new(ROOT).join("scenarios").join(folder)).unwrap().flatten();
+        let toml = files
+            .map(|file| file.path())
+            .filter(|path| path.extension().is_some_and(|extension| extension == "toml"));
+        let names = toml.map(|path| format!("{folder}{}", path.file_stem().unwrap().display()));
+        names.collect::<Vec<String>>()
+    };
+    let mut names: Vec<String> = FOLDERS.into_iter().flat_map(named).collect();
     names.retain(|name| name != NOT_STORED);
     names.sort();
     names
@@ -102,7 +119,7 @@ fn read_golden_file() -> String {
 #[test]
 fn shipped_scenarios_in_process_match_stored_results() {
     let names = shipped();
-    assert!(names.len() >= 29, "{names:?}");
+    assert!(names.len() >= 34, "{names:?}");
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let found: String = fingerprints(&names, &["--in-process"])
         .iter()
@@ -118,7 +135,7 @@ fn shipped_scenarios_in_process_match_stored_results() {
 }
 
 #[test]
-fn six_scenarios_as_processes_match_stored_results() {
+fn ten_scenarios_as_processes_match_stored_results() {
     let stored = read_golden_file();
     for (run, line) in fingerprints(&AS_PROCESSES, &[]) {
         let line = format!("{run}: {line}");

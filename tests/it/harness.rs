@@ -22,7 +22,7 @@ pub const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 pub const PHALANX: &str = env!("CARGO_BIN_EXE_phalanx");
 
 /// Deadline of every wait in a test. Far longer than any run needs, so that only a hang reaches it.
-pub const HANG: Duration = Duration::from_secs(120);
+pub const WAIT_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Returns a `phalanx` command with these arguments, in the root of this repository, without colors.
 pub fn phalanx<W: AsRef<OsStr>>(words: impl IntoIterator<Item = W>) -> Command {
@@ -37,12 +37,12 @@ fn set_plain_environment(command: &mut Command) {
 }
 
 /// Output of a command that has ended.
-pub struct Printed {
+pub struct CommandOutput {
     pub stdout: String,
     pub stderr: String,
 }
 
-impl Printed {
+impl CommandOutput {
     /// Returns stdout followed by stderr.
     pub fn stdout_and_stderr(&self) -> String {
         format!("{}{}", self.stdout, self.stderr)
@@ -58,16 +58,16 @@ impl Printed {
 pub trait ExitsWith {
     /// Runs the command and returns its output. Panics with the command and its output if the exit code is not `code`.
     #[track_caller]
-    fn exits_with(&mut self, code: i32) -> Printed;
+    fn exits_with(&mut self, code: i32) -> CommandOutput;
 }
 
 impl ExitsWith for Command {
     #[track_caller]
-    fn exits_with(&mut self, code: i32) -> Printed {
+    fn exits_with(&mut self, code: i32) -> CommandOutput {
         let Output { status, stdout, stderr } = self.output().unwrap();
         let [stdout, stderr] = [stdout, stderr].map(|bytes| text(&bytes));
         assert_eq!(status.code(), Some(code), "{self:?}\nstdout:\n{stdout}\nstderr:\n{stderr}");
-        Printed { stdout, stderr }
+        CommandOutput { stdout, stderr }
     }
 }
 
@@ -109,7 +109,7 @@ impl RunRoot {
     /// Removes the files that exited processes have left.
     pub fn sweep(&self) {
         for base in std::fs::read_dir(self.path()).into_iter().flatten().flatten() {
-            protocol::run_root::sweep(&base.path());
+            protocol::run_root::remove_dead_roots(&base.path());
         }
     }
 }
@@ -199,7 +199,7 @@ impl Phalanx {
         self.env("PHALANX_RUN_ROOT", other)
     }
 
-    pub fn start(mut self) -> Running {
+    pub fn start(mut self) -> RunInProgress {
         if !self.draws {
             self.command.arg("--no-report");
         }
@@ -208,7 +208,7 @@ impl Phalanx {
         let supervisor = self.command.spawn().unwrap();
         let run_dir = self.place.run_dir();
         let supervisor = Supervisor { child: Some(supervisor), run_dir };
-        Running { supervisor, read: String::new(), command, place: self.place }
+        RunInProgress { supervisor, read_stderr: String::new(), command, place: self.place }
     }
 
     /// Starts the run and waits until it has ended.
@@ -229,22 +229,22 @@ impl Drop for Supervisor {
         let _ = child.kill();
         let _ = child.wait();
         let began = Instant::now();
-        while !processes_of(&self.run_dir).is_empty() && began.elapsed() < HANG {
+        while !processes_of(&self.run_dir).is_empty() && began.elapsed() < WAIT_TIMEOUT {
             std::thread::sleep(Duration::from_millis(1));
         }
     }
 }
 
 /// A run in progress.
-pub struct Running {
+pub struct RunInProgress {
     supervisor: Supervisor,
     /// Part of the run's stderr that the test has already read.
-    read: String,
+    read_stderr: String,
     command: String,
     place: RunDirs,
 }
 
-impl Running {
+impl RunInProgress {
     fn child(&mut self) -> &mut Child {
         self.supervisor.child.as_mut().expect("it runs")
     }
@@ -283,7 +283,11 @@ impl Running {
     }
 
     /// Waits until `condition` returns `Some`, and returns its value. Panics if the run ends first, or after [`HANG`].
-    pub fn wait_for<T>(&mut self, what: &str, condition: impl Fn(&Running) -> Option<T>) -> T {
+    pub fn wait_for<T>(
+        &mut self,
+        what: &str,
+        condition: impl Fn(&RunInProgress) -> Option<T>,
+    ) -> T {
         let began = Instant::now();
         loop {
             if let Some(found) = condition(self) {
@@ -291,7 +295,11 @@ impl Running {
             }
             let ended = self.child().try_wait().unwrap();
             assert!(ended.is_none(), "{} ended before {what}: {ended:?}", self.command);
-            assert!(began.elapsed() < HANG, "{}: no {what} within {HANG:?}", self.command);
+            assert!(
+                began.elapsed() < WAIT_TIMEOUT,
+                "{}: no {what} within {WAIT_TIMEOUT:?}",
+                self.command
+            );
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -311,7 +319,7 @@ impl Running {
     }
 
     /// Waits for a line on stderr with this prefix, and returns the rest of it. Panics if stderr ends first.
-    pub fn line(&mut self, begins: &str) -> String {
+    pub fn wait_for_line(&mut self, begins: &str) -> String {
         let mut line = Vec::new();
         let mut byte = [0];
         // Byte by byte: the text after the line must stay in the pipe.
@@ -319,13 +327,13 @@ impl Running {
             line.push(byte[0]);
             if byte == *b"\n" {
                 let whole = text(&std::mem::take(&mut line));
-                self.read += &whole;
+                self.read_stderr += &whole;
                 if let Some(rest) = whole.strip_prefix(begins) {
                     return rest.trim_end().to_owned();
                 }
             }
         }
-        panic!("{} ended without a line {begins:?}, but with: {}", self.command, self.read);
+        panic!("{} ended without a line {begins:?}, but with: {}", self.command, self.read_stderr);
     }
 
     pub fn signal(&self, signal: Signal) {
@@ -336,7 +344,7 @@ impl Running {
     pub fn wait_until_ended(&mut self) {
         let began = Instant::now();
         while self.child().try_wait().unwrap().is_none() {
-            assert!(began.elapsed() < HANG, "{} hangs", self.command);
+            assert!(began.elapsed() < WAIT_TIMEOUT, "{} hangs", self.command);
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -349,7 +357,7 @@ impl Running {
         let summary = std::fs::read(run_dir.join("summary.json"));
         let summary = summary
             .map_or(Value::Null, |bytes| serde_json::from_slice(&bytes).expect("it is JSON"));
-        let (stdout, stderr) = (text(&stdout), self.read + &text(&stderr));
+        let (stdout, stderr) = (text(&stdout), self.read_stderr + &text(&stderr));
         let shown = format!(
             "command: {}\ndirectory: {}\nstatus: {status}\nstdout:\n{stdout}\nstderr:\n{stderr}",
             self.command,
@@ -380,7 +388,7 @@ impl FinishedRun {
 
     /// Panics with the command, output, last events and summary unless `holds`.
     #[track_caller]
-    pub fn claim(&self, holds: bool, what: impl AsRef<str>) -> &FinishedRun {
+    pub fn assert_holds(&self, holds: bool, what: impl AsRef<str>) -> &FinishedRun {
         if !holds {
             let mut shown = self.shown.clone();
             let events = self.file("events.csv");
@@ -394,14 +402,14 @@ impl FinishedRun {
 
     #[track_caller]
     pub fn exits_with(&self, code: i32) -> &FinishedRun {
-        self.claim(self.code == Some(code), format!("exit code {code}"))
+        self.assert_holds(self.code == Some(code), format!("exit code {code}"))
     }
 
     /// Checks that no two robots came closer than d, which is at least 0.2 m in every shipped scenario.
     #[track_caller]
-    pub fn keeps_d(&self) -> &FinishedRun {
+    pub fn assert_keeps_d(&self) -> &FinishedRun {
         let counted = self.number("/violations");
-        self.claim(
+        self.assert_holds(
             counted == 0.0 && self.number("/min_distance_m") >= 0.2,
             "no two robots came closer than d",
         )
@@ -418,11 +426,11 @@ impl FinishedRun {
 
     /// Checks that no process of the run is left, and no file in its run root, which holds all shared memory.
     #[track_caller]
-    pub fn leaves_nothing(&self) -> &FinishedRun {
+    pub fn assert_leaves_nothing(&self) -> &FinishedRun {
         let processes = processes_of(&self.run_dir());
-        self.claim(processes.is_empty(), format!("no process is left, found {processes:?}"));
+        self.assert_holds(processes.is_empty(), format!("no process is left, found {processes:?}"));
         let files = files_below(self.place.run_root.path());
-        self.claim(files.is_empty(), format!("the run root is empty, found {files:?}"))
+        self.assert_holds(files.is_empty(), format!("the run root is empty, found {files:?}"))
     }
 }
 
@@ -455,7 +463,7 @@ pub fn processes_of(run_dir: &Path) -> Vec<(u32, String)> {
 pub fn wait_until_gone(run_dir: &Path) {
     let began = Instant::now();
     while !processes_of(run_dir).is_empty() {
-        assert!(began.elapsed() < HANG, "left: {:?}", processes_of(run_dir));
+        assert!(began.elapsed() < WAIT_TIMEOUT, "left: {:?}", processes_of(run_dir));
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -468,7 +476,7 @@ pub fn write_script(path: &Path, lines: &str) {
 
 /// Checks that `said` returns the text of `*.stderr` for each `*.toml` in a folder of this repository. Panics if the
 /// folder has fewer than `least` such files, or a `*.stderr` without one. `PHALANX_BLESS=1` writes the texts instead.
-pub fn as_written_beside(folder: &str, least: usize, said: impl Fn(&Path) -> String) {
+pub fn assert_texts_beside(folder: &str, least: usize, said: impl Fn(&Path) -> String) {
     let entries = std::fs::read_dir(Path::new(ROOT).join(folder)).unwrap();
     let names = entries.map(|entry| Path::new(folder).join(entry.unwrap().file_name()));
     let (mut files, beside): (Vec<PathBuf>, Vec<PathBuf>) =
@@ -505,12 +513,12 @@ pub fn files_below(directory: &Path) -> Vec<PathBuf> {
 }
 
 /// Returns the factor for the number of runs of randomized tests: the value of `PHALANX_TIMES`, by default 1.
-pub fn times() -> usize {
+pub fn repetition_factor() -> usize {
     std::env::var("PHALANX_TIMES").map_or(1, |times| times.parse().expect("a whole number"))
 }
 
 /// Returns the results of `work` for all items, in their order. Computes them with one thread per core.
-pub fn in_parallel<I: Sync, T: Send>(items: &[I], work: impl Fn(&I) -> T + Sync) -> Vec<T> {
+pub fn map_in_parallel<I: Sync, T: Send>(items: &[I], work: impl Fn(&I) -> T + Sync) -> Vec<T> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let next = AtomicUsize::new(0);
     let results: Vec<Mutex<Option<T>>> = items.iter().map(|_| Mutex::new(None)).collect();

@@ -11,21 +11,21 @@ use outcome::metrics::Metrics;
 use protocol::brief::{AgentBrief, BodyBrief, Pace};
 use protocol::message::PROXIMITY_MAX;
 
-use crate::harness::{in_parallel, times};
+use crate::harness::{map_in_parallel, repetition_factor};
 use crate::model::{
-    ADVERSARIES, Adversary, Expiry, FAULT_PROFILES, FaultProfile, Fleet, Trial, TrialResult, Wish,
-    simulate, stay_at,
+    ADVERSARIES, Adversary, Expiry, FAULT_PROFILES, FaultProfile, Fleet, RequestedVelocity, Trial,
+    TrialResult, simulate, stay_at,
 };
 use crate::oracle::scenario;
 
-pub const S: u64 = 1_000_000_000;
+pub const NS_PER_S: u64 = 1_000_000_000;
 pub const TRIANGLES: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
 pub const PERIODS: [&str; 3] = ["period_s=0.005", "period_s=0.01", "period_s=0.02"];
 
 /// Returns a trial with faults from its beginning to its end.
-pub fn hostile_trial(seed: u64, adversary: Adversary, wish: Wish) -> Trial {
+pub fn hostile_trial(seed: u64, adversary: Adversary, wish: RequestedVelocity) -> Trial {
     let expiry = Expiry::FromSample;
-    Trial { seed, adversary, wish, expiry, hostile_ns: 3 * S, duration_ns: 3 * S }
+    Trial { seed, adversary, wish, expiry, hostile_ns: 3 * NS_PER_S, duration_ns: 3 * NS_PER_S }
 }
 
 /// Simulates a trial. Returns the margin of the minimum distance to d or of the minimum wall clearance to the required
@@ -44,8 +44,7 @@ pub struct HostileCase {
 
 /// Returns the margin of a simulated run, m.
 fn kept_by(fleet: &Fleet, outcome: &TrialResult) -> f64 {
-    let apart_m = outcome.closest_m - fleet.plant.distance_min_m;
-    apart_m.min(outcome.clearance_m - fleet.plant.clearance_m)
+    outcome.margin_m.min(outcome.clearance_m - fleet.plant.clearance_m)
 }
 
 pub fn fleet_of_scenario(name: &str, set: &[&str]) -> Fleet {
@@ -112,7 +111,7 @@ fn leads_to(point: Vec2, i: usize, agent: &AgentBrief) -> AgentBrief {
 /// another seed, and each round with other faults of sensors and bodies.
 #[test]
 fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
-    let rounds = 10 * times();
+    let rounds = 10 * repetition_factor();
     let mut fleets = Vec::new();
     for period in PERIODS {
         let of_scenarios = TRIANGLES.into_iter().chain(["pentagon", "containment"]);
@@ -134,10 +133,10 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
                 cases.push(HostileCase { name, fleet: fleet.clone(), trial });
             }
         }
-        let outcomes = in_parallel(&cases, |case| margin(&case.fleet, case.trial));
+        let outcomes = map_in_parallel(&cases, |case| margin(&case.fleet, case.trial));
         for (case, (margin_m, outcome)) in cases.iter().zip(outcomes) {
             assert!(margin_m >= 0.0, "{}: {margin_m}, {outcome:?}", case.name);
-            if profile == FaultProfile::Nothing && case.trial.wish == Wish::Ram {
+            if profile == FaultProfile::Nothing && case.trial.wish == RequestedVelocity::Ram {
                 rammed_m = rammed_m.min(margin_m);
             }
             late += outcome.commands_late;
@@ -152,8 +151,10 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
 }
 
 /// Returns every adversary with every requested velocity.
-pub fn adversaries_and_wishes() -> impl Iterator<Item = (Adversary, Wish)> {
-    ADVERSARIES.into_iter().flat_map(|adversary| [(adversary, Wish::Law), (adversary, Wish::Ram)])
+pub fn adversaries_and_wishes() -> impl Iterator<Item = (Adversary, RequestedVelocity)> {
+    ADVERSARIES.into_iter().flat_map(|adversary| {
+        [(adversary, RequestedVelocity::Law), (adversary, RequestedVelocity::Ram)]
+    })
 }
 
 /// Simulates a trial. Returns the minimum clearance of robots to walls after they have left their start, m, and the
@@ -161,7 +162,7 @@ pub fn adversaries_and_wishes() -> impl Iterator<Item = (Adversary, Wish)> {
 fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, TrialResult) {
     let mut passed_m = f64::INFINITY;
     let outcome = simulate(fleet, trial, |header, truth, _| {
-        if header.t_ns > S / 2 {
+        if header.t_ns > NS_PER_S / 2 {
             for (row, body) in truth.iter().zip(&fleet.plant.robots) {
                 let alpha = front_point(row.pose(), body.front_point_m);
                 let away =
@@ -176,7 +177,7 @@ fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, TrialResult) {
 /// Simulates the same fleets, each among other walls.
 #[test]
 fn in_864_adversarial_runs_among_walls_robots_keep_clearance() {
-    let rounds = 6 * times() as u64;
+    let rounds = 6 * repetition_factor() as u64;
     let (mut runs, mut closest_m, mut passed) = (0, f64::INFINITY, 0);
     for (round, profile) in (0..rounds).zip(FAULT_PROFILES.into_iter().cycle()) {
         let mut cases = Vec::new();
@@ -190,13 +191,13 @@ fn in_864_adversarial_runs_among_walls_robots_keep_clearance() {
                 for (adversary, wish) in adversaries_and_wishes() {
                     runs += 1;
                     let trial =
-                        Trial { duration_ns: 2 * S, ..hostile_trial(runs, adversary, wish) };
+                        Trial { duration_ns: 2 * NS_PER_S, ..hostile_trial(runs, adversary, wish) };
                     let name = format!("{seed}, {period}, {profile:?}, {trial:?}");
                     cases.push(HostileCase { name, fleet: fleet.clone(), trial });
                 }
             }
         }
-        let outcomes = in_parallel(&cases, |case| passed_m(&case.fleet, case.trial));
+        let outcomes = map_in_parallel(&cases, |case| passed_m(&case.fleet, case.trial));
         for (HostileCase { name, fleet, .. }, (passed_m, outcome)) in cases.iter().zip(outcomes) {
             assert!(kept_by(fleet, &outcome) >= 0.0, "{name}: {outcome:?}");
             let beside_m = passed_m - fleet.plant.clearance_m;
@@ -225,7 +226,7 @@ fn crowd_at_spacing_d_with_partial_sensing_keeps_d() {
     let most = alphas.iter().map(near).max();
     assert!(most > Some(PROXIMITY_MAX), "{most:?}");
     for (seed, (adversary, wish)) in (0..).zip(adversaries_and_wishes()) {
-        let trial = Trial { duration_ns: S, ..hostile_trial(seed, adversary, wish) };
+        let trial = Trial { duration_ns: NS_PER_S, ..hostile_trial(seed, adversary, wish) };
         let (margin_m, outcome) = margin(&fleet, trial);
         assert!(margin_m >= 0.0, "{trial:?}: {margin_m}, {outcome:?}");
     }
@@ -240,9 +241,9 @@ fn all_robots_return_after_the_last_fault() {
             let fleet = Fleet::from_scenario(&scenario);
             let mut metrics = Metrics::new(&scenario, Pace::Realtime);
             let trial = Trial {
-                hostile_ns: hostile_s * S,
+                hostile_ns: hostile_s * NS_PER_S,
                 duration_ns: scenario.duration_ns,
-                ..hostile_trial(seed, adversary, Wish::Law)
+                ..hostile_trial(seed, adversary, RequestedVelocity::Law)
             };
             let outcome = simulate(&fleet, trial, |header, truth, alive| {
                 metrics.add_truth(header, truth, alive);
@@ -273,7 +274,7 @@ fn below_d(fleet: &Fleet, mistaken: &Fleet, trial: impl Fn(u64) -> Trial) -> (us
 fn literal_focus_falls_below_d_in_hostile_trials() {
     let guarded = fleet_of_scenario("triangle-d", &[]);
     let literal = fleet_of_scenario("triangle-d", &["avoidance.kind=focus"]);
-    let trial = |seed| hostile_trial(seed, Adversary::Chance, Wish::Law);
+    let trial = |seed| hostile_trial(seed, Adversary::Chance, RequestedVelocity::Law);
     let (count, worst_m) = below_d(&guarded, &literal, trial);
     assert!(count > 20 && worst_m > 1e-3, "{count}, {worst_m}");
 }
@@ -284,7 +285,7 @@ fn command_lifetime_counted_from_arrival_violates_d() {
     for (adversary, count_min) in [(Adversary::JustInTime, 20), (Adversary::Ambush, 1)] {
         let trial = |seed| {
             let expiry = Expiry::FromArrival;
-            Trial { expiry, ..hostile_trial(seed, adversary, Wish::Ram) }
+            Trial { expiry, ..hostile_trial(seed, adversary, RequestedVelocity::Ram) }
         };
         let (count, worst_m) = below_d(&fleet, &fleet, trial);
         assert!(count >= count_min && worst_m > 1e-2, "{adversary:?}: {count}, {worst_m}");
@@ -299,7 +300,7 @@ fn agents_assuming_a_quarter_of_the_lifetime_violate_d() {
         agent.command_lifetime_ns /= 4;
     }
     for adversary in ADVERSARIES {
-        let trial = |seed| hostile_trial(seed, adversary, Wish::Ram);
+        let trial = |seed| hostile_trial(seed, adversary, RequestedVelocity::Ram);
         let (count, worst_m) = below_d(&fleet, &hasty, trial);
         assert!(count > 10 && worst_m > 1e-2, "{adversary:?}: {count}, {worst_m}");
     }

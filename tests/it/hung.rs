@@ -8,11 +8,12 @@ use protocol::barrier::Barrier;
 use protocol::run_root;
 use rustix::process::Signal;
 
-use crate::harness::{Phalanx, Running, run, signal_pid};
+use crate::harness::{Phalanx, RunInProgress, run, signal_pid};
 use crate::oracle::{self, scenario};
 
 const HUNG_SETTINGS: [&str; 3] = ["duration_s=240", "hung_after_s=0.5", "expect={}"];
-/// Duration of a stop: several times `hung_after_s`, so that a wrong detection would occur. The test waits for no event.
+/// Duration of a stop: several times `hung_after_s`, so that a wrong detection would occur. The test waits for no
+/// event.
 const STOP_DURATION: Duration = Duration::from_millis(2500);
 
 fn long() -> Phalanx {
@@ -20,17 +21,17 @@ fn long() -> Phalanx {
 }
 
 /// Starts a run and waits until its robots move.
-fn start_moving_run() -> Running {
+fn start_moving_run() -> RunInProgress {
     let mut running = long().start();
     running.wait_for_event("contact");
     running
 }
 
-fn passes_as_if_nothing_had_been(running: Running) {
+fn assert_passes_undisturbed(running: RunInProgress) {
     let ended = running.finish();
     let foretold = oracle::simulate(&scenario("triangle", &HUNG_SETTINGS)).trajectory_hash.unwrap();
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.hash() == foretold, format!("the hash is {foretold}"));
+    ended.exits_with(0).assert_leaves_nothing();
+    ended.assert_holds(ended.hash() == foretold, format!("the hash is {foretold}"));
 }
 
 #[test]
@@ -39,11 +40,11 @@ fn run_waits_for_a_stopped_robot_and_a_stopped_plant() {
     for (name, who) in [("r2", "r2"), ("plant", "the plant")] {
         let stopped = running.pid_of(name);
         signal_pid(stopped, Signal::STOP);
-        running.line(&format!(" WARN {who} was stopped by another process"));
+        running.wait_for_line(&format!(" WARN {who} was stopped by another process"));
         std::thread::sleep(STOP_DURATION);
         signal_pid(stopped, Signal::CONT);
     }
-    passes_as_if_nothing_had_been(running);
+    assert_passes_undisturbed(running);
 }
 
 #[test]
@@ -60,7 +61,7 @@ fn run_continues_after_stopped_supervisor_or_all_stopped() {
     children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::CONT));
     std::thread::sleep(STOP_DURATION);
     running.signal(Signal::CONT);
-    passes_as_if_nothing_had_been(running);
+    assert_passes_undisturbed(running);
 }
 
 #[test]
@@ -70,24 +71,28 @@ fn hung_robot_is_named_and_ends_the_run_with_exit_code_4() {
     // A tick that takes long.
     let r3 = running.pid_of("r3");
     signal_pid(r3, Signal::STOP);
-    running.line(" WARN r3 was stopped by another process");
+    running.wait_for_line(" WARN r3 was stopped by another process");
     let root = running.roots().into_iter().find(|root| root.is_dir()).expect("a run root");
     let barrier = Barrier::open(&run_root::barrier_path(Path::new(&root))).unwrap();
-    let tick = running.wait_for("a tick that lacks r3 alone", |_| match barrier.awaited()[..] {
-        [(2, tick)] => Some(tick),
-        _ => None,
-    });
+    let tick =
+        running.wait_for("a tick that lacks r3 alone", |_| match barrier.pending_members()[..] {
+            [(2, tick)] => Some(tick),
+            _ => None,
+        });
     // The robot has answered and waits for the next tick; now the answer is removed.
     barrier.set_member(1, 0);
     signal_pid(r3, Signal::CONT);
     let at_least_s = moves.elapsed().as_secs_f64() + 0.5;
-    running.line(&format!(
+    running.wait_for_line(&format!(
         " WARN r2 has not answered tick {tick}, and is blocked (on a file, a timer or another process), for 0.25 s"
     ));
     let ended = running.finish();
-    ended.exits_with(4).leaves_nothing();
+    ended.exits_with(4).assert_leaves_nothing();
     let named = format!("r2 has not answered tick {tick} for 0.5 s while blocked (hung_after_s)");
-    ended.claim(ended.stderr.contains(&named), named);
+    ended.assert_holds(ended.stderr.contains(&named), named);
     let wall_s = ended.number("/wall/wall_s");
-    ended.claim(wall_s >= at_least_s, format!("it took at least {at_least_s} s, found {wall_s}"));
+    ended.assert_holds(
+        wall_s >= at_least_s,
+        format!("it took at least {at_least_s} s, found {wall_s}"),
+    );
 }

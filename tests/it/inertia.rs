@@ -1,10 +1,10 @@
 //! The guard's guarantee for robots with inertia: the adversarial runs of `hostile`, half of them among walls, with a
 //! guard that accounts for inertia and with one that does not.
 
-use crate::harness::{in_parallel, times};
+use crate::harness::{map_in_parallel, repetition_factor};
 use crate::hostile::{
-    HostileCase, PERIODS, S, TRIANGLES, adversaries_and_wishes, fleet_of_scenario, hostile_trial,
-    margin, swap,
+    HostileCase, NS_PER_S, PERIODS, TRIANGLES, adversaries_and_wishes, fleet_of_scenario,
+    hostile_trial, margin, swap,
 };
 use crate::model::{FAULT_PROFILES, FaultProfile, Fleet, INERTIAS, Trial};
 
@@ -35,7 +35,7 @@ fn fleets(round: usize) -> Vec<(String, Fleet)> {
 /// violate d or the clearance with a guard that ignores inertia, the number of these runs, and the worst margin.
 #[test]
 fn in_2016_adversarial_runs_robots_with_inertia_keep_d() {
-    let rounds = 12 * times();
+    let rounds = 12 * repetition_factor();
     let (mut seed, mut late, mut freezes, mut kills) = (0, 0, 0, 0);
     let (mut compared, mut below) = (0, 0);
     let (mut worst, mut worst_clearance) = (f64::INFINITY, f64::INFINITY);
@@ -48,13 +48,14 @@ fn in_2016_adversarial_runs_robots_with_inertia_keep_d() {
             let fleet = fleet.under(profile);
             for (adversary, wish) in adversaries_and_wishes() {
                 seed += 1;
-                let trial = Trial { duration_ns: 2 * S, ..hostile_trial(seed, adversary, wish) };
+                let trial =
+                    Trial { duration_ns: 2 * NS_PER_S, ..hostile_trial(seed, adversary, wish) };
                 let name = format!("{name}, {profile:?}, {trial:?}");
                 let compare = (profile == FaultProfile::Nothing).then(|| unknowing.clone());
                 cases.push((HostileCase { name, fleet: fleet.clone(), trial }, compare));
             }
         }
-        let outcomes = in_parallel(&cases, |(HostileCase { fleet, trial, .. }, unknowing)| {
+        let outcomes = map_in_parallel(&cases, |(HostileCase { fleet, trial, .. }, unknowing)| {
             let compared = unknowing.as_ref().map(|unknowing| margin(unknowing, *trial));
             (margin(fleet, *trial), compared)
         });

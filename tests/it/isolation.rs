@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use crate::harness::{Running, files_below, run};
+use crate::harness::{RunInProgress, files_below, run};
 
 #[test]
 fn agent_opens_only_its_services_and_in_neighbor_beacons() {
@@ -44,7 +44,7 @@ fn agent_opens_a_spare_beacon_only_while_it_uses_the_spare() {
     let services = services(&running);
     let spare = "robot/r5/beacon".to_owned();
     let r3 = running.pid_of("r3");
-    let open = |running: &Running| -> [BTreeSet<String>; 2] {
+    let open = |running: &RunInProgress| -> [BTreeSet<String>; 2] {
         let mapped = mapped(r3);
         let is_mapped =
             |service: &&Service| mapped.iter().any(|path| path.ends_with(&service.management));
@@ -76,7 +76,7 @@ struct Service {
 }
 
 /// Returns the services of the run by hash.
-fn services(running: &Running) -> BTreeMap<String, Service> {
+fn services(running: &RunInProgress) -> BTreeMap<String, Service> {
     let files = files_below(running.run_root());
     let described = files.iter().filter(|path| path.extension().is_some_and(|e| e == "service"));
     described
@@ -96,7 +96,11 @@ fn services(running: &Running) -> BTreeMap<String, Service> {
 }
 
 /// Returns the names of the services that the node of process `pid` is tagged with.
-fn tagged(running: &Running, pid: u32, services: &BTreeMap<String, Service>) -> BTreeSet<String> {
+fn tagged(
+    running: &RunInProgress,
+    pid: u32,
+    services: &BTreeMap<String, Service>,
+) -> BTreeSet<String> {
     let node = files_below(running.run_root())
         .into_iter()
         .filter(|path| path.extension().is_some_and(|end| end == "details"))

@@ -1,6 +1,6 @@
 //! The leader's frame: effects of noise, communication timeouts and avoidance of the leader on the formation.
 
-use experiment::check::check;
+use experiment::check::check_scenario;
 use experiment::scenario::Scenario;
 use formation::pose::wrap_angle;
 
@@ -63,7 +63,7 @@ fn formation_keeps_its_heading_at_a_cusp_with_keep_heading() {
 #[test]
 fn check_warns_of_a_cusp_with_its_time() {
     let warnings = |scenario: &Scenario| {
-        let findings = check(scenario).into_iter().map(|finding| finding.message);
+        let findings = check_scenario(scenario).into_iter().map(|finding| finding.message);
         findings.filter(|message| message.contains("reverses")).collect::<Vec<_>>()
     };
     let [warning] = &warnings(&to_and_fro(""))[..] else { panic!("one warning") };
@@ -75,7 +75,7 @@ fn check_warns_of_a_cusp_with_its_time() {
     let waypoints = "trajectory={kind=\"waypoints\",speed_m_s=0.5,\
                      points_m=[[0.0,0.0],[3.0,0.0],[3.0,0.01],[0.0,0.01]]}";
     let there_and_back = scenario("pentagon", &[waypoints, "expect={}"]);
-    assert_eq!(warnings(&there_and_back).len(), 1, "{:?}", check(&there_and_back));
+    assert_eq!(warnings(&there_and_back).len(), 1, "{:?}", check_scenario(&there_and_back));
 }
 
 /// A leader that starts off its path and across it turns on its way there; the formation does not turn.

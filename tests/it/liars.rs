@@ -4,7 +4,7 @@ use formation::Vec2;
 use formation::front_point::front_point;
 use formation::random::SplitMix64;
 
-use crate::harness::{in_parallel, run, times};
+use crate::harness::{map_in_parallel, repetition_factor, run};
 use crate::oracle::{simulate, simulate_watched, with_faults};
 
 const LIE: &str = "lie r3 beacons by [1.5, 0.0] @15 for 20";
@@ -63,9 +63,10 @@ fn one_byzantine_robot_moves_only_nonresilient_robots() {
 #[test]
 fn spare_or_noisy_liar_does_not_move_resilient_robots() {
     let dead = ["kill r2 @10"];
-    let spares =
-        with_faults("liar-10", &["repair=spares", "fault=[]"], &dead).rewiring().repairs(&[1], &[]);
-    assert_eq!(spares.iter().filter(|one| one.by == 4).count(), 2, "{spares:?}");
+    let spares = with_faults("liar-10", &["repair=spares", "fault=[]"], &dead)
+        .rewiring()
+        .active_repairs(&[1], &[]);
+    assert_eq!(spares.iter().filter(|one| one.substitute == 4).count(), 2, "{spares:?}");
     let noise = ["r4", "r6", "r7", "r9"];
     let noise = noise.map(|robot| format!("noise {robot} odometry by 0.02 heading 0.01 @5 for 35"));
     let noise: Vec<&str> = noise.iter().map(String::as_str).collect();
@@ -83,8 +84,8 @@ fn spare_or_noisy_liar_does_not_move_resilient_robots() {
 /// all.
 #[test]
 fn random_liars_move_honest_robots_by_at_most_5_centimeters() {
-    let lies: Vec<u64> = (0..8 * times() as u64).collect();
-    let worst = in_parallel(&lies, |&number| {
+    let lies: Vec<u64> = (0..8 * repetition_factor() as u64).collect();
+    let worst = map_in_parallel(&lies, |&number| {
         let (liar, lie) = draw_lie(number);
         let from_s = if number % 8 < 4 { 0 } else { 25 };
         let moved = displacement_by_lie_m("formation-robust", &lie, from_s).into_iter().enumerate();
@@ -104,7 +105,7 @@ fn draw_lie(number: u64) -> (usize, String) {
     let edges: Vec<_> = scenario.graph.edges().iter().filter(|edge| edge.from > 0).collect();
     let edge = edges[dice.next_u64() as usize % edges.len()];
     let [liar, hearer] = [edge.from, edge.to].map(|i| scenario.robots[i].name.as_str());
-    let mut within = |most: f64| most * (2.0 * dice.unit() - 1.0);
+    let mut within = |most: f64| most * (2.0 * dice.draw_unit() - 1.0);
     let what = match number % 4 {
         0 => format!("by [{:.3}, {:.3}]", within(4.0), within(4.0)),
         1 => format!("drift [{:.3}, {:.3}]", within(0.3), within(0.3)),
@@ -126,14 +127,20 @@ fn runs_with_a_liar_match_prediction_and_keep_distance() {
         let law = format!("robot_defaults.law=\"{law}\"");
         let set = ["expect={}", "duration_s=25", &law];
         let ended = run("liar-10").lockstep().sets(set).finish();
-        ended.exits_with(0).leaves_nothing().keeps_d();
+        ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
         let foretold = simulate(&with_faults("liar-10", &set, &[])).trajectory_hash;
-        ended.claim(Some(ended.hash()) == foretold.as_deref(), "the oracle has the same hash");
+        ended.assert_holds(
+            Some(ended.hash()) == foretold.as_deref(),
+            "the oracle has the same hash",
+        );
         let why = ended.summary["faults"][0]["predicted_why"].to_string();
-        ended.claim(why.contains("not predicted"), format!("it does not foretell a lie: {why}"));
+        ended.assert_holds(
+            why.contains("not predicted"),
+            format!("it does not foretell a lie: {why}"),
+        );
         let again = run("liar-10").lockstep().sets(set).finish();
-        again.claim(again.hash() == ended.hash(), "the same hash twice");
+        again.assert_holds(again.hash() == ended.hash(), "the same hash twice");
         let live = run("liar-10").args(["--pace", "realtime"]).sets(set).finish();
-        live.exits_with(0).leaves_nothing().keeps_d();
+        live.exits_with(0).assert_leaves_nothing().assert_keeps_d();
     }
 }

@@ -5,12 +5,12 @@ use agent::controller::{Controller, Parts};
 use agent::laws::{Law, Situation};
 use experiment::check::Theory;
 use formation::Vec2;
-use outcome::metrics::Measures;
+use outcome::metrics::RunMetrics;
 use protocol::brief::{AgentBrief, Pace};
 
-use crate::harness::{in_parallel, run};
+use crate::harness::{map_in_parallel, run};
 use crate::hostile::{hostile_trial, margin};
-use crate::model::{ADVERSARIES, Fleet, Wish};
+use crate::model::{ADVERSARIES, Fleet, RequestedVelocity};
 use crate::oracle::{simulate, simulate_with, with_faults};
 
 /// Faults of 20 % burst loss, and of 40 ms and more of delay in each direction.
@@ -28,13 +28,13 @@ struct RammingLaw {
 
 impl Law for RammingLaw {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        let from = situation.away.first().copied().unwrap_or(situation.error);
+        let from = situation.neighbor_vectors.first().copied().unwrap_or(situation.error);
         -self.speed_m_s * from / from.norm().max(f64::MIN_POSITIVE)
     }
 }
 
 /// Simulates robots in lockstep that go to goals and ram each other on the way. `believed` changes their briefs.
-fn ramming(set: &[&str], faults: &[&str], believed: impl Fn(&mut AgentBrief)) -> Measures {
+fn ramming(set: &[&str], faults: &[&str], believed: impl Fn(&mut AgentBrief)) -> RunMetrics {
     let scenario = with_faults("antipodal-8", set, faults);
     simulate_with(&scenario, &|brief, incarnation| {
         let mut brief = brief.clone();
@@ -54,7 +54,7 @@ fn check_reports_io_delay_and_h_accounts_for_it() {
     assert_eq!(guard.late_s, [0.1, 0.1]);
     assert_eq!((guard.lifetime_lockstep_s, guard.lifetime_realtime_s), (0.12, 0.143));
     let lossy = with_faults("triangle", &set, &LATE_FAULTS[..2]);
-    assert_eq!(lossy.late_ns(Pace::Lockstep), 0);
+    assert_eq!(lossy.command_delay_ns_max(Pace::Lockstep), 0);
     assert_eq!(lossy.faults.len(), 6, "each of the three robots, twice");
 }
 
@@ -64,7 +64,7 @@ fn lockstep_keeps_d_under_any_odometry_and_command_delay() {
     let faults = [&LATE_FAULTS[..], &kills].concat();
     let periods = ["period_s=0.02", "period_s=0.005"];
     let runs = periods.map(|period| (1..=4).map(move |seed| (period, seed)));
-    in_parallel(&runs.into_iter().flatten().collect::<Vec<_>>(), |(period, seed)| {
+    map_in_parallel(&runs.into_iter().flatten().collect::<Vec<_>>(), |(period, seed)| {
         let set = [*period, "duration_s=10", "expect={}", &format!("seed={seed}")];
         let measures = ramming(&set, &faults, |_| ());
         let apart_m = measures.min_distance_m.unwrap();
@@ -90,9 +90,11 @@ fn real_time_model_also_keeps_d() {
     let names = ["triangle", "pentagon", "antipodal-8"];
     let fleets = ["period_s=0.005", "period_s=0.02"].map(|period| names.map(|name| (period, name)));
     let fleets: Vec<_> = fleets.into_iter().flatten().zip(0..).collect();
-    in_parallel(&fleets, |&((period, name), place)| {
+    map_in_parallel(&fleets, |&((period, name), place)| {
         let fleet = Fleet::from_scenario(&with_faults(name, &[period, "expect={}"], &LATE_FAULTS));
-        let attacks = ADVERSARIES.iter().flat_map(|&by| [(by, Wish::Law), (by, Wish::Ram)]);
+        let attacks = ADVERSARIES
+            .iter()
+            .flat_map(|&by| [(by, RequestedVelocity::Law), (by, RequestedVelocity::Ram)]);
         for (seed, (adversary, wish)) in (77_000 + 100 * place..).zip(attacks) {
             let (margin_m, outcome) = margin(&fleet, hostile_trial(seed, adversary, wish));
             assert!(margin_m >= 0.0, "{name}, {period}, {seed}: {margin_m}, {outcome:?}");
@@ -113,6 +115,6 @@ fn late_robots_still_come_to_their_places() {
 #[test]
 fn in_real_time_late_robots_keep_d_and_come_to_their_places() {
     let ended = run("triangle").faults(LATE_FAULTS).sets(["duration_s=20", "expect={}"]).finish();
-    ended.exits_with(0).leaves_nothing().keeps_d();
-    ended.claim(ended.number("/final_error_m_max") < 0.02, "the formation stands");
+    ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
+    ended.assert_holds(ended.number("/final_error_m_max") < 0.02, "the formation stands");
 }

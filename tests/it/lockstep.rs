@@ -1,11 +1,12 @@
 //! Lockstep: real processes match the prediction of the oracle bit for bit.
 
-use outcome::metrics::Measures;
+use outcome::metrics::RunMetrics;
 
-use crate::harness::{FinishedRun, in_parallel, run};
+use crate::harness::{FinishedRun, map_in_parallel, run};
 use crate::oracle::{scenario, simulate};
 
-/// Returns the names of all scenarios with at most `robots_max` robots, from the folder, so that new files are included.
+/// Returns the names of all scenarios with at most `robots_max` robots, from the folder, so that new files are
+/// included.
 fn shipped(robots_max: usize) -> Vec<String> {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios");
     let paths = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
@@ -19,22 +20,22 @@ fn shipped(robots_max: usize) -> Vec<String> {
 }
 
 /// Runs real processes with these assignments. Checks that their trajectory is the prediction of the oracle.
-fn run_as_predicted(name: &str, set: &[&str]) -> (FinishedRun, Measures) {
+fn run_as_predicted(name: &str, set: &[&str]) -> (FinishedRun, RunMetrics) {
     let ended = run(name).lockstep().sets(set).finish();
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(0).assert_leaves_nothing();
     let foretold = simulate(&scenario(name, set));
     let hash = foretold.trajectory_hash.as_deref().unwrap();
-    ended.claim(ended.hash() == hash, format!("{name} {set:?}: the hash is {hash}"));
+    ended.assert_holds(ended.hash() == hash, format!("{name} {set:?}: the hash is {hash}"));
     (ended, foretold)
 }
 
 #[test]
 fn every_process_run_equals_the_prediction_of_the_oracle() {
-    in_parallel(&shipped(12), |name| {
+    map_in_parallel(&shipped(12), |name| {
         let (ended, foretold) = run_as_predicted(name, &[]);
         let distance_m = foretold.min_distance_m.unwrap();
         let same = (ended.number("/min_distance_m") - distance_m).abs() < 1e-12;
-        ended.claim(same, format!("{distance_m} m apart"));
+        ended.assert_holds(same, format!("{distance_m} m apart"));
     });
 }
 
@@ -43,16 +44,16 @@ fn sixty_four_robots_follow_one_leader_and_keep_their_distance() {
     // Only a part of the run: 66 processes take processor time from real-time tests that run in parallel.
     let (ended, _) = run_as_predicted("swarm64", &["duration_s=20", "expect.converged_by_s=18"]);
     let errors = ended.summary["final_error_m"].as_object().unwrap();
-    ended.claim(errors.len() == 64, "64 robots have an error");
-    ended.claim(errors.values().all(|error| error.is_number()), "each was alive to the end");
-    ended.keeps_d();
+    ended.assert_holds(errors.len() == 64, "64 robots have an error");
+    ended.assert_holds(errors.values().all(|error| error.is_number()), "each was alive to the end");
+    ended.assert_keeps_d();
     // Measured values are below 1 s. A run without it, or with a very slow start, is broken.
-    ended.claim((1e-3..10.0).contains(&ended.number("/wall/startup_s")), "they came up");
+    ended.assert_holds((1e-3..10.0).contains(&ended.number("/wall/startup_s")), "they came up");
 }
 
 #[test]
 fn every_avoidance_method_matches_the_oracle() {
-    in_parallel(&["none", "focus", "orca", "cbf-qp", "rbl"], |kind| {
+    map_in_parallel(&["none", "focus", "orca", "cbf-qp", "rbl"], |kind| {
         let kind = format!("avoidance.kind={kind}");
         let set = [
             &kind,
@@ -71,11 +72,11 @@ fn every_avoidance_method_matches_the_oracle() {
 #[test]
 fn runs_agree_for_any_start_order_and_parallel_runs() {
     // The seed determines the order in which processes are started.
-    let mut hashes = in_parallel(&["0", "1", "2", "3"], |seed| {
+    let mut hashes = map_in_parallel(&["0", "1", "2", "3"], |seed| {
         let beside = run("triangle").lockstep().start();
         let ended = run("triangle-kill").lockstep().args(["--seed", seed]).finish();
-        ended.exits_with(0).leaves_nothing();
-        beside.finish().exits_with(0).leaves_nothing();
+        ended.exits_with(0).assert_leaves_nothing();
+        beside.finish().exits_with(0).assert_leaves_nothing();
         ended.hash().to_owned()
     });
     hashes.dedup();
@@ -88,7 +89,7 @@ const FOCUS: [(&str, f64, f64); 2] = [("pentagon", 0.3, 0.01), ("containment", 0
 
 #[test]
 fn literal_focus_almost_keeps_d_at_a_period_of_100_us() {
-    in_parallel(&FOCUS, |(name, d, lost)| {
+    map_in_parallel(&FOCUS, |(name, d, lost)| {
         // Robots are closest on their way into the formation, within 5 s.
         let set = ["avoidance.kind=focus", "period_s=0.0001", "duration_s=5", "expect={}"];
         let distance = simulate(&scenario(name, &set)).min_distance_m.unwrap() / d;
@@ -100,7 +101,7 @@ fn literal_focus_almost_keeps_d_at_a_period_of_100_us() {
 fn swap_and_lattice_arrive_from_disturbed_starts() {
     let disturbances = ["swap-8", "lattice-12"].map(|name| (1..=4).map(move |by| (name, by)));
     let disturbances: Vec<(&str, i32)> = disturbances.into_iter().flatten().collect();
-    in_parallel(&disturbances, |&(name, disturbance)| {
+    map_in_parallel(&disturbances, |&(name, disturbance)| {
         let mut scenario = scenario(name, &[]);
         for (robot, place) in scenario.robots.iter_mut().zip(1..) {
             let phase = f64::from(disturbance * place);
@@ -120,6 +121,6 @@ fn swap_and_lattice_arrive_from_disturbed_starts() {
 fn run_with_partial_last_period_ends_at_its_last_tick() {
     let ended = run("triangle").lockstep().sets(["period_s=0.03", "duration_s=0.1", "expect={}"]);
     let ended = ended.finish();
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.number("/ticks") == 3.0, "three ticks of 0.03 s");
+    ended.exits_with(0).assert_leaves_nothing();
+    ended.assert_holds(ended.number("/ticks") == 3.0, "three ticks of 0.03 s");
 }

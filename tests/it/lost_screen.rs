@@ -9,7 +9,7 @@ use std::process::Command;
 
 use rustix::process::Signal;
 
-use crate::harness::{FinishedRun, Phalanx, Running, limited_by, run, signal_pid};
+use crate::harness::{FinishedRun, Phalanx, RunInProgress, limited_by, run, signal_pid};
 
 /// Acceptance criteria that also hold if a replacement is not ready at the end of a short run on a busy machine.
 const TWO_ARE_ENOUGH: &str = "expect={alive_at_end=2}";
@@ -34,10 +34,13 @@ fn run_with_unread_warnings_ends_normally() {
         let robot = running.pid_of("r2");
         signal_pid(robot, Signal::KILL);
         let ended = running.finish();
-        ended.exits_with(0).leaves_nothing();
-        ended.claim(ended.stderr.is_empty(), "nothing can be said");
-        ended.claim(ended.file("events.csv").contains("died,r2"), "there was something to say");
-        ended.claim(ended.number("/t_s") == 2.0, "and there is a summary");
+        ended.exits_with(0).assert_leaves_nothing();
+        ended.assert_holds(ended.stderr.is_empty(), "nothing can be said");
+        ended.assert_holds(
+            ended.file("events.csv").contains("died,r2"),
+            "there was something to say",
+        );
+        ended.assert_holds(ended.number("/t_s") == 2.0, "and there is a summary");
     }
 }
 
@@ -51,14 +54,14 @@ fn full_pipe(scratch: &Path) -> String {
 }
 
 /// Kills r2, waits for its replacement, and ends the run by Ctrl-C.
-fn restarts_and_ends(mut running: Running) -> FinishedRun {
+fn restarts_and_ends(mut running: RunInProgress) -> FinishedRun {
     running.wait_for_event("contact");
     let r2 = running.pid_of("r2");
     signal_pid(r2, Signal::KILL);
     running.wait_for_event("restart");
     running.signal(Signal::INT);
     let ended = running.finish();
-    ended.exits_with(130).leaves_nothing();
+    ended.exits_with(130).assert_leaves_nothing();
     ended
 }
 
@@ -106,9 +109,9 @@ fn repeated_hangup_stops_a_run_like_an_interrupt() {
         running.signal(Signal::HUP);
         running.signal(Signal::HUP);
         let ended = running.finish();
-        ended.exits_with(130).leaves_nothing();
-        ended.claim(ended.summary["interrupted"] == true, "the summary says so");
-        ended.claim(ended.file("report.html").contains("</html>"), "and there is a report");
+        ended.exits_with(130).assert_leaves_nothing();
+        ended.assert_holds(ended.summary["interrupted"] == true, "the summary says so");
+        ended.assert_holds(ended.file("report.html").contains("</html>"), "and there is a report");
     }
 }
 
@@ -122,7 +125,7 @@ fn robots_and_plant_end_on_a_hang_up_by_themselves() {
     let robot = running.pid_of("r2");
     signal_pid(robot, Signal::HUP);
     running.wait_for_event("died");
-    let log = |run: &crate::harness::Running, name: &str| {
+    let log = |run: &crate::harness::RunInProgress, name: &str| {
         std::fs::read_to_string(run.run_dir().join(format!("logs/{name}.jsonl"))).unwrap()
     };
     assert!(running.events().contains("died,r2,exit code 0"), "{}", running.events());
@@ -130,8 +133,8 @@ fn robots_and_plant_end_on_a_hang_up_by_themselves() {
     let plant = running.pid_of("plant");
     signal_pid(plant, Signal::HUP);
     let ended = running.finish();
-    ended.exits_with(4).leaves_nothing();
-    ended.claim(ended.stderr.contains("the plant died (exit code 0)"), said);
+    ended.exits_with(4).assert_leaves_nothing();
+    ended.assert_holds(ended.stderr.contains("the plant died (exit code 0)"), said);
 }
 
 #[test]
@@ -142,8 +145,8 @@ fn run_under_nohup_survives_the_hangup() {
     running.wait_for_event("contact");
     running.signal(Signal::HUP);
     let ended = running.finish();
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.number("/t_s") == 2.0, "it is whole");
+    ended.exits_with(0).assert_leaves_nothing();
+    ended.assert_holds(ended.number("/t_s") == 2.0, "it is whole");
 }
 
 /// Controlling end of a pseudoterminal. The terminal is closed when it is dropped.
@@ -168,7 +171,7 @@ impl Screen {
 }
 
 /// Starts a run on the terminal, with a progress bar and without the warning about a missing one.
-fn run_on(screen: &Screen, outputs: &str) -> Running {
+fn run_on(screen: &Screen, outputs: &str) -> RunInProgress {
     let path = screen.path.display();
     let script = format!("exec <>{path} {outputs} && exec \"$0\" \"$@\"");
     // A new session, so that this terminal becomes its controlling terminal.
@@ -198,8 +201,8 @@ fn closed_terminal_stops_the_run_and_writes_its_results() {
     running.wait_for_event("contact");
     drop(screen);
     let ended = running.finish();
-    ended.exits_with(130).leaves_nothing();
-    ended.claim(ended.summary["interrupted"] == true, "the summary says so");
+    ended.exits_with(130).assert_leaves_nothing();
+    ended.assert_holds(ended.summary["interrupted"] == true, "the summary says so");
 }
 
 #[test]

@@ -90,24 +90,30 @@ fn realtime_priority_applies_to_robots_and_plant_if_allowed() {
     let states: Vec<(String, u64)> = children.iter().map(|(pid, _)| scheduling(*pid)).collect();
     let (supervisor, _) = scheduling(running.pid());
     let ended = running.finish();
-    ended.exits_with(0).leaves_nothing();
-    ended.keeps_d();
-    ended.claim(
+    ended.exits_with(0).assert_leaves_nothing();
+    ended.assert_keeps_d();
+    ended.assert_holds(
         supervisor == "0 0",
         format!("the supervisor has ordinary priority, not {supervisor}"),
     );
     let manifest: Value = serde_json::from_str(&ended.file("manifest.json")).unwrap();
     let said = manifest["realtime_priority"].as_str().unwrap_or("nothing");
     let granted = said == "granted";
-    ended.claim(granted || said.contains("SCHED_FIFO") || said.contains("sched_rt"), said);
-    ended.claim(granted != ended.stderr.contains("running with ordinary priority"), "one warning");
-    ended.claim(states.len() == 4, "three robots and a plant were checked");
+    ended.assert_holds(granted || said.contains("SCHED_FIFO") || said.contains("sched_rt"), said);
+    ended.assert_holds(
+        granted != ended.stderr.contains("running with ordinary priority"),
+        "one warning",
+    );
+    ended.assert_holds(states.len() == 4, "three robots and a plant were checked");
     for (policy, _) in &states {
         let wanted = if granted { "10 1" } else { "0 0" };
-        ended.claim(policy == wanted, format!("all {said}: {states:?}"));
+        ended.assert_holds(policy == wanted, format!("all {said}: {states:?}"));
     }
     if granted && protocol::process::may_lock_memory() {
-        ended.claim(states.iter().all(|(_, locked)| *locked > 1000), format!("locked: {states:?}"));
+        ended.assert_holds(
+            states.iter().all(|(_, locked)| *locked > 1000),
+            format!("locked: {states:?}"),
+        );
     }
 }
 
@@ -115,7 +121,8 @@ fn realtime_priority_applies_to_robots_and_plant_if_allowed() {
 fn realtime_priority_is_refused_in_lockstep() {
     let ended = run("triangle").lockstep().args(["--realtime-priority"]).finish();
     ended.exits_with(2);
-    ended.claim(ended.stderr.contains("lockstep has no deadlines"), "the reason is reported");
+    ended
+        .assert_holds(ended.stderr.contains("lockstep has no deadlines"), "the reason is reported");
 }
 
 /// Returns the real-time priority and policy from /proc/PID/stat, and the locked memory in KiB.

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rustix::process::Signal;
 
-use crate::harness::{Phalanx, Running, signal_pid, wait_until_gone};
+use crate::harness::{Phalanx, RunInProgress, signal_pid, wait_until_gone};
 
 /// Prepares `phalanx run scenarios/triangle.toml` with its run root on a tmpfs of `kib` KiB, of which `taken_kib` KiB
 /// are in use. Returns `None` and prints a note if this user may not mount one.
@@ -37,7 +37,7 @@ fn triangle_on(kib: u64, taken_kib: u64) -> Option<Phalanx> {
 }
 
 /// Returns the path of a run's tmpfs as seen from the test's mount namespace.
-fn tmpfs_of(running: &Running) -> PathBuf {
+fn tmpfs_of(running: &RunInProgress) -> PathBuf {
     format!("/proc/{}/root{}", running.pid(), running.run_root().display()).into()
 }
 
@@ -51,7 +51,7 @@ fn fill(tmpfs: &Path) {
 }
 
 /// Waits until the plant and all robots are ready: a robot that has received a beacon has also received odometry.
-fn wait_until_all_are_ready(running: &mut Running) {
+fn wait_until_all_are_ready(running: &mut RunInProgress) {
     running.wait_for("three robots that hear each other", |run| {
         let seen = [",ready,", ",contact,"].map(|kind| run.events().matches(kind).count());
         seen.iter().all(|&count| count >= 3).then_some(())
@@ -67,10 +67,16 @@ fn small_or_full_tmpfs_is_refused_before_the_start() {
         let ended = running.finish();
         ended.exits_with(4);
         let said = format!("error: shared memory is {word}: {mount} (tmpfs) has ");
-        ended.claim(ended.stderr.contains(&said), format!("it says {said:?}"));
-        ended.claim(ended.stderr.contains("3 robots with 3 links need "), "the need is reported");
-        ended.claim(ended.stderr.contains("PHALANX_RUN_ROOT"), "the remedy is reported");
-        ended.claim(!ended.run_dir().join("logs/plant.jsonl").exists(), "nothing was started");
+        ended.assert_holds(ended.stderr.contains(&said), format!("it says {said:?}"));
+        ended.assert_holds(
+            ended.stderr.contains("3 robots with 3 links need "),
+            "the need is reported",
+        );
+        ended.assert_holds(ended.stderr.contains("PHALANX_RUN_ROOT"), "the remedy is reported");
+        ended.assert_holds(
+            !ended.run_dir().join("logs/plant.jsonl").exists(),
+            "nothing was started",
+        );
     }
 }
 
@@ -83,7 +89,7 @@ fn memory_filled_after_the_start_does_not_affect_robots() {
     fill(&tmpfs_of(&running));
     let ended = running.finish();
     ended.exits_with(0);
-    ended.claim(ended.number("/t_s") == 300.0, "the run continued to its end");
+    ended.assert_holds(ended.number("/t_s") == 300.0, "the run continued to its end");
 }
 
 #[test]
@@ -106,9 +112,12 @@ fn replacement_with_full_memory_ends_run_with_4_and_cause() {
         outcome
     });
     ended.exits_with(4);
-    ended.claim(ended.stderr.contains("error: shared memory is full: "), "the cause is named");
-    ended.claim(ended.stderr.contains("0 KiB of 16 MiB free"), "with what is left");
-    ended.claim(ended.stderr.contains("r2 "), "the robot is named");
+    ended.assert_holds(
+        ended.stderr.contains("error: shared memory is full: "),
+        "the cause is named",
+    );
+    ended.assert_holds(ended.stderr.contains("0 KiB of 16 MiB free"), "with what is left");
+    ended.assert_holds(ended.stderr.contains("r2 "), "the robot is named");
 }
 
 #[test]
@@ -131,11 +140,14 @@ fn sigbus_in_full_memory_is_reported_as_full_memory() {
         }
         let ended = running.finish();
         ended.exits_with(4);
-        ended.claim(ended.stderr.contains("error: shared memory is full"), "the cause is named");
-        ended.claim(ended.stderr.contains("of 16 MiB free"), "with what is left");
+        ended.assert_holds(
+            ended.stderr.contains("error: shared memory is full"),
+            "the cause is named",
+        );
+        ended.assert_holds(ended.stderr.contains("of 16 MiB free"), "with what is left");
         if who != "supervisor" {
             let said = format!("{who} died for this reason (signal 7");
-            ended.claim(ended.stderr.contains(&said), format!("it says {said:?}"));
+            ended.assert_holds(ended.stderr.contains(&said), format!("it says {said:?}"));
         }
         wait_until_gone(&run_dir);
     }

@@ -1,8 +1,8 @@
 //! Avoidance methods of the literature on wheeled robots in the plant, without delays: which guarantees each keeps
 //! there, and the known deadlocks. (Tests with the robots that the papers assume are in the crate `agent`.)
 
-use experiment::check::{Theory, report};
-use outcome::metrics::Measures;
+use experiment::check::{Theory, format_report};
+use outcome::metrics::RunMetrics;
 
 use crate::oracle::{scenario, simulate, with_faults};
 
@@ -16,11 +16,11 @@ const RBL: [&str; 4] = [
     "avoidance.approach_per_s=10",
 ];
 
-fn run(name: &str, kind: &[&str], set: &[&str]) -> Measures {
+fn run(name: &str, kind: &[&str], set: &[&str]) -> RunMetrics {
     simulate(&scenario(name, &[kind, &["expect={}"], set].concat()))
 }
 
-fn far(measures: &Measures) -> f64 {
+fn final_error_max_m(measures: &RunMetrics) -> f64 {
     measures.final_error_m_max.unwrap()
 }
 
@@ -34,13 +34,13 @@ fn methods_on_wheels_keep_d_and_arrive_or_deadlock_as_known() {
             let closest = measures.min_distance_m.unwrap();
             assert!(closest > 0.2 && measures.violations == 0, "{kind:?}: {closest}");
         }
-        assert!(far(&swaps) < near_m, "{kind:?}: {}", far(&swaps));
+        assert!(final_error_max_m(&swaps) < near_m, "{kind:?}: {}", final_error_max_m(&swaps));
         // Robots that meet many others in the center deadlock, unless the method has rules against it.
-        let arrived = far(&circle) < near_m;
+        let arrived = final_error_max_m(&circle) < near_m;
         assert!(
-            arrived == escapes && (arrived || far(&circle) > 1.0),
+            arrived == escapes && (arrived || final_error_max_m(&circle) > 1.0),
             "{kind:?}: {}",
-            far(&circle)
+            final_error_max_m(&circle)
         );
     }
 }
@@ -62,7 +62,7 @@ fn check_reports_each_method_guarantee_and_its_assumptions() {
         [(&ORCA[..], "horizon_s"), (&CBF_QP, "barrier_per_s"), (&RBL, "arrival")]
     {
         let scenario = scenario("antipodal-8", kind);
-        let page = report(&scenario, &Theory::compute(&scenario));
+        let page = format_report(&scenario, &Theory::compute(&scenario));
         let line = |label: &str| page.lines().find(|line| line.starts_with(label)).unwrap();
         assert!(line("guarantees").contains(promised), "{page}");
         assert!(line("assumes").contains("no delay, no inertia"), "{page}");

@@ -12,12 +12,13 @@ mod adversary;
 mod bodies;
 mod hardship;
 mod limits;
+mod team;
 mod walls;
 
 use std::convert::Infallible;
 use std::sync::{Arc, Mutex};
 
-use agent::control_cycle::{ControlCycle, Delivery, Inbox};
+use agent::control_cycle::{ControlCycle, Inbox, ReceivedBeacon};
 use agent::controller::Answer;
 use experiment::briefs;
 use experiment::scenario::Scenario;
@@ -25,15 +26,15 @@ use formation::Vec2;
 use formation::front_point::front_point;
 use formation::obstacle::Obstacles;
 use formation::random::SplitMix64;
-use plant::motion::Unicycles;
+use plant::motion::UnicycleMotion;
 use plant::simulation_step::{self, SimulationStepper, StepError};
 use protocol::brief::{AgentBrief, Pace, PlantBrief};
 use protocol::law_message::Broadcast;
 use protocol::message::{Command, Odometry, TruthHeader, TruthRow};
-use protocol::wake::Wake;
+use protocol::wake::WakeUp;
 
 use adversary::Deceit;
-pub use adversary::{ADVERSARIES, Adversary, Wish, stay_at};
+pub use adversary::{ADVERSARIES, Adversary, RequestedVelocity, stay_at};
 pub use hardship::{FAULT_PROFILES, FaultProfile};
 pub use limits::INERTIAS;
 
@@ -52,9 +53,9 @@ pub struct Fleet {
 impl Fleet {
     pub fn from_scenario(scenario: &Scenario) -> Fleet {
         let run_root = "/nowhere".as_ref();
-        let agent = |i| briefs::agent(scenario, i, Pace::Realtime, run_root);
+        let agent = |i| briefs::agent_brief(scenario, i, Pace::Realtime, run_root);
         Fleet {
-            plant: briefs::plant(scenario, Pace::Realtime, run_root),
+            plant: briefs::plant_brief(scenario, Pace::Realtime, run_root),
             agents: (0..scenario.robots.len()).map(agent).collect(),
         }
     }
@@ -65,7 +66,7 @@ impl Fleet {
 pub struct Trial {
     pub seed: u64,
     pub adversary: Adversary,
-    pub wish: Wish,
+    pub wish: RequestedVelocity,
     pub expiry: Expiry,
     /// Time until which faults happen, ns. After it all robots are resumed or restarted, and no message is late.
     pub hostile_ns: u64,
@@ -85,6 +86,8 @@ pub enum Expiry {
 #[derive(Debug, Clone, Copy)]
 pub struct TrialResult {
     pub closest_m: f64,
+    /// Smallest margin of the distance of two robots to their minimum distance, m.
+    pub margin_m: f64,
     /// Minimum clearance to walls, m. Infinite without walls.
     pub clearance_m: f64,
     pub commands_late: u64,
@@ -110,6 +113,12 @@ pub fn simulate(
     let header = model.plant.world().truth_header();
     TrialResult {
         closest_m: header.closest_m,
+        margin_m: match fleet.plant.robots.iter().any(|body| body.member.is_some()) {
+            // The plant also looks between ticks.
+            true if header.violations > 0 => model.margin_m.min(-f64::MIN_POSITIVE),
+            true => model.margin_m,
+            false => header.closest_m - fleet.plant.distance_min_m,
+        },
         clearance_m: header.clearance_m,
         commands_late: header.commands_late,
         freezes: model.freezes,
@@ -131,6 +140,8 @@ struct Model<'a> {
     alphas: Vec<Vec2>,
     /// Front points one tick before, m.
     alphas_before: Vec<Vec2>,
+    /// Smallest margin of a pair of a team to its minimum distance, m.
+    margin_m: f64,
     freezes: u64,
     kills: u64,
 }
@@ -146,7 +157,7 @@ struct Robot {
     /// Next expiry of the timer, ns.
     due_ns: u64,
     /// Next action. It is delayed while the robot is frozen.
-    next: Next,
+    next: NextAction,
     next_ns: u64,
     frozen_until_ns: u64,
     /// Tick of the newest sample that the robot has read.
@@ -162,11 +173,11 @@ struct Robot {
     /// Commands in transit to the plant, with the time of arrival, ns.
     commands: Vec<(u64, Command)>,
     /// Beacons in transit to this robot, read on arrival.
-    beacons: Vec<Delivery>,
+    beacons: Vec<ReceivedBeacon>,
 }
 
 #[derive(Default)]
-enum Next {
+enum NextAction {
     #[default]
     Wake,
     Answer(Box<Odometry>),
@@ -191,12 +202,12 @@ impl Robot {
         let Ok(outbox) = cycle.run(Inbox {
             received_ns: now_ns,
             odometry,
-            member_since: 0,
+            participant_since_tick: 0,
             beacons: self.beacons.drain(..arrived).map(Ok::<_, Infallible>),
-            cuts: &[],
+            link_faults: &[],
             goal: None,
         });
-        assert!(!outbox.plant_silent, "the plant keeps sending samples");
+        assert!(!outbox.is_plant_silent, "the plant keeps sending samples");
         outbox.answer
     }
 }
@@ -204,7 +215,7 @@ impl Robot {
 impl<'a> Model<'a> {
     fn new(fleet: &'a Fleet, trial: Trial) -> Model<'a> {
         let brief = PlantBrief { duration_ns: u64::MAX, ..fleet.plant.clone() };
-        let mut plant = SimulationStepper::new(&brief, Unicycles::new(&brief));
+        let mut plant = SimulationStepper::new(&brief, UnicycleMotion::new(&brief));
         plant.start_at(START_NS);
         let mut model = Model {
             fleet,
@@ -217,6 +228,7 @@ impl<'a> Model<'a> {
             plant_wakes_ns: START_NS + fleet.plant.plant_tick_ns,
             alphas: Vec::new(),
             alphas_before: Vec::new(),
+            margin_m: f64::INFINITY,
             freezes: 0,
             kills: 0,
         };
@@ -262,11 +274,11 @@ impl<'a> Model<'a> {
                 if expiry == Expiry::FromArrival {
                     command.stamp_ns = arrival_ns;
                 }
-                Ok::<_, StepError>(simulation_step::Delivery {
+                Ok::<_, StepError>(simulation_step::ReceivedCommand {
                     robot: place,
                     command,
                     received_ns: now_ns,
-                    is_retired: false,
+                    is_from_dead_incarnation: false,
                 })
             })
         });
@@ -292,18 +304,28 @@ impl<'a> Model<'a> {
         let alphas = points.map(|(row, body)| front_point(row.pose(), body.front_point_m));
         let alphas: Vec<Vec2> = alphas.collect();
         self.alphas_before = std::mem::replace(&mut self.alphas, alphas);
+        let bodies = &self.fleet.plant.robots;
+        let members =
+            self.alphas.iter().zip(bodies).filter_map(|(at, body)| Some((at, body.member?)));
+        let members: Vec<_> = members.collect();
+        for (i, (a, one)) in members.iter().enumerate() {
+            for (b, other) in &members[..i] {
+                let margin_m = (*a - *b).norm() - one.keep_m - other.keep_m;
+                self.margin_m = self.margin_m.min(margin_m);
+            }
+        }
     }
 
     /// Simulates the next action of an agent's loop.
     fn act(&mut self, i: usize) {
         let (period_ns, tick) = (self.fleet.agents[i].period_ns, self.plant.world().tick());
         match std::mem::take(&mut self.robots[i].next) {
-            Next::Wake => {
+            NextAction::Wake => {
                 let robot = &mut self.robots[i];
                 let lateness_ns = self.now_ns.saturating_sub(robot.due_ns);
-                let wake = Wake { due_ns: robot.due_ns, lateness_ns };
+                let wake = WakeUp { due_ns: robot.due_ns, lateness_ns };
                 let cycle = robot.cycle.as_mut().expect("only a running robot acts");
-                cycle.wake(&wake, robot.frozen_until_ns.min(self.now_ns));
+                cycle.record_wake_up(&wake, robot.frozen_until_ns.min(self.now_ns));
                 robot.due_ns = first_after(self.now_ns, period_ns, robot.phase_ns);
                 if robot.newest_tick == Some(tick) {
                     robot.run_cycle(None, self.now_ns);
@@ -311,21 +333,21 @@ impl<'a> Model<'a> {
                     return;
                 }
                 robot.newest_tick = Some(tick);
-                robot.next = Next::Answer(Box::new(self.plant.sense(i, self.now_ns)));
-                robot.next_ns = self.now_ns + self.dice.between(5 * US, 100 * US);
+                robot.next = NextAction::Answer(Box::new(self.plant.sense(i, self.now_ns)));
+                robot.next_ns = self.now_ns + self.dice.draw_between(5 * US, 100 * US);
             }
-            Next::Answer(odometry) => {
+            NextAction::Answer(odometry) => {
                 let sends_ns = self.answer_takes_until_ns(odometry.stamp_ns);
                 self.deceive(i);
                 let robot = &mut self.robots[i];
                 match robot.run_cycle(Some(&odometry), self.now_ns) {
-                    Some(answer) => robot.next = Next::Send(Box::new(answer)),
+                    Some(answer) => robot.next = NextAction::Send(Box::new(answer)),
                     // The agent has no position or has overslept: it waits for the next sample.
                     None => return robot.next_ns = self.now_ns.max(robot.due_ns),
                 }
                 robot.next_ns = sends_ns.max(self.now_ns);
             }
-            Next::Send(answer) => {
+            NextAction::Send(answer) => {
                 let arrival_ns = self.now_ns + self.transport_ns();
                 let oversleeps_ns = self.oversleeping_ns(period_ns);
                 let robot = &mut self.robots[i];
@@ -352,11 +374,9 @@ impl<'a> Model<'a> {
                 && let Some(delay_ns) = self.beacon_delay_ns()
             {
                 let taken_ns = self.now_ns + delay_ns;
-                let Broadcast { beacon, message } = broadcast.clone();
-                self.robots[listener].beacons.push(Delivery {
-                    place,
-                    beacon,
-                    message,
+                self.robots[listener].beacons.push(ReceivedBeacon {
+                    sender_index: place,
+                    broadcast: broadcast.clone(),
                     received_ns: taken_ns,
                 });
             }
@@ -366,7 +386,7 @@ impl<'a> Model<'a> {
     /// Starts the next incarnation of `i`, which reads the first sample that is published after `now_ns`.
     fn start(&mut self, i: usize) {
         let period_ns = self.fleet.agents[i].period_ns;
-        let phase_ns = self.dice.between(0, period_ns - 1);
+        let phase_ns = self.dice.draw_between(0, period_ns - 1);
         let before = std::mem::take(&mut self.robots[i]);
         self.robots[i] = Robot {
             cycle: Some(self.cycle(i, before.starts, &before.deceit)),

@@ -4,10 +4,10 @@
 use agent::controller::Controller;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
-use outcome::metrics::Measures;
+use outcome::metrics::RunMetrics;
 use protocol::brief::AgentBrief;
 use protocol::message::{TruthHeader, TruthRow};
-use run::in_process::measured::{controller, measure};
+use run::in_process::measured::{create_controller, measure_run};
 
 /// Reads `scenarios/<name>.toml` with these keys set.
 pub fn scenario(name: &str, set: &[&str]) -> Scenario {
@@ -17,7 +17,7 @@ pub fn scenario(name: &str, set: &[&str]) -> Scenario {
 /// Reads `scenarios/<name>.toml` with these keys set and these faults added, in the syntax of `--fault`.
 pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
     let owned = |list: &[&str]| list.iter().map(|&word| word.into()).collect();
-    let overrides = Overrides { set: owned(set), faults: owned(faults), seed: None };
+    let overrides = Overrides { assignments: owned(set), faults: owned(faults), seed: None };
     let path = format!("{}/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     match read(path.as_ref(), &overrides, &agent::catalog()) {
         Ok((scenario, ..)) => scenario,
@@ -26,15 +26,15 @@ pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
 }
 
 /// Simulates `scenario` in lockstep with its faults, and returns the measures.
-pub fn simulate(scenario: &Scenario) -> Measures {
-    simulate_with(scenario, &controller)
+pub fn simulate(scenario: &Scenario) -> RunMetrics {
+    simulate_with(scenario, &create_controller)
 }
 
 /// Simulates `scenario` with controllers that `think` makes from a process configuration and an incarnation number.
 pub fn simulate_with(
     scenario: &Scenario,
     think: &dyn Fn(&AgentBrief, u64) -> Controller,
-) -> Measures {
+) -> RunMetrics {
     run(scenario, think, |_, _, _| {})
 }
 
@@ -43,16 +43,16 @@ pub fn simulate_with(
 pub fn simulate_watched(
     scenario: &Scenario,
     watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
-) -> Measures {
-    run(scenario, &controller, watch)
+) -> RunMetrics {
+    run(scenario, &create_controller, watch)
 }
 
 fn run(
     scenario: &Scenario,
     think: &dyn Fn(&AgentBrief, u64) -> Controller,
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
-) -> Measures {
-    let measures = measure(scenario, think, |header, rows, alive| {
+) -> RunMetrics {
+    let measures = measure_run(scenario, think, |header, rows, alive| {
         watch(header, rows, alive);
         true
     });

@@ -10,7 +10,7 @@ use agent::laws::{LAWS, LawRow};
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
 use experiment::scenario::read::{Overrides, read};
-use outcome::metrics::Measures;
+use outcome::metrics::RunMetrics;
 
 use crate::harness::ROOT;
 use crate::oracle;
@@ -51,12 +51,12 @@ impl Build {
         catalog.laws.extend(self.laws.iter().map(LawRow::description));
         catalog.methods.extend(self.methods.iter().map(|row| row.description));
         let owned = |words: &[&str]| words.iter().map(|&word| word.to_owned()).collect();
-        let overrides = Overrides { set: owned(set), faults: owned(faults), seed: None };
+        let overrides = Overrides { assignments: owned(set), faults: owned(faults), seed: None };
         let path = std::path::Path::new(ROOT).join(path);
         read(&path, &overrides, &catalog).map(|(scenario, ..)| scenario)
     }
 
-    fn simulate(&self, scenario: &Scenario) -> Measures {
+    fn simulate(&self, scenario: &Scenario) -> RunMetrics {
         oracle::simulate_with(scenario, &|brief, incarnation| {
             let law = LAWS.iter().chain(&self.laws).find(|row| row.name == brief.law);
             let mut methods = METHODS.iter().chain(&self.methods);

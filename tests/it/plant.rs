@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::path::Path;
 
 use formation::pose::Twist;
-use plant::motion::{Motion, State, Unicycles};
+use plant::motion::{BodyState, Motion, UnicycleMotion};
 use plant::world_loop;
 use protocol::brief::PlantBrief;
 
@@ -13,7 +13,7 @@ use crate::processes::{EmbeddedRun, in_place_of, run_embedded};
 
 /// External bodies that reach most of a commanded twist after `lag_s`.
 struct Lagging {
-    exact: Unicycles,
+    exact: UnicycleMotion,
     lag_s: f64,
     reached: Vec<Twist>,
     t_s: f64,
@@ -24,7 +24,7 @@ impl Lagging {
     fn new(brief: &PlantBrief, does: String) -> Lagging {
         let lag_s = if does == "lag" { 0.05 } else { 0.0 };
         let reached = vec![Twist::ZERO; brief.robots.len()];
-        Lagging { exact: Unicycles::new(brief), lag_s, reached, t_s: 0.0, does }
+        Lagging { exact: UnicycleMotion::new(brief), lag_s, reached, t_s: 0.0, does }
     }
 }
 
@@ -35,7 +35,7 @@ impl Motion for Lagging {
         &mut self,
         targets: &[Twist],
         dt_s: f64,
-        states: &mut [State],
+        states: &mut [BodyState],
     ) -> Result<(), Infallible> {
         self.t_s += dt_s;
         let share = if self.lag_s == 0.0 { 1.0 } else { 1.0 - (-dt_s / self.lag_s).exp() };
@@ -65,12 +65,12 @@ impl Motion for Lagging {
 #[ignore = "the plant's process: another test starts it"]
 fn external_plant_process() {
     let (Ok(brief), Ok(does)) = (std::env::var("BRIEF"), std::env::var("DOES")) else { return };
-    supervisor::child::obey_parent().unwrap();
+    supervisor::child::prepare_process().unwrap();
     let motion = |brief: &PlantBrief| match does.as_str() {
         "refuse" => Err("the physics engine has no licence"),
         _ => Ok(Lagging::new(brief, does.clone())),
     };
-    std::process::exit(world_loop::main_with(Path::new(&brief), false, motion).into());
+    std::process::exit(world_loop::main_with_motion(Path::new(&brief), false, motion).into());
 }
 
 /// Returns the result of the triangle on such a plant.

@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use clap::Parser;
-use outcome::results::manifest::Build;
+use outcome::results::manifest::BuildInfo;
 use protocol::brief;
 use serde_json::Value;
 use supervisor::spawn::Launcher;
 use tempfile::TempDir;
 
 use crate::harness::{PHALANX, Phalanx, ROOT, limited_by, write_script};
+use crate::law_messages::TEST_LAWS;
 
 /// A program that embeds the supervisor, as this test binary does.
 #[derive(Parser)]
@@ -27,7 +28,8 @@ fn embedded_supervisor_process() {
     };
     let Embedding { verb } = Embedding::parse_from(words.lines());
     let launcher = Launcher::new(program);
-    let code = phalanx::verbs::main(&verb, &agent::catalog(), &launcher, &Build::default());
+    let catalog = agent::catalog_with_laws(&TEST_LAWS);
+    let code = phalanx::verbs::main(&verb, &catalog, &launcher, &BuildInfo::default());
     std::process::exit(code.into());
 }
 
@@ -44,15 +46,19 @@ impl EmbeddedRun {
     }
 }
 
-/// Runs the triangle in lockstep with the additional arguments `more`, in a program that embeds the supervisor and
-/// whose robots and plant execute this shell script. It is a separate process because iceoryx2's configuration is
-/// process-wide.
+/// Runs the triangle in lockstep as [`run_embedded_scenario`] does.
 pub(crate) fn run_embedded(script: &str, more: &[&str]) -> EmbeddedRun {
+    let scenario = format!("{ROOT}/scenarios/triangle.toml");
+    run_embedded_scenario(&scenario, script, &[&["--pace", "lockstep"], more].concat())
+}
+
+/// Runs a scenario file with the additional arguments `more`, in a program that embeds the supervisor and whose robots
+/// and plant execute this shell script. It is a separate process because iceoryx2's configuration is process-wide.
+pub(crate) fn run_embedded_scenario(scenario: &str, script: &str, more: &[&str]) -> EmbeddedRun {
     let folder = tempfile::tempdir().unwrap();
     let [program, out] = ["program", "run"].map(|name| folder.path().join(name));
     write_script(&program, script);
-    let scenario = format!("{ROOT}/scenarios/triangle.toml");
-    let words = ["embedding", "run", &scenario, "--pace", "lockstep", "--no-report", "--out"];
+    let words = ["embedding", "run", scenario, "--no-report", "--out"];
     let words = [&words[..], &[out.to_str().unwrap()], more].concat();
     let ended = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "processes::embedded_supervisor_process"])
@@ -100,7 +106,8 @@ fn children_of_another_build_end_the_run_with_the_reason() {
     let logs = ["plant", "r1", "r2", "r3"].map(|name| run.file(&format!("logs/{name}.jsonl")));
     let errors = logs.iter().flat_map(|log| log.lines()).filter(|line| line.contains("ERROR"));
     let errors: Vec<&str> = errors.collect();
-    let expected = format!("has format 99, and this program reads format {}", brief::FORMAT);
+    let expected =
+        format!("has format 99, and this program reads format {}", brief::FORMAT_VERSION);
     assert!(
         !errors.is_empty() && errors.iter().all(|line| line.contains(&expected)),
         "{errors:#?}"
@@ -150,25 +157,25 @@ fn too_low_process_limit_is_reported_with_its_value() {
         format!("pids.max of the control group {group} permits {most} processes and threads")
     };
     // Enough for all processes.
-    run_among(80).exits_with(0).leaves_nothing();
+    run_among(80).exits_with(0).assert_leaves_nothing();
     // Too few for the run: it is refused before anything starts.
     let mut most = 3;
     let barely = loop {
         let ended = run_among(most);
-        ended.exits_with(4).leaves_nothing();
+        ended.exits_with(4).assert_leaves_nothing();
         if ended.number("/t_s") > 0.0 {
             break ended;
         }
         let need = "error: 3 robots need 11 processes and threads, and ";
-        ended.claim(ended.stderr.contains(need), "the need is reported");
+        ended.assert_holds(ended.stderr.contains(need), "the need is reported");
         let limit = format!("pids.max of the control group {} permits {most}, ", group.0.display());
-        ended.claim(ended.stderr.contains(&limit), "and the limit");
+        ended.assert_holds(ended.stderr.contains(&limit), "and the limit");
         most += 1;
     };
     assert_eq!(most, 12, "one process is in the group before");
     // Too few for the requested load: the run is complete, but with less of it.
-    barely.claim(barely.number("/t_s") == 1.0, "the run has its full duration");
-    barely.claim(barely.file("events.csv").contains(" of 30 processes"), "how much load");
+    barely.assert_holds(barely.number("/t_s") == 1.0, "the run has its full duration");
+    barely.assert_holds(barely.file("events.csv").contains(" of 30 processes"), "how much load");
     let error = format!("error: cannot start a process that takes processor time: {}", limit(most));
-    barely.claim(barely.stderr.contains(&error), "the missing load is reported");
+    barely.assert_holds(barely.stderr.contains(&error), "the missing load is reported");
 }

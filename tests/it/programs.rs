@@ -1,6 +1,7 @@
 //! Programs of a scenario that replace the built-in agent, in any language: which of their files are copied, when they
 //! are started, and the errors of programs that do not act as robots.
 
+mod metrics;
 mod wrappers;
 
 use std::os::unix::fs::PermissionsExt as _;
@@ -57,11 +58,14 @@ fn script_replaces_built_in_agent_and_runs_from_its_copy() {
     std::fs::write(folder.path().join("data/weights.txt"), "1 2 3\n").unwrap();
     let trace = folder.path().join("trace");
     let own = followed(folder.path(), &trace).lockstep().finish();
-    own.exits_with(0).leaves_nothing();
+    own.exits_with(0).assert_leaves_nothing();
     // The same law, built in.
     let same = ["robot.r2.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
     let same = run(folder.path()).lockstep().sets(same).finish();
-    own.claim(own.hash() == same.hash(), format!("the trajectory is that of {}", same.hash()));
+    own.assert_holds(
+        own.hash() == same.hash(),
+        format!("the trajectory is that of {}", same.hash()),
+    );
 
     let programs = own.run_dir().join("programs").canonicalize().unwrap();
     let told = std::fs::read_to_string(&trace).unwrap();
@@ -123,17 +127,20 @@ fn script_replaces_built_in_plant_and_its_exit_ends_the_run() {
     script(folder.path(), "world.sh", "pwd > \"$TRACE\"; exec \"$PHALANX\" plant \"$@\"");
     let trace = folder.path().join("trace");
     let own = built_in(followed(folder.path(), &trace)).drawing().finish();
-    own.exits_with(0).leaves_nothing();
+    own.exits_with(0).assert_leaves_nothing();
     let same = built_in(run(scenario("[\"sh\"]", "").path())).finish();
-    own.claim(own.hash() == same.hash(), format!("the trajectory is that of {}", same.hash()));
+    own.assert_holds(
+        own.hash() == same.hash(),
+        format!("the trajectory is that of {}", same.hash()),
+    );
     let programs = own.run_dir().join("programs").canonicalize().unwrap();
     let told = std::fs::read_to_string(&trace).unwrap();
     assert_eq!(Path::new(told.trim()), programs, "it runs there");
-    own.claim(own.file("programs/data.txt") == "1 2 3\n", "its file is copied");
+    own.assert_holds(own.file("programs/data.txt") == "1 2 3\n", "its file is copied");
     let seen_m = own.number("/min_distance_m");
     let said = "no promise about distances: `./world.sh` moves the robots, and the guard is proven for another \
                 plant; the smallest distance seen is";
-    own.claim(own.file("report.html").contains(said), format!("{said} {seen_m}"));
+    own.assert_holds(own.file("report.html").contains(said), format!("{said} {seen_m}"));
 
     std::fs::remove_file(&trace).unwrap();
     phalanx(["check", folder.path().join("own.toml").to_str().unwrap()]).exits_with(0);
@@ -144,9 +151,11 @@ fn script_replaces_built_in_plant_and_its_exit_ends_the_run() {
     assert!(!trace.exists(), "check, report and verify start nothing");
 
     let killed = built_in(followed(folder.path(), &trace)).fault("kill plant @0.2").finish();
-    killed.exits_with(4).leaves_nothing();
-    killed
-        .claim(killed.stderr.contains("error: the plant died (signal 9)"), "the death is reported");
+    killed.exits_with(4).assert_leaves_nothing();
+    killed.assert_holds(
+        killed.stderr.contains("error: the plant died (signal 9)"),
+        "the death is reported",
+    );
 }
 
 #[test]
@@ -155,9 +164,9 @@ fn program_never_ready_ends_the_run_with_its_last_output() {
     script(folder.path(), "wait.sh", "echo I wait for a licence server >&2; exec sleep 1000");
     for pace in ["lockstep", "realtime"] {
         let ended = run(folder.path()).args(["--pace", pace]).set("ready_after_s=0.5").finish();
-        ended.exits_with(4).leaves_nothing();
+        ended.exits_with(4).assert_leaves_nothing();
         let said = "r2 was not ready after 0.5 s (ready_after_s); the last lines of its log:\n  I wait for a licence server";
-        ended.claim(ended.stderr.contains(said), said);
+        ended.assert_holds(ended.stderr.contains(said), said);
     }
 }
 
@@ -168,10 +177,10 @@ fn program_that_cannot_be_executed_is_named() {
     std::fs::write(&path, "#!/no/such/interpreter\n").unwrap();
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
     let ended = run(folder.path()).lockstep().finish();
-    ended.exits_with(4).leaves_nothing();
+    ended.exits_with(4).assert_leaves_nothing();
     let why =
         ended.stderr.contains("cannot start") && ended.stderr.contains("nothing.sh: No such file");
-    ended.claim(why, "the program and the reason are reported");
+    ended.assert_holds(why, "the program and the reason are reported");
 }
 
 #[test]
@@ -181,8 +190,8 @@ fn program_memory_is_limited_to_memory_max_mb() {
                sys.exit('no room for 300 MB')\nsys.exit('there was room')\n";
     std::fs::write(folder.path().join("eat.py"), eat).unwrap();
     let ended = run(folder.path()).lockstep().finish();
-    ended.exits_with(4).leaves_nothing();
-    ended.claim(ended.stderr.contains("no room for 300 MB"), "the allocation is refused");
+    ended.exits_with(4).assert_leaves_nothing();
+    ended.assert_holds(ended.stderr.contains("no room for 300 MB"), "the allocation is refused");
 }
 
 #[test]

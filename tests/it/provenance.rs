@@ -8,7 +8,7 @@ use std::process::Command;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::harness::{ExitsWith as _, Printed, run};
+use crate::harness::{CommandOutput, ExitsWith as _, run};
 
 /// Source tree with our build script: a program, and a crate with a law.
 struct Tree(TempDir);
@@ -73,7 +73,7 @@ impl Tree {
         command
     }
 
-    fn build(&self) -> Printed {
+    fn build(&self) -> CommandOutput {
         self.without_ours(env!("CARGO")).args(["build", "--offline"]).exits_with(0)
     }
 
@@ -144,10 +144,13 @@ fn manifest_names_the_build_configuration_and_processor() {
     ended.exits_with(0);
     let manifest: Value = serde_json::from_str(&ended.file("manifest.json")).unwrap();
     let text = |key: &str| manifest[key].as_str().unwrap_or("none").to_owned();
-    ended.claim(text("rustc").starts_with("rustc 1."), text("rustc"));
-    ended.claim(["debug", "release"].contains(&text("profile").as_str()), text("profile"));
-    ended.claim(!["", "none"].contains(&text("processor").as_str()), "the processor is named");
+    ended.assert_holds(text("rustc").starts_with("rustc 1."), text("rustc"));
+    ended.assert_holds(["debug", "release"].contains(&text("profile").as_str()), text("profile"));
+    ended.assert_holds(
+        !["", "none"].contains(&text("processor").as_str()),
+        "the processor is named",
+    );
     let (hash, dirty) = (&manifest["git_hash"], &manifest["git_dirty"]);
     let known = hash.as_str().is_some_and(|hash| hash.len() == 40) && dirty.is_boolean();
-    ended.claim(known || hash.is_null() && dirty.is_null(), format!("{hash}, {dirty}"));
+    ended.assert_holds(known || hash.is_null() && dirty.is_null(), format!("{hash}, {dirty}"));
 }

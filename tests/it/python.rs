@@ -7,12 +7,13 @@ mod examples;
 mod hunt;
 mod plant;
 mod runs;
+mod sensing;
 mod sweep;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::elsewhere::{Pentagon, keeps_its_distance, stderr_contains};
+use crate::elsewhere::{Pentagon, assert_keeps_distance, stderr_contains};
 use crate::harness::{ExitsWith as _, FinishedRun};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
@@ -78,12 +79,12 @@ fn hostile_pentagon(name: &str, more: &str) -> Pentagon {
 
 /// Checks that a lockstep run with a hostile r3 exits with `code` and prints all of `parts`.
 #[track_caller]
-fn ends(name: &str, more: &str, set: &[&str], code: i32, parts: &[&str]) -> FinishedRun {
+fn assert_run_ends(name: &str, more: &str, set: &[&str], code: i32, parts: &[&str]) -> FinishedRun {
     let pentagon = hostile_pentagon(name, more);
     let run = pentagon.with_r3().lockstep().set("duration_s=2");
     let ended = set.iter().fold(run, |run, set| run.set(set)).finish();
-    ended.exits_with(code).leaves_nothing();
-    keeps_its_distance(&ended);
+    ended.exits_with(code).assert_leaves_nothing();
+    assert_keeps_distance(&ended);
     parts.iter().for_each(|part| stderr_contains(&ended, part));
     ended
 }
@@ -121,7 +122,7 @@ fn package_and_program_have_the_workspace_version() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn python_law_equals_built_in_law_bit_for_bit_in_ten_runs() {
-    tanh().moves_as_built_in(10, "duration_s=4", None);
+    tanh().assert_moves_as_built_in(10, "duration_s=4", None);
 }
 
 /// Returns two wrappers, one of the tests and one of another package, as arguments of `program`.
@@ -155,12 +156,15 @@ fn run_with_broken_program(pentagon: &Pentagon, program: &str, pace: &str) -> Fi
 fn wrapped_law_equals_bare_law_in_20_runs_of_each_wrapper() {
     let pentagon = tanh();
     let bare = run_with_broken_program(&pentagon, "", "lockstep");
-    bare.exits_with(0).leaves_nothing();
+    bare.exits_with(0).assert_leaves_nothing();
     for program in wrappers(&pentagon) {
         for _ in 0..20 {
             let ended = run_with_broken_program(&pentagon, &program, "lockstep");
-            ended.exits_with(0).leaves_nothing();
-            ended.claim(ended.hash() == bare.hash(), format!("{program}: as {}", bare.hash()));
+            ended.exits_with(0).assert_leaves_nothing();
+            ended.assert_holds(
+                ended.hash() == bare.hash(),
+                format!("{program}: as {}", bare.hash()),
+            );
         }
     }
 }
@@ -171,11 +175,14 @@ fn realtime_wrapped_law_returns_with_each_wrapper() {
     let pentagon = tanh();
     for program in wrappers(&pentagon) {
         let ended = run_with_broken_program(&pentagon, &program, "realtime");
-        ended.exits_with(0).leaves_nothing();
-        keeps_its_distance(&ended);
+        ended.exits_with(0).assert_leaves_nothing();
+        assert_keeps_distance(&ended);
         let events = ended.file("events.csv");
-        ended.claim(events.contains("died,r3,signal 9"), format!("{program}: it is killed"));
-        ended.claim(events.contains(",ready,r3,incarnation 1"), format!("{program}: it is back"));
+        ended.assert_holds(events.contains("died,r3,signal 9"), format!("{program}: it is killed"));
+        ended.assert_holds(
+            events.contains(",ready,r3,incarnation 1"),
+            format!("{program}: it is back"),
+        );
     }
 }
 
@@ -190,9 +197,9 @@ fn law_arguments_are_in_its_command_line() {
     std::fs::write(&path, parses.to_owned() + &text).unwrap();
     let program = "laws.mine.program=[\"python3\", \"mine.py\", \"--model\", \"big.pt\"]";
     let ended = pentagon.with_r3().lockstep().sets([program, "duration_s=1"]).finish();
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(0).assert_leaves_nothing();
     let log = ended.file("logs/r3.jsonl");
-    ended.claim(log.contains("the model is big.pt"), log.clone());
+    ended.assert_holds(log.contains("the model is big.pt"), log.clone());
 }
 
 #[test]
@@ -208,7 +215,7 @@ fn import_times_on_shared_cores_are_counted_separately() {
         let set =
             ["robot_defaults.law=mine", "robot.r5.law=ahead", "duration_s=2", "ready_after_s=2.5"];
         let ended = pentagon.run().args(["--pace", pace]).sets(set).finish();
-        ended.exits_with(0).leaves_nothing();
+        ended.exits_with(0).assert_leaves_nothing();
     }
 }
 
@@ -219,22 +226,22 @@ fn five_python_robots_equal_five_built_in_robots() {
     let built_in = pentagon.run().lockstep().set("duration_s=12").finish();
     let all = pentagon.run().set("robot_defaults.law=mine").set("robot.r5.law=ahead");
     let all = all.lockstep().set("duration_s=12").finish();
-    all.exits_with(0).leaves_nothing();
-    all.claim(all.hash() == built_in.hash(), format!("as {}", built_in.hash()));
+    all.exits_with(0).assert_leaves_nothing();
+    all.assert_holds(all.hash() == built_in.hash(), format!("as {}", built_in.hash()));
     let converged_s = all.number("/converged_at_s");
-    all.claim(converged_s < 10.0, format!("they converge: {converged_s} s"));
+    all.assert_holds(converged_s < 10.0, format!("they converge: {converged_s} s"));
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn python_robot_restarted_in_lockstep_equals_built_in_robot() {
-    tanh().moves_as_built_in(1, "duration_s=14", Some("kill r3 @10 restart 2"));
+    tanh().assert_moves_as_built_in(1, "duration_s=14", Some("kill r3 @10 restart 2"));
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn python_robot_restarted_in_real_time_returns_to_its_slot() {
-    tanh().comes_back("duration_s=18", "kill r3 @10 restart 2");
+    tanh().assert_comes_back("duration_s=18", "kill r3 @10 restart 2");
 }
 
 #[test]
@@ -246,20 +253,20 @@ fn law_exception_ends_robot_with_traceback_on_screen_and_log() {
         "ValueError: my law is at its end",
     ];
     // The replacement raises as well, and the next one is not started before the end.
-    let ended = ends("raises", "", &[], 1, &parts);
+    let ended = assert_run_ends("raises", "", &[], 1, &parts);
     let log = ended.file("logs/r3.jsonl");
-    ended.claim(
+    ended.assert_holds(
         parts.iter().all(|part| log.contains(part)),
         format!("its log has the error: {log}"),
     );
     let events = ended.file("events.csv");
-    ended.claim(events.contains(",ready,r3,incarnation 1"), "it was restarted");
+    ended.assert_holds(events.contains(",ready,r3,incarnation 1"), "it was restarted");
     let parts = [
         "failed: r3 died (exit code 1) and was not restarted (restart_policy never)",
         "ValueError: my law is at its end",
     ];
     // Like a law that is terminated by a signal.
-    ends("raises", "", &["robot_defaults.restart_policy=never"], 1, &parts);
+    assert_run_ends("raises", "", &["robot_defaults.restart_policy=never"], 1, &parts);
 }
 
 #[test]
@@ -276,7 +283,7 @@ fn law_with_invalid_output_or_excess_memory_is_refused() {
         ("returns_three", "", &["returned (0.1, 0.2, 0.3), expected two finite numbers"]),
         ("eats", "memory_max_mb = 300", &[memory, "MemoryError"]),
     ] {
-        ends(name, more, &[], 1, parts);
+        assert_run_ends(name, more, &[], 1, parts);
     }
 }
 
@@ -284,9 +291,9 @@ fn law_with_invalid_output_or_excess_memory_is_refused() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn law_that_exits_or_crashes_is_an_unplanned_death() {
     for (name, death) in [("leaves", "exit code 0"), ("crashes", "signal 11")] {
-        let ended = ends(name, "", &[], 1, &["died unexpectedly", death]);
+        let ended = assert_run_ends(name, "", &[], 1, &["died unexpectedly", death]);
         let events = ended.file("events.csv");
-        ended.claim(events.contains(&format!("died,r3,{death}")), "it is an event");
+        ended.assert_holds(events.contains(&format!("died,r3,{death}")), "it is an event");
     }
 }
 
@@ -294,42 +301,42 @@ fn law_that_exits_or_crashes_is_an_unplanned_death() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn endless_law_is_named_in_lockstep() {
     let parts = ["error: r3 has not answered tick 500 for 1 s", "(hung_after_s)"];
-    ends("loops", "", &["hung_after_s=1"], 4, &parts);
+    assert_run_ends("loops", "", &["hung_after_s=1"], 4, &parts);
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn endless_law_in_real_time_is_skipped_and_killed_at_end() {
     let ended = hostile_pentagon("loops", "").with_r3().set("duration_s=10").finish();
-    ended.exits_with(1).leaves_nothing();
-    keeps_its_distance(&ended);
+    ended.exits_with(1).assert_leaves_nothing();
+    assert_keeps_distance(&ended);
     stderr_contains(
         &ended,
         "failed: r3 was hung at the end: it sent no status while it ran; its log: ",
     );
     stderr_contains(&ended, "r3 did not exit on request, and was killed");
-    ended.claim(ended.file("events.csv").contains("lost"), "others lose it");
+    ended.assert_holds(ended.file("events.csv").contains("lost"), "others lose it");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn sleeping_law_is_late_and_not_hung() {
     let ended = hostile_pentagon("sleeps", "").with_r3().set("duration_s=4").finish();
-    ended.exits_with(0).leaves_nothing();
-    keeps_its_distance(&ended);
+    ended.exits_with(0).assert_leaves_nothing();
+    assert_keeps_distance(&ended);
     let misses = ended.number("/deadline_misses");
-    ended.claim(misses >= 400.0, format!("{misses} deadlines are missed"));
+    ended.assert_holds(misses >= 400.0, format!("{misses} deadlines are missed"));
     let table = ended.file("latency.csv");
     let compute = table.lines().find(|line| line.starts_with("compute,r3,")).unwrap_or_default();
     let longest_ns: f64 = compute.split(',').nth(10).and_then(|ns| ns.parse().ok()).unwrap_or(0.0);
-    ended.claim(longest_ns >= 1e9, format!("an answer took a second: {compute}"));
+    ended.assert_holds(longest_ns >= 1e9, format!("an answer took a second: {compute}"));
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn law_that_kills_siblings_ends_the_run_without_collision() {
-    let ended = ends("kills", "", &[], 4, &["error: the plant died (signal 9)"]);
-    ended.claim(ended.number("/t_s") >= 0.99, "the run has no earlier defect");
+    let ended = assert_run_ends("kills", "", &[], 4, &["error: the plant died (signal 9)"]);
+    ended.assert_holds(ended.number("/t_s") >= 0.99, "the run has no earlier defect");
 }
 
 #[test]
@@ -339,24 +346,24 @@ fn controller_aimed_at_others_keeps_the_minimum_distance() {
     for pace in ["lockstep", "realtime"] {
         let all = chase.run().set("robot_defaults.law=mine").args(["--pace", pace]);
         let ended = all.set("duration_s=8").finish();
-        ended.exits_with(0).leaves_nothing();
-        keeps_its_distance(&ended);
+        ended.exits_with(0).assert_leaves_nothing();
+        assert_keeps_distance(&ended);
         let nearest_m = ended.number("/min_distance_m");
-        ended.claim(nearest_m < 0.4, format!("they went for each other: {nearest_m}"));
+        ended.assert_holds(nearest_m < 0.4, format!("they went for each other: {nearest_m}"));
     }
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn controller_keeps_its_slot_among_robots_with_laws() {
-    with_gain("place", "mine", "k_per_s", "").keeps_its_place();
+    with_gain("place", "mine", "k_per_s", "").assert_keeps_its_place();
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn program_that_cannot_serve_reports_the_reason() {
     let parts = ["cannot make the law Place(k_f_m_s=3): ", "unexpected keyword argument 'k_f_m_s'"];
-    pentagon("place", "").cannot_start(&[], &parts);
+    pentagon("place", "").assert_cannot_start(&[], &parts);
 
     let without = tanh();
     let bare = without.folder.path().join("bare");
@@ -364,18 +371,18 @@ fn program_that_cannot_serve_reports_the_reason() {
     let program = format!("laws.mine.program=[\"{}/bin/python3\", \"mine.py\"]", bare.display());
     let parts =
         ["ModuleNotFoundError: No module named 'phalanx'", "activate the virtual environment"];
-    without.cannot_start(&[&program], &parts);
+    without.assert_cannot_start(&[&program], &parts);
 
     let nothing = tanh();
     std::fs::write(nothing.folder.path().join("mine.py"), "import phalanx\n").unwrap();
     let said = "r3 died (exit code 0, before it was ready) and is not restarted";
-    nothing.cannot_start(&[], &[said]);
+    nothing.assert_cannot_start(&[], &[said]);
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn supervisor_of_another_version_gives_one_diagnostic() {
-    tanh().says_that_versions_differ("", 1);
+    tanh().assert_version_mismatch("", 1);
 }
 
 #[test]
@@ -420,7 +427,7 @@ fn package_build_names_its_wait_and_how_to_shorten_it() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn law_started_manually_names_the_command_to_use() {
     let parts = ["mine.py does nothing by itself: a scenario runs it", "phalanx run SCENARIO"];
-    tanh().says_by_hand(&[], 2, &parts, usize::MAX);
+    tanh().assert_output_by_hand(&[], 2, &parts, usize::MAX);
     let output = python(&["-c", "import phalanx; phalanx.serve(3)"]).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     let expected = "takes a class derived from phalanx.Law, phalanx.Controller or phalanx.Plant";

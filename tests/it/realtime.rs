@@ -15,11 +15,11 @@ fn run_takes_its_duration_in_one_process_per_robot_and_plant() {
         assert_eq!(shown.trim(), expected, "{name}");
     }
     let ended = running.finish();
-    ended.exits_with(0).leaves_nothing().keeps_d();
-    ended.claim(ended.number("/t_s") == 12.0, "12 s of run time");
-    ended.claim(ended.number("/wall/wall_s") > 11.9, "in no less of wall time");
-    ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation has converged");
-    ended.claim(ended.summary["trajectory_hash"].is_null(), "real time has no hash");
+    ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
+    ended.assert_holds(ended.number("/t_s") == 12.0, "12 s of run time");
+    ended.assert_holds(ended.number("/wall/wall_s") > 11.9, "in no less of wall time");
+    ended.assert_holds(ended.number("/final_error_m_max") < 1e-3, "the formation has converged");
+    ended.assert_holds(ended.summary["trajectory_hash"].is_null(), "real time has no hash");
 }
 
 /// Faults under which the guard must keep d with real processes: freezes when robots are near each other, answers that
@@ -78,9 +78,9 @@ fn hostile_runs(starts: &[&str], first: usize, keys: &[&str]) {
             .collect();
         for hostile in runs {
             let ended = hostile.finish();
-            ended.exits_with(0).leaves_nothing().keeps_d();
+            ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
             let too_near = ended.number("/clearance_violations");
-            ended.claim(too_near == 0.0, "no arc ends nearer to a wall than the clearance");
+            ended.assert_holds(too_near == 0.0, "no arc ends nearer to a wall than the clearance");
         }
     }
 }

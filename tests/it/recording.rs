@@ -22,7 +22,7 @@ fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
 
 /// Checks that the columns of two tables are equal, number by number.
 #[track_caller]
-fn agree(one: &Path, other: &Path, columns: &[&str], rows_max: usize) {
+fn assert_columns_equal(one: &Path, other: &Path, columns: &[&str], rows_max: usize) {
     let (one_rows, other_rows) = (table(one), table(other));
     for (one_row, other_row) in one_rows.iter().zip(&other_rows).take(rows_max) {
         for &column in columns {
@@ -42,7 +42,7 @@ fn agree(one: &Path, other: &Path, columns: &[&str], rows_max: usize) {
 
 fn recorded_run() -> FinishedRun {
     let ended = run("triangle").lockstep().fault(FAULT).finish();
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(0).assert_leaves_nothing();
     ended
 }
 
@@ -51,33 +51,49 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
     let ended = recorded_run();
     let run_dir = ended.run_dir();
     let said = phalanx([Path::new("export"), &run_dir]).exits_with(0).stdout_and_stderr();
-    ended.claim(said.contains("poses.csv"), format!("the tables are named: {said}"));
+    ended.assert_holds(said.contains("poses.csv"), format!("the tables are named: {said}"));
     let (samples, export) = (run_dir.join("samples.csv"), run_dir.join("export"));
     let all = usize::MAX;
     let pose = ["t_s", "robot", "x_m", "y_m", "heading_rad"];
-    agree(&samples, &export.join("poses.csv"), &pose, all);
-    agree(&samples, &export.join("commands.csv"), &["t_s", "robot", "v_m_s", "w_rad_s"], all);
+    assert_columns_equal(&samples, &export.join("poses.csv"), &pose, all);
+    assert_columns_equal(
+        &samples,
+        &export.join("commands.csv"),
+        &["t_s", "robot", "v_m_s", "w_rad_s"],
+        all,
+    );
     let errors = ["t_s", "robot", "error_m", "alive", "ideal_error_m", "error_x_m", "error_y_m"];
-    agree(&samples, &export.join("errors.csv"), &errors, all);
-    agree(&run_dir.join("events.csv"), &export.join("events.csv"), &["t_s", "kind", "robot"], all);
+    assert_columns_equal(&samples, &export.join("errors.csv"), &errors, all);
+    assert_columns_equal(
+        &run_dir.join("events.csv"),
+        &export.join("events.csv"),
+        &["t_s", "kind", "robot"],
+        all,
+    );
     // The minimum over recorded instants is not below the minimum over all ticks.
     let nearest = table(&export.join("distances.csv"))
         .iter()
         .map(|row| row["min_distance_m"].parse().unwrap())
         .fold(f64::INFINITY, f64::min);
     let least = ended.number("/min_distance_m");
-    ended.claim((least..1.01 * least).contains(&nearest), format!("{nearest} m apart at last"));
+    ended.assert_holds(
+        (least..1.01 * least).contains(&nearest),
+        format!("{nearest} m apart at last"),
+    );
 
     let again = phalanx([Path::new("export"), &run_dir]).exits_with(2).stdout_and_stderr();
-    ended.claim(again.contains("exists already"), format!("it is not overwritten: {again}"));
+    ended.assert_holds(again.contains("exists already"), format!("it is not overwritten: {again}"));
     let whole = phalanx([Path::new("recover"), &run_dir.join("run.mcap")])
         .exits_with(0)
         .stdout_and_stderr();
-    ended.claim(whole.contains("is complete"), format!("there is nothing to recover: {whole}"));
+    ended.assert_holds(
+        whole.contains("is complete"),
+        format!("there is nothing to recover: {whole}"),
+    );
     let missing = phalanx([Path::new("recover"), Path::new("missing.mcap")])
         .exits_with(2)
         .stdout_and_stderr();
-    ended.claim(missing.contains("missing.mcap"), format!("the file is named: {missing}"));
+    ended.assert_holds(missing.contains("missing.mcap"), format!("the file is named: {missing}"));
 
     let bytes = std::fs::read(run_dir.join("run.mcap")).unwrap();
     let mut flipped = bytes.clone();
@@ -87,22 +103,25 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
         std::fs::write(&file, damaged).unwrap();
         let said = phalanx([Path::new("export"), &file]).exits_with(1).stdout_and_stderr();
         let named = said.contains("is damaged") && said.contains("--allow-damage");
-        ended.claim(named, format!("{name}: the remedy is reported: {said}"));
+        ended.assert_holds(named, format!("{name}: the remedy is reported: {said}"));
         phalanx([Path::new("export"), &file, Path::new("--allow-damage")])
             .exits_with(0)
             .stdout_and_stderr();
         // Of the second recording only the end of the index is lost.
         let code = i32::from(name == "flipped");
         let said = phalanx([Path::new("recover"), &file]).exits_with(code).stdout_and_stderr();
-        ended.claim(!said.contains("is complete"), format!("{name}: {said}"));
-        ended.claim(said.contains("seconds lost: ") == (code == 1), format!("{name}: {said}"));
+        ended.assert_holds(!said.contains("is complete"), format!("{name}: {said}"));
+        ended.assert_holds(
+            said.contains("seconds lost: ") == (code == 1),
+            format!("{name}: {said}"),
+        );
     }
 }
 
 /// A run whose supervisor was killed in mid-run.
 struct Cut {
     /// The run, which keeps its directory alive.
-    _running: crate::harness::Running,
+    _running: crate::harness::RunInProgress,
     recovered: PathBuf,
     run_dir: PathBuf,
     /// Lower bound of the run time at which the supervisor was killed, s.
@@ -152,7 +171,7 @@ fn killed_supervisor_loses_at_most_1_s_of_recording() {
     assert!(lost_s <= 1.0, "the last {lost_s} s are lost: {last_s} of {} s", cut.killed_after_s);
     let samples = cut.run_dir.join("samples.csv");
     let rows = poses.len().min(table(&samples).len() - 1);
-    agree(&samples, &out.join("poses.csv"), &["t_s", "robot", "x_m", "y_m"], rows);
+    assert_columns_equal(&samples, &out.join("poses.csv"), &["t_s", "robot", "x_m", "y_m"], rows);
     let events = table(&out.join("events.csv"));
     assert!(events.iter().any(|row| row["kind"] == "died"), "{events:?}");
 }
@@ -171,7 +190,7 @@ fn python() -> PathBuf {
 
 /// Runs a script of `tests/readers`, which must succeed.
 #[track_caller]
-pub fn reads(script: &str, args: &[&Path]) {
+pub fn assert_script_succeeds(script: &str, args: &[&Path]) {
     Command::new(python())
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .arg(format!("{}/tests/readers/{script}.py", env!("CARGO_MANIFEST_DIR")))
@@ -186,7 +205,7 @@ const READERS: &str = "by_rosbags by_mcap by_rerun";
 fn third_party_readers_find_every_number_of_the_tables() {
     let ended = recorded_run();
     for script in READERS.split(' ') {
-        reads(script, &[&ended.run_dir()]);
+        assert_script_succeeds(script, &[&ended.run_dir()]);
     }
 }
 
@@ -199,7 +218,7 @@ fn third_party_readers_find_walls_as_a_latched_marker() {
     let ended = among.finish();
     ended.exits_with(0);
     for script in READERS.split(' ') {
-        reads(script, &[&ended.run_dir()]);
+        assert_script_succeeds(script, &[&ended.run_dir()]);
     }
 }
 
@@ -208,6 +227,6 @@ fn third_party_readers_find_walls_as_a_latched_marker() {
 fn third_party_readers_open_a_recovered_file() {
     let cut = cut();
     for script in ["by_rosbags", "by_mcap"] {
-        reads(script, &[&cut.run_dir, &cut.recovered]);
+        assert_script_succeeds(script, &[&cut.run_dir, &cut.recovered]);
     }
 }

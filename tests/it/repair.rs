@@ -4,19 +4,21 @@
 use std::path::Path;
 
 use agent::controller::Controller;
-use experiment::prediction::{Cause, Predictor};
+use experiment::prediction::{BreakCause, FailurePredictor};
 use experiment::scenario::Scenario;
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::graph::Edge;
 use formation::laplacian::move_to_settled_positions;
-use formation::random::draw;
-use formation::rewiring::{Purpose, Repaired};
+use formation::random::draw_unit_by_number;
+use formation::rewiring::{ActiveRepair, SenderPurpose};
 use protocol::brief::AgentBrief;
 use protocol::law::Reference;
-use run::in_process::InProcess;
+use run::in_process::InProcessRun;
 
-use crate::harness::{ExitsWith as _, FinishedRun, event_cells, in_parallel, phalanx, run, times};
+use crate::harness::{
+    ExitsWith as _, FinishedRun, event_cells, map_in_parallel, phalanx, repetition_factor, run,
+};
 use crate::oracle::{scenario, simulate, simulate_watched, with_faults};
 use crate::single_faults::{SHIPPED, SingleFaultCase};
 
@@ -46,7 +48,7 @@ fn default_spares_are_nearest_predecessors_in_hop_order() {
     let spares = |name: &str, robot: &str| {
         let scenario = scenario(name, &REPAIR);
         let name = |i: usize| scenario.robots[i].name.clone();
-        let spares = scenario.repair.spares.iter().filter(|edge| name(edge.to) == robot);
+        let spares = scenario.repair_plan.spares.iter().filter(|edge| name(edge.to) == robot);
         spares.map(|edge| (name(edge.from), edge.offset_m)).collect::<Vec<_>>()
     };
     // r5 leads, r4 receives from r5, r3 from r4, r2 from r3 and r1, and r1 from r2.
@@ -64,7 +66,7 @@ fn default_spares_are_nearest_predecessors_in_hop_order() {
     // A robot may list its own spares, which are used in the order of the file.
     let set = [&REPAIR[..], &["robot.r1.spares=[\"r5\"]"]].concat();
     let own = scenario("pentagon", &set);
-    let of_r1: Vec<&Edge> = own.repair.spares.iter().filter(|edge| edge.to == 0).collect();
+    let of_r1: Vec<&Edge> = own.repair_plan.spares.iter().filter(|edge| edge.to == 0).collect();
     assert_eq!(of_r1.iter().map(|edge| edge.from).collect::<Vec<_>>(), [4]);
 }
 
@@ -77,14 +79,14 @@ fn processes_repair_graph_as_predicted_on_death_and_return() {
         ("pentagon", &["freeze r4 @3 for 2", "kill r2 @4 restart 0.6", "kill r3 @4.1 restart 0.3"]),
         ("line-5", &["cut r2->r3 @3 for 2", "kill r1 @4 restart 1"]),
     ];
-    in_parallel(&cases, |(name, faults)| {
+    map_in_parallel(&cases, |(name, faults)| {
         let set = [&REPAIR[..], &["duration_s=8"]].concat();
         let foretold = simulate(&with_faults(name, &set, faults));
         let ended = run(name).lockstep().sets(&set).faults(*faults).finish();
-        ended.exits_with(0).leaves_nothing();
+        ended.exits_with(0).assert_leaves_nothing();
         let hash = foretold.trajectory_hash.unwrap();
-        ended.claim(ended.hash() == hash, format!("{name} {faults:?}: the hash is {hash}"));
-        ended.claim(ended.file("events.csv").contains(",repair,r"), "a robot used a spare");
+        ended.assert_holds(ended.hash() == hash, format!("{name} {faults:?}: the hash is {hash}"));
+        ended.assert_holds(ended.file("events.csv").contains(",repair,r"), "a robot used a spare");
     });
 }
 
@@ -102,11 +104,11 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
         (5.0 + 0.2, "r3", "no longer uses r5"),
         (5.0 + 0.2, "r3", "uses r4"),
     ];
-    ended.claim(told.len() == expected.len(), format!("{told:?}"));
+    ended.assert_holds(told.len() == expected.len(), format!("{told:?}"));
     for ((t_s, robot, detail), expected) in told.iter().zip(expected) {
         let same = (robot.as_str(), detail.as_str()) == (expected.1, expected.2);
         // Tolerance in simulated time: a few ticks of 2 ms.
-        ended.claim(same && (t_s - expected.0).abs() < 0.01, format!("{told:?}"));
+        ended.assert_holds(same && (t_s - expected.0).abs() < 0.01, format!("{told:?}"));
     }
     // The recording has the same events.
     phalanx([Path::new("export"), &ended.run_dir()]).exits_with(0);
@@ -116,13 +118,13 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
         && told.iter().zip(&recorded).all(|((_, robot, detail), row)| {
             row.contains(&format!(",repair,{robot},")) && row.contains(detail.as_str())
         });
-    ended.claim(same, format!("the recording has {recorded:?}"));
+    ended.assert_holds(same, format!("the recording has {recorded:?}"));
     // No robot is disconnected once r3 uses the leader as a reference. Errors are relative to the references in use.
     let events = ended.file("events.csv");
     let row = |what: &str| events.lines().position(|line| line.contains(what));
-    ended.claim(row(",orphaned,r3,") < row(",led,r3,"), "r3 is led again");
-    ended.claim(row(",led,r3,") < row("restart,r4"), "before r4 is back");
-    ended.claim(ended.number("/final_error_m/r3") < 0.02, "it is at its slot");
+    ended.assert_holds(row(",orphaned,r3,") < row(",led,r3,"), "r3 is led again");
+    ended.assert_holds(row(",led,r3,") < row("restart,r4"), "before r4 is back");
+    ended.assert_holds(ended.number("/final_error_m/r3") < 0.02, "it is at its slot");
 }
 
 #[test]
@@ -130,12 +132,12 @@ fn real_time_robots_use_their_spares_and_keep_distance() {
     let set = [&REPAIR[..], &["duration_s=6"]].concat();
     let faults = ["kill r4 @2", "kill r3 @3 restart 1"];
     let ended = run("pentagon").args(["--pace", "realtime"]).sets(set).faults(faults).finish();
-    ended.exits_with(0).leaves_nothing().keeps_d();
+    ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
     let told = repairs(&ended);
     let says = |robot: &str, detail: &str| {
         told.iter().any(|(_, r, d)| (r.as_str(), d.as_str()) == (robot, detail))
     };
-    ended.claim(says("r3", "uses r5"), format!("{told:?}"));
+    ended.assert_holds(says("r3", "uses r5"), format!("{told:?}"));
 }
 
 /// Returns the case with topology repair by spares.
@@ -146,13 +148,13 @@ pub fn with_repair(case: SingleFaultCase) -> SingleFaultCase {
 /// Returns the robots that use a spare at the end, each with the spare, as robot indices.
 fn spares_gone_by(scenario: &Scenario) -> Vec<(usize, usize)> {
     let think = |brief: &AgentBrief, incarnation| Controller::new(brief, incarnation).unwrap();
-    let mut run = InProcess::new(scenario.clone(), think).unwrap();
-    while run.tick() + 1 < run.ticks() {
-        run.sense();
+    let mut run = InProcessRun::new(scenario.clone(), think).unwrap();
+    while run.current_tick() + 1 < run.ticks() {
+        run.sense_robots();
         run.step(|_, cycle| cycle.law_output());
     }
     let mut used_references = Vec::new();
-    run.sense();
+    run.sense_robots();
     run.step(|robot, cycle| {
         let heard = cycle.brief().neighbors.len();
         let (_, senders) = cycle.status();
@@ -184,12 +186,13 @@ fn references_after_deaths_and_cuts_match_the_prediction() {
             cases.push((name, set.clone(), cut, Vec::new(), vec![e]));
         }
     }
-    let seen = in_parallel(&cases, |(name, set, faults, dead, cut)| {
+    let seen = map_in_parallel(&cases, |(name, set, faults, dead, cut)| {
         let faults: Vec<&str> = faults.iter().map(String::as_str).collect();
         let scenario = with_faults(name, set, &faults);
-        let repairs = scenario.rewiring().repairs(dead, cut).into_iter();
-        let ends = repairs.filter(|repaired| repaired.spare.is_some());
-        let mut foretold: Vec<_> = ends.map(|repaired| (repaired.robot, repaired.by)).collect();
+        let repairs = scenario.rewiring().active_repairs(dead, cut).into_iter();
+        let ends = repairs.filter(|repaired| repaired.spare_link.is_some());
+        let mut foretold: Vec<_> =
+            ends.map(|repaired| (repaired.robot, repaired.substitute)).collect();
         foretold.sort_unstable();
         foretold.dedup();
         assert_eq!(spares_gone_by(&scenario), foretold, "{name} {faults:?}");
@@ -292,16 +295,19 @@ impl Aftermath {
             let near = (violations > 0).then(|| "a distance is below d".to_owned());
             near.into_iter().chain(off).collect()
         });
-        let predictor = Predictor::new(&scenario).with_bound(RIGHT_WITHIN_M);
+        let predictor = FailurePredictor::new(&scenario).with_broken_threshold(RIGHT_WITHIN_M);
         let broken = predictor.broken_robots(&dead, &[], Some(last_s)).into_iter();
-        let keeps_place = |i: usize| scenario.robots[i].role.reference != Reference::Middle;
+        let keeps_place = |i: usize| scenario.robots[i].role.reference != Reference::NeighborMean;
         let matters = broken.filter(|one| {
-            let held_up = matches!(one.cause, Cause::Taken { .. } | Cause::Crowded { .. });
-            held_up || one.outside_m.is_some() || keeps_place(one.robot)
+            let held_up = matches!(
+                one.cause,
+                BreakCause::SlotOccupied { .. } | BreakCause::SlotClaimed { .. }
+            );
+            held_up || one.hull_distance_m.is_some() || keeps_place(one.robot)
         });
         let matters = matters.map(|one| format!("{}: {}", name(one.robot), one.describe(name)));
         let matters: Vec<String> = matters.collect();
-        let settles_s = predictor.settles_after_s(&dead).unwrap_or(0.0);
+        let settles_s = predictor.settling_time_s(&dead).unwrap_or(0.0);
         let foretold = AFTER_S.map(|after_s| {
             let late = (settles_s > after_s).then(|| format!("on their way for {settles_s:.1} s"));
             matters.iter().cloned().chain(late).collect()
@@ -319,21 +325,22 @@ fn places_on_the_repaired_graph(
     found: &[Vec2],
     without: &[Vec2],
 ) -> Vec<Vec2> {
-    let contained = |i: usize| scenario.robots[i].role.reference == Reference::Middle;
+    let contained = |i: usize| scenario.robots[i].role.reference == Reference::NeighborMean;
     let living = |edge: &&Edge| !dead.contains(&edge.from);
     let edges: Vec<&Edge> = scenario.graph.edges().iter().filter(living).collect();
     let rewiring = scenario.rewiring();
-    let repairs = rewiring.repairs(dead, &[]);
+    let repairs = rewiring.active_repairs(dead, &[]);
     let mut heard = vec![Vec::new(); found.len()];
     edges.iter().for_each(|edge| heard[edge.to].push((edge.from, Vec2::zeros())));
-    repairs.iter().for_each(|one| heard[one.robot].push((one.by, Vec2::zeros())));
+    repairs.iter().for_each(|one| heard[one.robot].push((one.substitute, Vec2::zeros())));
     let free: Vec<usize> =
         (0..found.len()).filter(|&i| contained(i) && !dead.contains(&i)).collect();
     let takes_from = |i: usize| {
         let link = |spare: usize| rewiring.edges().len() + spare;
-        let for_place = |spare: usize| rewiring.purpose(link(spare)) == Purpose::LeaderSlot;
-        let takes = |one: &&Repaired| one.robot == i && one.spare.is_some_and(for_place);
-        repairs.iter().find(takes).map(|one| one.instead_of)
+        let for_place =
+            |spare: usize| rewiring.purpose(link(spare)) == SenderPurpose::KeepLeaderSlot;
+        let takes = |one: &&ActiveRepair| one.robot == i && one.spare_link.is_some_and(for_place);
+        repairs.iter().find(takes).map(|one| one.lost_in_neighbor)
     };
     // Contained robots are placed around the robots that keep or take slots.
     let keeps = |i: usize| !contained(i) || takes_from(i).is_some();
@@ -373,7 +380,7 @@ fn tally(all: &[Aftermath]) -> [[usize; 3]; 2] {
 
 /// Simulates all single deaths in these scenarios that leave a leader or a deputy.
 fn simulate_single_deaths(scenarios: &[&'static str]) -> Vec<Aftermath> {
-    deaths_of(&in_parallel(scenarios, |name| Baseline::new(name)))
+    deaths_of(&map_in_parallel(scenarios, |name| Baseline::new(name)))
 }
 
 fn deaths_of(baselines: &[Baseline]) -> Vec<Aftermath> {
@@ -381,7 +388,7 @@ fn deaths_of(baselines: &[Baseline]) -> Vec<Aftermath> {
     let cases = baselines
         .iter()
         .flat_map(|baseline| robots(baseline.name).map(move |robot| (baseline, robot)));
-    in_parallel(&cases.collect::<Vec<_>>(), |(baseline, robot)| {
+    map_in_parallel(&cases.collect::<Vec<_>>(), |(baseline, robot)| {
         Aftermath::simulate(baseline, &[(*robot, 0.0)])
     })
 }
@@ -419,21 +426,22 @@ fn recovery_after_95_percent_of_deaths_others_are_predicted() {
 /// `PHALANX_TIMES=20 cargo test --test it -- --nocapture repair::outcome_of_90` draws 200.
 #[test]
 fn outcome_of_90_percent_of_death_pairs_is_predicted() {
-    let draws: Vec<u64> = (0..10 * times() as u64).collect();
-    let number = |k: u64, what: u64, below: usize| (draw(k, what) * below as f64) as usize;
+    let draws: Vec<u64> = (0..10 * repetition_factor() as u64).collect();
+    let number =
+        |k: u64, what: u64, below: usize| (draw_unit_by_number(k, what) * below as f64) as usize;
     let names: Vec<&'static str> =
         draws.iter().map(|&k| SHIPPED[number(k, 0, SHIPPED.len())]).collect();
     let drawn: Vec<&'static str> =
         SHIPPED.into_iter().filter(|name| names.contains(name)).collect();
-    let baselines = in_parallel(&drawn, |name| Baseline::new(name));
-    let all = in_parallel(&draws, |&k| {
+    let baselines = map_in_parallel(&drawn, |name| Baseline::new(name));
+    let all = map_in_parallel(&draws, |&k| {
         let baseline =
             baselines.iter().find(|baseline| baseline.name == names[k as usize]).unwrap();
         let robots = scenario(baseline.name, &[]).robots.len();
         let first = number(k, 1, robots);
         let second = (first + 1 + number(k, 2, robots - 1)) % robots;
         // A multiple of the period.
-        let after_s = (PAIR_WITHIN_S * 100.0 * draw(k, 3)).floor() / 100.0;
+        let after_s = (PAIR_WITHIN_S * 100.0 * draw_unit_by_number(k, 3)).floor() / 100.0;
         Aftermath::simulate(baseline, &[(first, 0.0), (second, after_s)])
     });
     // Later the dead robots of `pentagon` block others again.

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use crate::harness::{ExitsWith as _, FinishedRun, Printed, phalanx, run};
+use crate::harness::{CommandOutput, ExitsWith as _, FinishedRun, phalanx, run};
 
 /// Maximum size of a page, bytes.
 const PAGE_BYTES_MAX: usize = 3_000_000;
 
 #[track_caller]
-fn report(run_dir: &Path, code: i32) -> Printed {
+fn report(run_dir: &Path, code: i32) -> CommandOutput {
     phalanx([Path::new("report"), run_dir]).exits_with(code)
 }
 
@@ -20,14 +20,14 @@ fn page(ended: &FinishedRun, figures: &[&str]) -> String {
         let svg = ended.file(&format!("figures/{name}.svg"));
         let sound = roxmltree::Document::parse(&svg);
         let drawn = sound.as_ref().is_ok_and(|svg| svg.root_element().has_tag_name("svg"));
-        ended.claim(drawn, format!("{name}.svg is one: {sound:?}"));
+        ended.assert_holds(drawn, format!("{name}.svg is one: {sound:?}"));
     }
     let page = ended.file("report.html");
-    ended.claim(page.len() < PAGE_BYTES_MAX, format!("the page has {} bytes", page.len()));
+    ended.assert_holds(page.len() < PAGE_BYTES_MAX, format!("the page has {} bytes", page.len()));
     // The namespace URI of SVG is not fetched.
     let asks_of = page.replace("http://www.w3.org/2000/svg", "");
     for asks in ["http:", "https:", "src=", "url("] {
-        ended.claim(!asks_of.contains(asks), format!("the page asks for nothing: {asks}"));
+        ended.assert_holds(!asks_of.contains(asks), format!("the page asks for nothing: {asks}"));
     }
     page
 }
@@ -47,14 +47,14 @@ fn killed_robot_is_marked_in_every_figure_over_time() {
     let page = page(&ended, &over_time);
     for name in over_time {
         let svg = ended.file(&format!("figures/{name}.svg"));
-        ended.claim(svg.contains("kill r2"), format!("{name}.svg names the fault"));
+        ended.assert_holds(svg.contains("kill r2"), format!("{name}.svg names the fault"));
     }
     let (pair, distance_m) = (&ended.summary["min_distance_pair"], ended.number("/min_distance_m"));
     let mark = format!("smallest {distance_m:.4} m, {} \u{2013}", pair[0].as_str().unwrap());
-    ended.claim(page.contains(&mark), format!("the page says: {mark}"));
-    ended.claim(page.contains("every expectation held"), "the page shows the result");
+    ended.assert_holds(page.contains(&mark), format!("the page says: {mark}"));
+    ended.assert_holds(page.contains("every expectation held"), "the page shows the result");
     let over_time = ended.file("latency_over_time.csv");
-    ended.claim(over_time.lines().count() > 100, "latencies over time were written");
+    ended.assert_holds(over_time.lines().count() > 100, "latencies over time were written");
 }
 
 #[test]
@@ -70,11 +70,11 @@ fn chapter_figure_claims_are_expected_and_drawn() {
         ("containment", &contained, &hull),
     ] {
         let ended = run(name).lockstep().set("duration_s=12").finish();
-        ended.claim(expectation_names(&ended) == keys, format!("{keys:?} are expected"));
+        ended.assert_holds(expectation_names(&ended) == keys, format!("{keys:?} are expected"));
         let page = page(&ended, figures);
         let held = page.matches(": held.").count();
-        ended.claim(held >= keys.len(), format!("{held} verdicts stand below the figures"));
-        ended.claim(!page.contains(": missed."), "none was missed");
+        ended.assert_holds(held >= keys.len(), format!("{held} verdicts stand below the figures"));
+        ended.assert_holds(!page.contains(": missed."), "none was missed");
     }
 }
 
@@ -87,9 +87,9 @@ fn run_without_expectations_has_no_verdict() {
         let ended = run("triangle").lockstep().set("duration_s=1").set(expected).finish();
         ended.exits_with(0);
         let page = page(&ended, &[]);
-        ended.claim(ended.stdout.contains(verdict), format!("the screen says: {verdict}"));
-        ended.claim(page.contains(verdict), format!("the page says: {verdict}"));
-        ended.claim(page.contains(class), format!("the page shows it as {class}"));
+        ended.assert_holds(ended.stdout.contains(verdict), format!("the screen says: {verdict}"));
+        ended.assert_holds(page.contains(verdict), format!("the page says: {verdict}"));
+        ended.assert_holds(page.contains(class), format!("the page shows it as {class}"));
     }
 }
 
@@ -104,9 +104,9 @@ fn run_draws_its_figures_and_passes_without_them() {
         let ended = running.finish();
         ended.exits_with(0);
         let complained = ended.stderr.contains("cannot write") && !ended.summary.is_null();
-        ended.claim(complained == hindered, "it complains if and only if it cannot");
+        ended.assert_holds(complained == hindered, "it complains if and only if it cannot");
         let drawn = ended.file("figures/trajectories.svg").contains("<svg");
-        ended.claim(drawn, "the figures are there");
+        ended.assert_holds(drawn, "the figures are there");
     }
 }
 
@@ -119,11 +119,11 @@ fn killed_supervisor_leaves_enough_for_a_report() {
     });
     running.signal(rustix::process::Signal::KILL);
     let ended = running.finish();
-    ended.claim(ended.summary.is_null(), "there is no summary");
+    ended.assert_holds(ended.summary.is_null(), "there is no summary");
     let page = page(&ended, &["trajectories", "distances", "errors"]);
-    ended.claim(page.contains("cut short"), "the page reports the interruption");
+    ended.assert_holds(page.contains("cut short"), "the page reports the interruption");
     let text = report(&ended.run_dir(), 0).stdout;
-    ended.claim(text.starts_with("triangle: cut short"), format!("and the screen: {text}"));
+    ended.assert_holds(text.starts_with("triangle: cut short"), format!("and the screen: {text}"));
 }
 
 #[test]

@@ -6,7 +6,7 @@ use crate::harness::run;
 #[test]
 fn ros2_option_in_lockstep_is_refused() {
     let ended = run("triangle").lockstep().args(["--ros2"]).finish();
-    ended.exits_with(2).claim(
+    ended.exits_with(2).assert_holds(
         ended.stderr.contains("--ros2 requires --pace realtime"),
         "the error names real time",
     );
@@ -16,9 +16,10 @@ fn ros2_option_in_lockstep_is_refused() {
 #[test]
 fn missing_feature_is_reported_with_the_build_command() {
     let ended = run("triangle").args(["--ros2"]).finish();
-    ended
-        .exits_with(2)
-        .claim(ended.stderr.contains("--features bridge"), "the error has the build command");
+    ended.exits_with(2).assert_holds(
+        ended.stderr.contains("--features bridge"),
+        "the error has the build command",
+    );
 }
 
 #[cfg(feature = "bridge")]
@@ -30,7 +31,7 @@ mod with_bridge {
 
     use rustix::process::Signal;
 
-    use crate::harness::{Phalanx, Running, run, signal_pid};
+    use crate::harness::{Phalanx, RunInProgress, run, signal_pid};
 
     const ROOT: &str = env!("CARGO_MANIFEST_DIR");
     const ROBOTS: [&str; 3] = ["r1", "r2", "r3"];
@@ -82,7 +83,7 @@ mod with_bridge {
     }
 
     /// Checks 250 messages of each robot: no gap, and every number as in the tables of the run.
-    fn hears_every_message(router: &str, domain: &str, endpoint: impl Fn(u16) -> String) {
+    fn assert_every_message_received(router: &str, domain: &str, endpoint: impl Fn(u16) -> String) {
         let port = port();
         let number = port.to_string();
         let args = [number.as_str(), domain, SAMPLES, router].into_iter().chain(ROBOTS);
@@ -102,19 +103,19 @@ mod with_bridge {
         ended.exits_with(130);
         writeln!(reader.asks, "{}", ended.run_dir().display()).unwrap();
         println!("{}", reader.read_line("held: "));
-        ended.leaves_nothing();
+        ended.assert_leaves_nothing();
     }
 
     #[test]
     #[ignore = "needs tests/ros2/install"]
     fn listening_run_publishes_every_message_correctly() {
-        hears_every_message("ours", "7", |port| format!("listen/127.0.0.1:{port}"));
+        assert_every_message_received("ours", "7", |port| format!("listen/127.0.0.1:{port}"));
     }
 
     #[test]
     #[ignore = "needs tests/ros2/install"]
     fn router_connected_run_publishes_all_messages_correctly() {
-        hears_every_message("theirs", "0", |port| format!("127.0.0.1:{port}"));
+        assert_every_message_received("theirs", "0", |port| format!("127.0.0.1:{port}"));
     }
 
     /// Checks that the ROS 2 process is restarted after its death, and that the run continues unchanged.
@@ -137,9 +138,9 @@ mod with_bridge {
         });
         running.signal(Signal::INT);
         let ended = running.finish();
-        ended.exits_with(130).leaves_nothing();
+        ended.exits_with(130).assert_leaves_nothing();
         let events = ended.file("events.csv");
-        ended.claim(!events.contains(",died,"), "no robot died");
+        ended.assert_holds(!events.contains(",died,"), "no robot died");
     }
 
     #[test]
@@ -149,11 +150,11 @@ mod with_bridge {
         let ended = run("triangle").args([format!("--ros2=listen/{address}").as_str()]).finish();
         ended
             .exits_with(4)
-            .claim(
+            .assert_holds(
                 ended.stderr.contains(&format!("cannot listen at {address}")),
                 "the error names the address",
             )
-            .claim(!ended.run_dir().exists(), "nothing was written");
+            .assert_holds(!ended.run_dir().exists(), "nothing was written");
     }
 
     /// Minimum distance (d) of the scene with goals, and distance of the front point ahead of the axle, m.
@@ -162,7 +163,7 @@ mod with_bridge {
     const ELL_M: f64 = 0.1;
 
     /// Returns front point and error, m, from the newest complete row of a robot in `samples.csv`.
-    fn newest_sample_row(run: &Running, robot: &str) -> Option<([f64; 2], f64)> {
+    fn newest_sample_row(run: &RunInProgress, robot: &str) -> Option<([f64; 2], f64)> {
         let text = std::fs::read_to_string(run.run_dir().join("samples.csv")).ok()?;
         let (whole, _) = text.rsplit_once('\n')?;
         let mut rows = whole.lines().rev().map(|line| line.split(',').collect::<Vec<_>>());
@@ -174,7 +175,7 @@ mod with_bridge {
     }
 
     /// Waits until a robot is at a position and its error is small.
-    fn arrives(running: &mut Running, robot: &str, [x_m, y_m]: [f64; 2]) {
+    fn arrives(running: &mut RunInProgress, robot: &str, [x_m, y_m]: [f64; 2]) {
         running.wait_for(&format!("{robot} at its goal"), |run| {
             let ([front_x_m, front_y_m], error_m) = newest_sample_row(run, robot)?;
             let away_m = (front_x_m - x_m).hypot(front_y_m - y_m);
@@ -241,26 +242,26 @@ mod with_bridge {
         });
         running.signal(Signal::INT);
         let ended = running.finish();
-        ended.exits_with(130).leaves_nothing();
+        ended.exits_with(130).assert_leaves_nothing();
         let events = ended.file("events.csv");
         let sent = details(&events, "goal", "r1");
         ended
-            .claim(
+            .assert_holds(
                 sent.first().is_some_and(|detail| detail == "to -0.5 1.2 m, from ros2")
                     && sent.last().is_some_and(|detail| detail == "to -0.9 1.2 m, from ros2"),
                 format!("r1 was sent there, found {sent:?}"),
             )
-            .claim(
+            .assert_holds(
                 details(&events, "goal", "r3") == ["to -1.5 -0.1 m, from ros2"],
                 "so was r3, once",
             )
-            .claim(details(&events, "goal", "r2").is_empty(), "r2 goes to its own goal")
-            .keeps_d()
-            .claim(ended.number("/wall/goals/taken") == 4.0, "four goals were taken");
+            .assert_holds(details(&events, "goal", "r2").is_empty(), "r2 goes to its own goal")
+            .assert_keeps_d()
+            .assert_holds(ended.number("/wall/goals/taken") == 4.0, "four goals were taken");
         let refused = &ended.summary["wall"]["goals"]["refused"];
         let expected = ["layout", "not-finite", "frame", "far", "outside", "blocked"];
         let once = |why: &&str| refused[why] == 1;
-        ended.claim(
+        ended.assert_holds(
             expected.iter().all(once) && refused.as_object().is_some_and(|all| all.len() == 6),
             format!("one of each was refused, found {refused}"),
         );
@@ -279,8 +280,10 @@ mod with_bridge {
         running.wait_for_event("ready");
         running.signal(Signal::INT);
         let ended = running.finish();
-        ended.exits_with(130).claim(ended.summary["wall"].get("goals").is_none(), "no goals");
+        ended
+            .exits_with(130)
+            .assert_holds(ended.summary["wall"].get("goals").is_none(), "no goals");
         let brief = ended.file("briefs/r1.toml");
-        ended.claim(brief.contains("goals_from_outside = false"), "it opens no such topic");
+        ended.assert_holds(brief.contains("goals_from_outside = false"), "it opens no such topic");
     }
 }

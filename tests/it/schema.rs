@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::harness::{ExitsWith as _, phalanx};
-use crate::recording::reads;
+use crate::recording::assert_script_succeeds;
 
 const SCENARIO: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/scenario.schema.json");
 const CAMPAIGN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/campaign.schema.json");
@@ -15,10 +15,10 @@ fn files(folder: &str) -> Vec<PathBuf> {
     paths.filter(|path| path.extension().is_some_and(|ending| ending == "toml")).collect()
 }
 
-fn judged(schema: &str, verdict: &str, files: &[PathBuf]) {
+fn assert_verdicts(schema: &str, verdict: &str, files: &[PathBuf]) {
     let mut args = vec![Path::new(schema), Path::new(verdict)];
     args.extend(files.iter().map(PathBuf::as_path));
-    reads("by_jsonschema", &args);
+    assert_script_succeeds("by_jsonschema", &args);
 }
 
 #[test]
@@ -41,10 +41,10 @@ fn committed_schemas_match_the_key_tables() {
 fn jsonschema_accepts_every_shipped_scenario() {
     let shipped = files("scenarios");
     assert!(shipped.len() >= 16);
-    judged(SCENARIO, "accepts", &shipped);
+    assert_verdicts(SCENARIO, "accepts", &shipped);
     let shipped = files("scenarios/campaigns");
     assert!(shipped.len() >= 5);
-    judged(CAMPAIGN, "accepts", &shipped);
+    assert_verdicts(CAMPAIGN, "accepts", &shipped);
 }
 
 #[test]
@@ -72,6 +72,6 @@ fn jsonschema_refuses_files_of_the_wrong_structure() {
         };
         let files: Vec<PathBuf> = files(folder).into_iter().filter(is_wrong).collect();
         assert_eq!(files.len(), wrong.split_whitespace().count());
-        judged(schema, "refuses", &files);
+        assert_verdicts(schema, "refuses", &files);
     }
 }

@@ -12,7 +12,7 @@ use protocol::message::{self, Beacon};
 use protocol::service::send_slice;
 use protocol::{run_root, service};
 
-use crate::harness::{FinishedRun, Running, files_below, run};
+use crate::harness::{FinishedRun, RunInProgress, files_below, run};
 
 /// User id of `nobody`, a user without access.
 const OTHER_USER_ID: u32 = 65534;
@@ -116,9 +116,9 @@ fn well_typed_garbage_moves_no_robot_and_is_counted() {
         .start();
     running.wait_for_event("contact");
     run_root::join(&root_of(&running)).unwrap();
-    let node = service::node("hostile").unwrap();
-    let beacon = service::beacon("r2").open(&node).unwrap().publisher(0).unwrap();
-    let open = |robot: &str| service::command(robot).open(&node).unwrap();
+    let node = service::create_node("hostile").unwrap();
+    let beacon = service::beacon_topic("r2").open(&node).unwrap().publisher(0).unwrap();
+    let open = |robot: &str| service::command_topic(robot).open(&node).unwrap();
     let to_r1 = open("r1").publisher().unwrap();
     let to_r2 = open("r2").publisher().unwrap();
     let full = open("r2").publisher().unwrap_err().to_string();
@@ -160,23 +160,26 @@ fn well_typed_garbage_moves_no_robot_and_is_counted() {
         publish(true);
     }
     drop((beacon, to_r1, to_r2, node));
-    no_garbage_was_obeyed(&running.finish());
+    assert_no_garbage_obeyed(&running.finish());
 }
 
 #[track_caller]
-fn no_garbage_was_obeyed(ended: &FinishedRun) {
-    ended.exits_with(0).leaves_nothing().keeps_d();
+fn assert_no_garbage_obeyed(ended: &FinishedRun) {
+    ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
     for counter in ["not_finite", "late", "old"] {
         let count = ended.number(&format!("/commands/{counter}"));
-        ended.claim(count > 50.0, format!("commands are counted as {counter}"));
+        ended.assert_holds(count > 50.0, format!("commands are counted as {counter}"));
     }
-    ended.claim(ended.number("/commands/scaled") == 0.0, "none was obeyed after scaling");
-    ended.claim(ended.number("/beacons_refused/r1") > 100.0, "r1 refused the garbage it heard");
-    ended.claim(ended.number("/beacons_refused/r3") == 0.0, "r3 heard none");
+    ended.assert_holds(ended.number("/commands/scaled") == 0.0, "none was obeyed after scaling");
+    ended.assert_holds(
+        ended.number("/beacons_refused/r1") > 100.0,
+        "r1 refused the garbage it heard",
+    );
+    ended.assert_holds(ended.number("/beacons_refused/r3") == 0.0, "r3 heard none");
     // r2 is dead, and r1 receives only from r2. It yields if r3 comes near, by at most 0.05 d.
     for (robot, moved_m_max) in [("r1", 0.01), ("r2", 0.0)] {
         let moved_m = moved_m(&ended.file("samples.csv"), robot, 5.0);
-        ended.claim(
+        ended.assert_holds(
             moved_m <= moved_m_max,
             format!("{robot} must not move, and moved by {moved_m} m"),
         );
@@ -193,7 +196,7 @@ fn moved_m(samples: &str, robot: &str, from_s: f64) -> f64 {
     places.iter().map(|[_, x_m, y_m]| (x_m - x).hypot(y_m - y)).fold(0.0, f64::max)
 }
 
-fn root_of(running: &Running) -> PathBuf {
+fn root_of(running: &RunInProgress) -> PathBuf {
     let files = files_below(running.run_root());
     files.into_iter().find(|path| path.join("iceoryx2.toml").exists()).expect("it has a run root")
 }

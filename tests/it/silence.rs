@@ -17,8 +17,8 @@ fn motion(ended: &FinishedRun, robot: &str, from_s: f64, until_s: f64) -> Vec<(f
 fn assert_stopped(ended: &FinishedRun, robot: &str, from_s: f64, until_s: f64) {
     let motion = motion(ended, robot, from_s, until_s);
     let moves = motion.iter().find(|(v_m_s, w_rad_s)| v_m_s.hypot(*w_rad_s) > 1e-3);
-    ended.claim(motion.len() > 10, format!("{robot} is recorded from {from_s} s"));
-    ended.claim(moves.is_none(), format!("{robot} must stop from {from_s} s on: {moves:?}"));
+    ended.assert_holds(motion.len() > 10, format!("{robot} is recorded from {from_s} s"));
+    ended.assert_holds(moves.is_none(), format!("{robot} must stop from {from_s} s on: {moves:?}"));
 }
 
 #[track_caller]
@@ -35,17 +35,20 @@ fn leader_death_reaches_every_robot_and_none_spins() {
         .fault("kill r5 @20")
         .finish();
     ended.exits_with(0);
-    ended.claim(
+    ended.assert_holds(
         names(&ended, "/faults/0/predicted") == ["r1", "r2", "r3", "r4"],
         "the prediction names all other robots",
     );
     let events = ended.file("events.csv");
     for robot in ["r1", "r2", "r3", "r4"] {
         let event = format!(",contact,{robot},lost frame of the leader");
-        ended.claim(events.contains(&event), format!("{robot} reports that the frame is lost"));
+        ended.assert_holds(
+            events.contains(&event),
+            format!("{robot} reports that the frame is lost"),
+        );
         assert_stopped(&ended, robot, 30.0, 40.0);
     }
-    ended.claim(ended.number("/min_distance_m") >= 0.3, "no distance is below d");
+    ended.assert_holds(ended.number("/min_distance_m") >= 0.3, "no distance is below d");
 }
 
 #[test]
@@ -65,14 +68,17 @@ fn cut_breaks_exactly_the_predicted_robots() {
         ended.exits_with(0);
         let (predicted, affected) =
             (names(&ended, "/faults/0/predicted"), names(&ended, "/faults/0/affected"));
-        ended.claim(predicted == broken, format!("{cut}: the prediction is {predicted:?}"));
-        ended.claim(affected == beyond, format!("{cut}: off by those they hear are {affected:?}"));
+        ended.assert_holds(predicted == broken, format!("{cut}: the prediction is {predicted:?}"));
+        ended.assert_holds(
+            affected == beyond,
+            format!("{cut}: off by those they hear are {affected:?}"),
+        );
         let seen = names(&ended, "/faults/0/broken");
-        ended.claim(seen == broken, format!("{cut}: seen is {seen:?}"));
-        ended.claim(ended.number("/faults/0/recovered_after_s") < 10.0, "all come back");
+        ended.assert_holds(seen == broken, format!("{cut}: seen is {seen:?}"));
+        ended.assert_holds(ended.number("/faults/0/recovered_after_s") < 10.0, "all come back");
         let events = ended.file("events.csv");
         let last = events.lines().rfind(|line| line.contains(",contact,")).unwrap_or_default();
-        ended.claim(last.contains("fresh"), format!("all robots are heard again: {last}"));
+        ended.assert_holds(last.contains("fresh"), format!("all robots are heard again: {last}"));
     }
 }
 
@@ -92,8 +98,9 @@ fn silent_neighbors_are_ignored_kept_or_awaited_by_policy() {
             assert_stopped(&ended, "r2", 2.5, 8.0);
         }
         let moved = motion(&ended, "r2", 2.5, 3.0).iter().any(|(v_m_s, _)| v_m_s.abs() > 0.01);
-        ended.claim(moved == goes_on, format!("{policy}: r2 continues: {moved}"));
-        ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation has recovered");
+        ended.assert_holds(moved == goes_on, format!("{policy}: r2 continues: {moved}"));
+        ended
+            .assert_holds(ended.number("/final_error_m_max") < 1e-3, "the formation has recovered");
     }
 }
 
@@ -102,19 +109,22 @@ fn cut_orphans_robots_downstream_with_growing_age() {
     let ended = run("pentagon-cut").lockstep().finish();
     ended.exits_with(0);
     let all = ["r1", "r2", "r3", "r4"];
-    ended.claim(names(&ended, "/faults/0/orphaned") == all, "the fault lists the orphaned robots");
+    ended.assert_holds(
+        names(&ended, "/faults/0/orphaned") == all,
+        "the fault lists the orphaned robots",
+    );
     let events = ended.file("events.csv");
     for (t_s, kind, detail) in
         [(20, "orphaned", "no living leader reaches it"), (24, "led", "a leader reaches it again")]
     {
         for robot in all {
             let line = format!("\n{t_s},{kind},{robot},{detail},,,,\n");
-            ended.claim(events.matches(&line).count() == 1, format!("once: {line:?}"));
+            ended.assert_holds(events.matches(&line).count() == 1, format!("once: {line:?}"));
         }
     }
-    ended.claim(!events.contains(",orphaned,r5,"), "a leader needs no leader");
+    ended.assert_holds(!events.contains(",orphaned,r5,"), "a leader needs no leader");
     let ages = ended.summary["information_ages"].as_array().expect("ages").clone();
-    ended.claim(ages.len() == 6, format!("every edge has an age: {ages:?}"));
+    ended.assert_holds(ages.len() == 6, format!("every edge has an age: {ages:?}"));
     for age in &ages {
         let (peak_s, mean_s) =
             (age["peak_ns"].as_f64().unwrap() / 1e9, age["mean_ns"].as_f64().unwrap() / 1e9);
@@ -122,6 +132,6 @@ fn cut_orphans_robots_downstream_with_growing_age() {
         // Beacons have an age of one period (2 ms) when they arrive, and of two when the next ones arrive.
         let (peak, mean) = if cut { (4.002, 0.1..0.2) } else { (0.004, 0.00299..0.00301) };
         let right = (peak_s - peak).abs() < 0.003 && mean.contains(&mean_s);
-        ended.claim(right, format!("the age of {age}"));
+        ended.assert_holds(right, format!("the age of {age}"));
     }
 }

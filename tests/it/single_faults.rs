@@ -4,10 +4,10 @@
 
 use experiment::scenario::Scenario;
 use formation::front_point::front_point;
-use outcome::metrics::Measures;
+use outcome::metrics::RunMetrics;
 use protocol::message::{TruthHeader, TruthRow};
 
-use crate::harness::in_parallel;
+use crate::harness::map_in_parallel;
 use crate::oracle::{scenario as scenario_named, simulate_watched, with_faults};
 
 /// Shipped scenarios without faults that differ in more than their starts. `swarm64` is not in the list, since all of
@@ -29,7 +29,7 @@ pub const WHOLE_AFTER_S: f64 = 5.0;
 
 /// Component that fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Broken {
+pub enum FailingComponent {
     /// Death of the robot with this index.
     Robot(usize),
     /// Cut of the edge with this index in the scenario's graph.
@@ -42,7 +42,7 @@ pub struct SingleFaultCase {
     /// Name of the scenario: `scenarios/<name>.toml`.
     pub scenario: &'static str,
     /// Component that fails.
-    pub broken: Broken,
+    pub broken: FailingComponent,
     /// Fault in the syntax of `--fault`, without times: `kill r1`, `cut r1->r2`.
     pub what: String,
     /// Time of the fault, s: half of the run, when all robots have settled.
@@ -57,8 +57,8 @@ impl SingleFaultCase {
     pub fn scenario(&self, whole_again: bool) -> Scenario {
         let ends = match (whole_again, self.broken) {
             (false, _) => String::new(),
-            (true, Broken::Robot(_)) => format!(" restart {WHOLE_AFTER_S}"),
-            (true, Broken::Edge(_)) => format!(" for {WHOLE_AFTER_S}"),
+            (true, FailingComponent::Robot(_)) => format!(" restart {WHOLE_AFTER_S}"),
+            (true, FailingComponent::Edge(_)) => format!(" for {WHOLE_AFTER_S}"),
         };
         let fault = format!("{} @{}{ends}", self.what, self.at_s);
         with_faults(self.scenario, self.set, &[&fault])
@@ -69,7 +69,7 @@ impl SingleFaultCase {
         &self,
         whole_again: bool,
         watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
-    ) -> Measures {
+    ) -> RunMetrics {
         simulate_watched(&self.scenario(whole_again), watch)
     }
 }
@@ -78,11 +78,11 @@ impl SingleFaultCase {
 pub fn cases_of(name: &'static str) -> Vec<SingleFaultCase> {
     let scenario = scenario_named(name, &[]);
     let robot = |i: usize| scenario.robots[i].name.as_str();
-    let kills =
-        (0..scenario.robots.len()).map(|i| (Broken::Robot(i), format!("kill {}", robot(i))));
+    let kills = (0..scenario.robots.len())
+        .map(|i| (FailingComponent::Robot(i), format!("kill {}", robot(i))));
     let edges = scenario.graph.edges().iter().enumerate();
     let cuts = edges.map(|(e, edge)| {
-        (Broken::Edge(e), format!("cut {}->{}", robot(edge.from), robot(edge.to)))
+        (FailingComponent::Edge(e), format!("cut {}->{}", robot(edge.from), robot(edge.to)))
     });
     let at_s = 0.5 * scenario.duration_ns as f64 / 1e9;
     let set = &["expect={}"];
@@ -102,7 +102,7 @@ fn contained_robot_at_the_leader_slot_does_not_block_leader() {
     // r3 receives from r8, the leader, and from r4: without r4 its desired position is that of r8.
     let mut cases = cases_of("containment");
     cases.retain(|case| ["kill r4", "cut r4->r3"].contains(&case.what.as_str()));
-    let held_up = in_parallel(&cases, |case| {
+    let held_up = map_in_parallel(&cases, |case| {
         let scenario = case.scenario(false);
         let (leader, lead) = (scenario.leader().unwrap(), scenario.lead.clone().unwrap());
         let ell_m = scenario.robots[leader].front_point_m;

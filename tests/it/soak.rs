@@ -11,7 +11,8 @@ use formation::random::SplitMix64;
 use rustix::process::Signal;
 
 use crate::harness::{
-    FinishedRun, Phalanx, Running, event_cells, files_below, run, signal_pid, times,
+    FinishedRun, Phalanx, RunInProgress, event_cells, files_below, repetition_factor, run,
+    signal_pid,
 };
 use crate::oracle::scenario;
 
@@ -66,13 +67,13 @@ struct Reaper {
 
 impl Reaper {
     /// Kills agents until `kills` are dead, or run time is `until_s`.
-    fn strike(&mut self, running: &Running, kills: usize, until_s: f64) {
+    fn strike(&mut self, running: &RunInProgress, kills: usize, until_s: f64) {
         while self.killed.len() < kills && run_time_s(&running.events()) < until_s {
             let left = (kills - self.killed.len()) as u64;
-            match self.dice.between(0, 3) {
+            match self.dice.draw_between(0, 3) {
                 // Several agents at the same instant, perhaps all.
                 0 => {
-                    let count = self.dice.between(2, 8).min(left);
+                    let count = self.dice.draw_between(2, 8).min(left);
                     self.kill_some(running, count);
                 }
                 // One agent, and then the next process that is started, during its start.
@@ -83,24 +84,24 @@ impl Reaper {
                 _ => self.kill_some(running, 1),
             }
             // A pause from less than a restart to much longer.
-            let doublings = self.dice.between(0, 8);
-            pause(Duration::from_millis(1 << doublings).mul_f64(1.0 + self.dice.unit()));
+            let doublings = self.dice.draw_between(0, 8);
+            pause(Duration::from_millis(1 << doublings).mul_f64(1.0 + self.dice.draw_unit()));
         }
     }
 
-    fn live_agents(&self, running: &Running) -> Vec<u32> {
+    fn live_agents(&self, running: &RunInProgress) -> Vec<u32> {
         running.agents().into_iter().filter(|pid| !self.killed.contains(pid)).collect()
     }
 
-    fn kill_some(&mut self, running: &Running, count: u64) {
+    fn kill_some(&mut self, running: &RunInProgress, count: u64) {
         let mut living = self.live_agents(running);
         for _ in 0..count.min(living.len() as u64) {
-            let place = self.dice.between(0, living.len() as u64 - 1) as usize;
+            let place = self.dice.draw_between(0, living.len() as u64 - 1) as usize;
             self.kill(living.swap_remove(place));
         }
     }
 
-    fn kill_the_next(&mut self, running: &Running) {
+    fn kill_the_next(&mut self, running: &RunInProgress) {
         let others = self.live_agents(running);
         let began = Instant::now();
         let next = loop {
@@ -112,7 +113,7 @@ impl Reaper {
         };
         if let Some(next) = next {
             // A process needs 10 to 30 ms to become ready.
-            pause(Duration::from_micros(self.dice.between(0, 30_000)));
+            pause(Duration::from_micros(self.dice.draw_between(0, 30_000)));
             self.kill(next);
         }
     }
@@ -158,7 +159,7 @@ fn soaked(what: Soaked, seed: u64) -> Phalanx {
 }
 
 /// Counts the shared files of the run at present by kind. The kind is the extension of the name.
-fn shared_files(running: &Running) -> BTreeMap<String, usize> {
+fn shared_files(running: &RunInProgress) -> BTreeMap<String, usize> {
     let mut kinds = BTreeMap::new();
     for name in running.roots().iter().flat_map(|root| files_below(root)) {
         let kind = name.extension().map_or("none".into(), |kind| kind.to_string_lossy());
@@ -187,8 +188,8 @@ fn simulate(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usiz
     while running.agents().is_empty() {
         pause(Duration::from_micros(100));
     }
-    for _ in 0..reaper.dice.between(1, 3) {
-        pause(Duration::from_micros(reaper.dice.between(0, 20_000)));
+    for _ in 0..reaper.dice.draw_between(1, 3) {
+        pause(Duration::from_micros(reaper.dice.draw_between(0, 20_000)));
         reaper.kill_some(&running, 1);
     }
     reaper.strike(&running, kills, what.hostile_s);
@@ -206,17 +207,17 @@ fn simulate(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usiz
     };
     let lingering = connections_of_the_dead(&running);
     let ended = running.finish();
-    ended.exits_with(0).leaves_nothing().keeps_d();
-    ended.claim(settled.0, "all robots returned");
+    ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
+    ended.assert_holds(settled.0, "all robots returned");
     let found = settled.1;
     let left = format!("they share {files:?}, found {found:?}; of the dead: {lingering:?}");
-    ended.claim(found == *files, left);
-    ended.claim(ended.number("/t_s") == what.duration_s, "the run reached its end");
+    ended.assert_holds(found == *files, left);
+    ended.assert_holds(ended.number("/t_s") == what.duration_s, "the run reached its end");
     survived(&ended, what, kills)
 }
 
 /// Returns the connections with a dead end: the process ids of receiver and sender, and the mode.
-fn connections_of_the_dead(running: &Running) -> Vec<([u32; 2], u32)> {
+fn connections_of_the_dead(running: &RunInProgress) -> Vec<([u32; 2], u32)> {
     let roots = running.roots();
     let ends = roots.iter().flat_map(|root| files_below(root)).filter_map(|path| {
         let name = path.file_stem()?.to_str()?.to_owned();
@@ -260,20 +261,25 @@ fn returned(events: &str, kills: usize) -> bool {
 fn survived(ended: &FinishedRun, what: Soaked, kills: usize) -> SoakStats {
     let events = ended.file("events.csv");
     let deaths: Vec<_> = rows(&events).filter(|row| row.1 == "died").collect();
-    ended.claim(deaths.len() == kills, format!("{kills} died, found {}", deaths.len()));
-    ended.claim(deaths.iter().all(|row| row.3 == "signal 9"), "of our signal, none by itself");
+    ended.assert_holds(deaths.len() == kills, format!("{kills} died, found {}", deaths.len()));
+    ended.assert_holds(
+        deaths.iter().all(|row| row.3 == "signal 9"),
+        "of our signal, none by itself",
+    );
     let restarts = ended.summary["restarts"].as_object().unwrap();
     let restarts: u64 = restarts.values().map(|count| count.as_u64().unwrap()).sum();
-    ended.claim(restarts == kills as u64, format!("{kills} restarts, found {restarts}"));
-    ended.claim(returned(&events, kills), "all robots are ready again");
+    ended.assert_holds(restarts == kills as u64, format!("{kills} restarts, found {restarts}"));
+    ended.assert_holds(returned(&events, kills), "all robots are ready again");
 
     if what.lockstep {
-        ended
-            .claim(ended.number("/final_error_m_max") < 1e-3, "all robots are back in their slots");
+        ended.assert_holds(
+            ended.number("/final_error_m_max") < 1e-3,
+            "all robots are back in their slots",
+        );
     } else {
         let home_s = last_return_s(&ended.file("samples.csv"), 2e-2);
         let last_s = deaths.iter().map(|row| row.0).fold(0.0, f64::max);
-        ended.claim(home_s > last_s, "all came home at once after the last death");
+        ended.assert_holds(home_s > last_s, "all came home at once after the last death");
     }
 
     let mut contacts = BTreeMap::new();
@@ -284,12 +290,12 @@ fn survived(ended: &FinishedRun, what: Soaked, kills: usize) -> SoakStats {
         }
     }
     let edges = scenario(what.name, &[]).graph.edges().len();
-    ended.claim(contacts.len() == edges, "every neighbor was heard");
+    ended.assert_holds(contacts.len() == edges, "every neighbor was heard");
     for ((robot, heard), (state, since_s)) in contacts {
         // In real time, a busy machine makes any robot stale for some milliseconds, even at the end.
         let momentary = !what.lockstep && state == "stale" && since_s > what.duration_s - 0.1;
         let hears = state == "fresh" || momentary;
-        ended.claim(hears, format!("{robot} hears {heard}: {state} since {since_s} s"));
+        ended.assert_holds(hears, format!("{robot} hears {heard}: {state} since {since_s} s"));
     }
 
     let mut ready = BTreeSet::new();
@@ -330,12 +336,17 @@ fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> SoakStats {
 
 #[test]
 fn real_time_kills_at_any_moment_recover_and_keep_d() {
-    let stats = soak(&[in_real_time("pentagon"), in_real_time("containment")], 40 * times(), 20);
+    let stats = soak(
+        &[in_real_time("pentagon"), in_real_time("containment")],
+        40 * repetition_factor(),
+        20,
+    );
     assert!(stats.unready > 0, "some robots died while starting: {stats:?}");
 }
 
 #[test]
 fn lockstep_kills_at_any_moment_recover_and_keep_d() {
-    let stats = soak(&[in_lockstep("pentagon"), in_lockstep("containment")], 20 * times(), 10);
+    let stats =
+        soak(&[in_lockstep("pentagon"), in_lockstep("containment")], 20 * repetition_factor(), 10);
     assert!(stats.unready > 0, "some robots died while starting: {stats:?}");
 }

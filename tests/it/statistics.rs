@@ -4,15 +4,15 @@ use formation::random::SplitMix64;
 use outcome::campaign::statistics as own;
 use serde_json::{Value, json};
 
-use crate::recording::reads;
+use crate::recording::assert_script_succeeds;
 
 /// Draws values of the distribution `kind`.
 fn values(random: &mut SplitMix64, n: usize, kind: u64) -> Vec<f64> {
     let value = |random: &mut SplitMix64| match kind {
         // Uniform; skewed; few distinct values with many ties.
-        0 => random.unit(),
-        1 => -(1.0 - random.unit()).ln(),
-        _ => random.between(0, 6) as f64,
+        0 => random.draw_unit(),
+        1 => -(1.0 - random.draw_unit()).ln(),
+        _ => random.draw_between(0, 6) as f64,
     };
     (0..n).map(|_| value(random)).collect()
 }
@@ -24,7 +24,7 @@ fn statistics_agree_with_other_readers_of_the_same_data() {
     let mut rates = Vec::new();
     for of in [1, 2, 7, 200, 1000] {
         for count in [0, 1, of / 2, of] {
-            rates.push(json!({ "count": count, "of": of, "own": own::rate(count, of) }));
+            rates.push(json!({ "count": count, "of": of, "own": own::estimate_rate(count, of) }));
         }
     }
     let (mut medians, mut times, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
@@ -33,7 +33,7 @@ fn statistics_agree_with_other_readers_of_the_same_data() {
             let sample = values(&mut random, n, kind);
             let drawn = own::bootstrap_medians(&sample, 999, 7);
             let value = own::finite_median(&sample).unwrap();
-            let ends = own::bca(&sample, value, &drawn);
+            let ends = own::bca_interval(&sample, value, &drawn);
             medians
                 .push(json!({ "sample": sample, "drawn": drawn, "median": value, "ends": ends }));
             let all = values(&mut random, n, kind);
@@ -41,12 +41,14 @@ fn statistics_agree_with_other_readers_of_the_same_data() {
             for time in all {
                 if random.draw_bool(0.7) { came.push(time) } else { censored.push(time) }
             }
-            let steps = own::distribution(&came, &censored);
+            let steps = own::cumulative_distribution(&came, &censored);
             times.push(json!({ "came": came, "censored": censored, "steps": steps }));
         }
     }
     for [first, second] in [[0, 0], [0, 1], [3, 9], [9, 3], [5, 5], [40, 61], [400, 480]] {
-        pairs.push(json!({ "first": first, "second": second, "p": own::mcnemar(first, second) }));
+        pairs.push(
+            json!({ "first": first, "second": second, "p": own::mcnemar_p_value(first, second) }),
+        );
     }
     let quantiles: Vec<Value> = [1e-12, 1e-3, 0.025, 0.3, 0.5, 0.975, 0.999_999]
         .iter()
@@ -58,5 +60,5 @@ fn statistics_agree_with_other_readers_of_the_same_data() {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("statistics.json");
     std::fs::write(&path, data.to_string()).unwrap();
-    reads("by_scipy", &[&path]);
+    assert_script_succeeds("by_scipy", &[&path]);
 }

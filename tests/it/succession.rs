@@ -1,14 +1,14 @@
 //! Leader failover: deputies (backup leaders) lead when the main leader is lost. Tested in the oracle and with
 //! processes.
 
-use experiment::prediction::Predictor;
+use experiment::prediction::FailurePredictor;
 use experiment::scenario::Scenario;
 use formation::Vec2;
 use formation::front_point::front_point;
-use formation::random::draw;
+use formation::random::draw_unit_by_number;
 use protocol::law::Reference;
 
-use crate::harness::{in_parallel, run, times};
+use crate::harness::{map_in_parallel, repetition_factor, run};
 use crate::oracle::{simulate, simulate_watched, with_faults};
 
 const PENTAGON: [&str; 4] =
@@ -60,7 +60,7 @@ fn deputy_leads_after_leader_death_and_slots_are_kept() {
         ("containment", CONTAINMENT[3], "r8", "0.2"),
         ("containment", "deputies=[\"r5\"]", "r8", "0.5"),
     ];
-    in_parallel(&cases, |(name, deputies, leader, after)| {
+    map_in_parallel(&cases, |(name, deputies, leader, after)| {
         let after = format!("repair_after_s={after}");
         let set = ["repair=spares", &after, "expect={}", "duration_s=26", deputies];
         let kill = format!("kill {leader} @20");
@@ -71,7 +71,8 @@ fn deputy_leads_after_leader_death_and_slots_are_kept() {
         // A robot that does not wait for a spare continues without a jump.
         let scenario = with_faults(name, &set, &[&kill]);
         let dead = scenario.leader().unwrap();
-        let foretold_m = Predictor::new(&scenario).peak_m(&[dead], Some(20.0)).unwrap();
+        let foretold_m =
+            FailurePredictor::new(&scenario).peak_error_m(&[dead], Some(20.0)).unwrap();
         let seen_m = peak_m(&off_m);
         println!("{name} {deputies}: predicted {foretold_m}, measured {seen_m}");
         let both_small = foretold_m < 0.01 && seen_m < 0.01;
@@ -99,10 +100,10 @@ fn split_network_has_two_agreeing_leaders_until_it_is_mended() {
         t_s.unwrap_or_else(|| panic!("no {what}: {events}"))
     };
     // Lost after 0.1 s. The leader's frame returns after two ticks.
-    ended.claim((at("repair,r4,leads") - 5.1).abs() < 0.01, "r4 leads");
-    ended.claim((at("repair,r4,leads no longer") - 7.0).abs() < 0.01, "and gives back");
+    ended.assert_holds((at("repair,r4,leads") - 5.1).abs() < 0.01, "r4 leads");
+    ended.assert_holds((at("repair,r4,leads no longer") - 7.0).abs() < 0.01, "and gives back");
     let [orphaned, led] = [at("orphaned,r4,"), at("led,r4,")];
-    ended.claim(orphaned <= 5.0 && led < 5.2, "it is orphaned until it leads");
+    ended.assert_holds(orphaned <= 5.0 && led < 5.2, "it is orphaned until it leads");
 }
 
 #[test]
@@ -145,7 +146,7 @@ fn first_live_deputy_replaces_secondary_leader_until_return() {
         (&["kill left @20", "kill f2 @20.5 restart 4"], 44.0, with(&[("f2", "left")])),
         (&["kill left @16 restart 4"], 44.0, all.to_vec()),
     ];
-    in_parallel(&cases, |(faults, at_s, places)| {
+    map_in_parallel(&cases, |(faults, at_s, places)| {
         let apart_m = apart_m(faults, *at_s, places);
         assert!(apart_m.iter().all(|off_m| *off_m < 0.01), "{faults:?} {places:?}: {apart_m:?}");
         let measures = simulate(&with_faults("escort", &ESCORT, faults));
@@ -163,11 +164,11 @@ fn processes_replacing_secondary_leaders_match_prediction() {
     let faults = ["kill left @2 restart 4", "kill f2 @4 restart 1", "cut left->f4 @7.5 for 1"];
     let hash = simulate(&with_faults("escort", &set, &faults)).trajectory_hash.unwrap();
     let ended = run("escort").lockstep().sets(&set).faults(faults).finish();
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.hash() == hash, format!("the hash is {hash}"));
+    ended.exits_with(0).assert_leaves_nothing();
+    ended.assert_holds(ended.hash() == hash, format!("the hash is {hash}"));
     let events = ended.file("events.csv");
     for says in ["f2,uses lead", "f4,uses f2", "f4,uses lead", "f2,no longer uses lead"] {
-        ended.claim(events.contains(&format!(",repair,{says}")), says);
+        ended.assert_holds(events.contains(&format!(",repair,{says}")), says);
     }
 }
 
@@ -177,7 +178,7 @@ fn containment_with_deputies_matches_the_prediction() {
     let place = |name: &str| planned.robots.iter().position(|robot| robot.name == name).unwrap();
     let broken = |dead: &[&str]| {
         let dead: Vec<usize> = dead.iter().map(|name| place(name)).collect();
-        let broken = Predictor::new(&planned).broken_robots(&dead, &[], Some(20.0));
+        let broken = FailurePredictor::new(&planned).broken_robots(&dead, &[], Some(20.0));
         let said = broken.iter().map(|one| one.with_names(&planned.robots));
         said.map(|one| format!("{}: {}", one.robot, one.why)).collect::<Vec<String>>()
     };
@@ -198,13 +199,13 @@ fn processes_led_by_deputies_match_the_prediction() {
         ("pentagon", &PENTAGON, &["cut r5->r4 @2 for 1", "kill r2 @2.3 restart 1"]),
         ("containment", &CONTAINMENT, &["kill r8 @2 restart 2", "kill r6 @3 restart 1"]),
     ];
-    in_parallel(&cases, |(name, set, faults)| {
+    map_in_parallel(&cases, |(name, set, faults)| {
         let set = [set, &["duration_s=7"][..]].concat();
         let hash = simulate(&with_faults(name, &set, faults)).trajectory_hash.unwrap();
         let ended = run(name).lockstep().sets(&set).faults(*faults).finish();
-        ended.exits_with(0).leaves_nothing();
-        ended.claim(ended.hash() == hash, format!("{name} {faults:?}: the hash is {hash}"));
-        ended.claim(ended.file("events.csv").contains(",leads"), "a deputy led");
+        ended.exits_with(0).assert_leaves_nothing();
+        ended.assert_holds(ended.hash() == hash, format!("{name} {faults:?}: the hash is {hash}"));
+        ended.assert_holds(ended.file("events.csv").contains(",leads"), "a deputy led");
     });
 }
 
@@ -213,21 +214,21 @@ fn realtime_deputy_leads_and_all_keep_their_distance() {
     let set = [&PENTAGON[..], &["duration_s=6"]].concat();
     let faults = ["kill r5 @2 restart 2", "kill r4 @3 restart 1"];
     let ended = run("pentagon").args(["--pace", "realtime"]).sets(set).faults(faults).finish();
-    ended.exits_with(0).leaves_nothing().keeps_d();
-    ended.claim(ended.file("events.csv").contains(",repair,r4,leads"), "r4 led");
+    ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
+    ended.assert_holds(ended.file("events.csv").contains(",repair,r4,leads"), "r4 led");
 }
 
 /// `PHALANX_TIMES=25 cargo test --test it -- --nocapture succession::killed_leaders`
 #[test]
 fn killed_leaders_deputies_and_spares_never_violate_d() {
-    let draws: Vec<u64> = (0..8 * times() as u64).collect();
-    in_parallel(&draws, |&number| {
+    let draws: Vec<u64> = (0..8 * repetition_factor() as u64).collect();
+    map_in_parallel(&draws, |&number| {
         let (name, set) =
             [("pentagon", PENTAGON), ("containment", CONTAINMENT), ("escort", ESCORT)]
                 [number as usize % 3];
         let set = [&set[..], &["duration_s=8"]].concat();
         let robots = with_faults(name, &set, &[]).robots;
-        let of = |what: u64| draw(number, what);
+        let of = |what: u64| draw_unit_by_number(number, what);
         let kill = |k: u64| {
             let robot = ((of(0) * robots.len() as f64) as usize + k as usize) % robots.len();
             let robot = &robots[robot].name;

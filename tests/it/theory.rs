@@ -14,7 +14,7 @@ use crate::harness::{ExitsWith as _, phalanx};
 fn scenario(name: &str, set: &[&str]) -> (Scenario, Vec<String>) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenarios/{name}.toml"));
     let set = set.iter().map(|&s| s.to_owned()).collect();
-    let overrides = Overrides { set, ..Overrides::default() };
+    let overrides = Overrides { assignments: set, ..Overrides::default() };
     let (scenario, _, warnings) = read(&path, &overrides, &agent::catalog())
         .unwrap_or_else(|error| panic!("{}", error.render(false)));
     (scenario, warnings.into_iter().map(|warning| warning.message).collect())
@@ -66,7 +66,7 @@ wall = [{ points_m = [[0.0, -3.0], [0.0, 1.0]] }]
 #[test]
 fn goal_behind_a_wall_is_reported_by_check_and_summary() {
     let scenario = from_text(GOALS_BEYOND_A_WALL);
-    let findings = experiment::check::check(&scenario);
+    let findings = experiment::check::check_scenario(&scenario);
     let goals: Vec<_> = findings.iter().filter(|found| found.path.ends_with("goal_m")).collect();
     let [goal] = &goals[..] else { panic!("{goals:?}") };
     assert_eq!(goal.path, "robot.a.goal_m");

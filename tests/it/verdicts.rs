@@ -24,11 +24,11 @@ fn expectation_of_dead_robots_is_missed_with_the_reason() {
     let contained = all("containment").set("expect={ hull_distance_m_max = 0.0 }").finish();
     contained.exits_with(1);
     let nobody = missed("the plan leaves none of r1, r2, r3, r4 alive");
-    contained.claim(
+    contained.assert_holds(
         verdict_of(&contained, "hull_distance_m_max") == nobody,
         "without robots the expectation does not hold",
     );
-    contained.claim(
+    contained.assert_holds(
         contained.stdout.contains("the plan leaves none of r1"),
         "the screen shows the reason",
     );
@@ -37,8 +37,11 @@ fn expectation_of_dead_robots_is_missed_with_the_reason() {
     let formation = formation.finish();
     formation.exits_with(1);
     let alone = missed("only r5 is left");
-    formation.claim(verdict_of(&formation, "converged_by_s") == alone, "one robot is no formation");
-    formation.claim(
+    formation.assert_holds(
+        verdict_of(&formation, "converged_by_s") == alone,
+        "one robot is no formation",
+    );
+    formation.assert_holds(
         verdict_of(&formation, "min_distance_m").0 == "held",
         "dead robots still have bodies",
     );
@@ -46,11 +49,11 @@ fn expectation_of_dead_robots_is_missed_with_the_reason() {
     let meant = "expect={ converged_by_s = 5.0, alive_at_end = [\"r5\"] }";
     let meant = all("pentagon").set(meant).finish();
     meant.exits_with(0);
-    meant.claim(meant.summary["alive_at_end"][0] == "r5", "r5 is alive");
+    meant.assert_holds(meant.summary["alive_at_end"][0] == "r5", "r5 is alive");
     let more = all("pentagon").set("expect={ alive_at_end = 2 }").finish();
     more.exits_with(1);
     let dead = missed("dead at the end: r1, r2, r3, r4");
-    more.claim(verdict_of(&more, "alive_at_end") == dead, "one is not two");
+    more.assert_holds(verdict_of(&more, "alive_at_end") == dead, "one is not two");
 }
 
 /// Returns the number of voluntary context switches of a process. `None` if it has exited.
@@ -78,16 +81,19 @@ fn expectation_during_supervisor_stop_is_unseen_not_held() {
     }
     running.signal(Signal::CONT);
     let ended = running.finish();
-    ended.claim(ended.number("/truths_lost") > 0.0, "truths were lost");
+    ended.assert_holds(ended.number("/truths_lost") > 0.0, "truths were lost");
     let gaps = ended.summary["unseen_s"].as_array().expect("gaps").clone();
-    ended.claim(!gaps.is_empty(), "for a while");
+    ended.assert_holds(!gaps.is_empty(), "for a while");
     ended.exits_with(1);
     let (verdict, reason) = verdict_of(&ended, "min_distance_m");
-    ended.claim(verdict == "unseen", format!("it is {verdict}"));
-    ended.claim(reason.starts_with("no ground-truth samples from "), reason);
-    ended.claim(
+    ended.assert_holds(verdict == "unseen", format!("it is {verdict}"));
+    ended.assert_holds(reason.starts_with("no ground-truth samples from "), reason);
+    ended.assert_holds(
         verdict_of(&ended, "alive_at_end").0 == "held",
         "a verdict that needs no samples is known",
     );
-    ended.claim(ended.stdout.contains("UNSEEN min_distance_m"), "the screen shows the verdict");
+    ended.assert_holds(
+        ended.stdout.contains("UNSEEN min_distance_m"),
+        "the screen shows the verdict",
+    );
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 
 use crate::harness::{
-    ExitsWith as _, FinishedRun, HANG, RunRoot, phalanx, run, signal_pid, wait_until_gone,
+    ExitsWith as _, FinishedRun, RunRoot, WAIT_TIMEOUT, phalanx, run, signal_pid, wait_until_gone,
 };
 
 /// Verifies a run. Asserts the exit code, and that the output contains all of `words`.
@@ -107,7 +107,10 @@ fn folder_of_a_killed_verify_is_removed_by_clean() {
     let began = Instant::now();
     let samples = || beside().first().map(|folder| folder.join("run/samples.csv"));
     while !samples().is_some_and(|path| path.exists()) {
-        assert!(began.elapsed() < HANG && child.try_wait().unwrap().is_none(), "nothing to kill");
+        assert!(
+            began.elapsed() < WAIT_TIMEOUT && child.try_wait().unwrap().is_none(),
+            "nothing to kill"
+        );
         std::thread::sleep(Duration::from_millis(1));
     }
     signal_pid(child.id(), Signal::KILL);

@@ -7,7 +7,7 @@ use std::time::Duration;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
-use crate::harness::{FinishedRun, Phalanx, Running, run};
+use crate::harness::{FinishedRun, Phalanx, RunInProgress, run};
 
 /// Deadline of every wait. Only a hang reaches it.
 const TIMEOUT: Duration = Duration::from_secs(60);
@@ -26,8 +26,8 @@ struct Answer {
 }
 
 impl Page {
-    fn from_run(running: &mut Running) -> Page {
-        let url = running.line("view: ");
+    fn from_run(running: &mut RunInProgress) -> Page {
+        let url = running.wait_for_line("view: ");
         let rest = url.strip_prefix("http://").unwrap();
         let (host, token) = rest.split_once("/?token=").unwrap();
         Page { host: host.into(), token: token.into() }
@@ -149,7 +149,7 @@ impl Events {
 }
 
 /// Starts a triangle in real time that runs until it is interrupted. r1 receives from r2, r2 from r3, and r3 from r1.
-fn start_viewed_run(args: &[&str]) -> (Running, Page) {
+fn start_viewed_run(args: &[&str]) -> (RunInProgress, Page) {
     let triangle = run("triangle").set("duration_s=100").set("expect={}");
     let mut running = triangle.args(args.iter().copied()).start();
     let page = Page::from_run(&mut running);
@@ -158,11 +158,11 @@ fn start_viewed_run(args: &[&str]) -> (Running, Page) {
 
 /// Interrupts a run in progress.
 #[track_caller]
-fn interrupted(running: Running) -> FinishedRun {
+fn interrupted(running: RunInProgress) -> FinishedRun {
     running.signal(Signal::INT);
     let ended = running.finish();
-    ended.exits_with(130).leaves_nothing();
-    ended.claim(ended.number("/min_distance_m") >= 0.2, "no distance is below d");
+    ended.exits_with(130).assert_leaves_nothing();
+    ended.assert_holds(ended.number("/min_distance_m") >= 0.2, "no distance is below d");
     ended
 }
 
@@ -289,14 +289,14 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
     let faults = ended.summary["faults"].as_array().cloned().unwrap_or_default();
     let what: Vec<&str> = faults.iter().filter_map(|fault| fault["what"].as_str()).collect();
     let struck = ["kill r2", "freeze r3", "freeze r1", "kill r1"].map(|s| format!("{s}, by hand"));
-    ended.claim(what == struck, format!("the report lists the manual faults: {what:?}"));
+    ended.assert_holds(what == struck, format!("the report lists the manual faults: {what:?}"));
     let over = faults.iter().all(|fault| fault["lasted_s"].as_f64() >= Some(0.0));
-    ended.claim(over, "and that it is over");
-    ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
-    ended.claim(ended.number("/restarts/r1") == 1.0, "and r1");
+    ended.assert_holds(over, "and that it is over");
+    ended.assert_holds(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
+    ended.assert_holds(ended.number("/restarts/r1") == 1.0, "and r1");
     let written = ended.file("events.csv");
     for event in ["kill,r2,\"SIGKILL, by hand\"", "freeze,r3,", "thaw,r3,\"SIGCONT, by hand\""] {
-        ended.claim(written.contains(event), format!("it is written down: {event}"));
+        ended.assert_holds(written.contains(event), format!("it is written down: {event}"));
     }
 }
 
@@ -336,19 +336,21 @@ fn manual_link_cut_outlives_receiver_death_until_mended() {
     let written = ended.file("events.csv");
     let (_, since_cut) = written.split_once(",cut,r1,\"r2->r1, by hand\"").unwrap_or_default();
     let lost = since_cut.find(",contact,r1,lost r2");
-    ended.claim(lost.is_some(), "r1 has lost r2");
-    ended.claim(since_cut.find(",contact,r1,stale r2") < lost, "after it had been stale");
-    ended.claim(ended.summary["faults"][0]["what"] == "cut r2->r1, by hand", "it is a fault");
-    ended.claim(ended.number("/faults/0/lost_after_s") > 0.0, "that was noticed");
-    ended.claim(ended.number("/faults/0/lasted_s") > 0.0, "and has ended");
+    ended.assert_holds(lost.is_some(), "r1 has lost r2");
+    ended.assert_holds(since_cut.find(",contact,r1,stale r2") < lost, "after it had been stale");
+    ended
+        .assert_holds(ended.summary["faults"][0]["what"] == "cut r2->r1, by hand", "it is a fault");
+    ended.assert_holds(ended.number("/faults/0/lost_after_s") > 0.0, "that was noticed");
+    ended.assert_holds(ended.number("/faults/0/lasted_s") > 0.0, "and has ended");
 }
 
 #[test]
 fn spare_is_shown_while_it_is_in_use() {
     let set = ["repair=spares", "repair_after_s=0.2", "duration_s=100", "expect={}"];
     let planned = crate::oracle::scenario("pentagon", &set);
-    let ends =
-        |from, to| planned.repair.spares.iter().position(|one| (one.from, one.to) == (from, to));
+    let ends = |from, to| {
+        planned.repair_plan.spares.iter().position(|one| (one.from, one.to) == (from, to))
+    };
     let spare = planned.graph.edges().len() + ends(4, 2).expect("r5 is a spare of r3");
     let mut running = run("pentagon").sets(set).args(["--view", "--view-control"]).start();
     let page = Page::from_run(&mut running);
@@ -363,7 +365,7 @@ fn spare_is_shown_while_it_is_in_use() {
     events.edge_is(spare, "closed");
     running.signal(Signal::INT);
     let ended = running.finish();
-    ended.exits_with(130).leaves_nothing().keeps_d();
+    ended.exits_with(130).assert_leaves_nothing().assert_keeps_d();
 }
 
 /// Starts a run that is slow enough for a client: half a minute of run time in some seconds of wall time.
@@ -383,8 +385,8 @@ fn viewer_does_not_change_a_lockstep_run() {
     let text = end["text"].as_str().unwrap();
     assert!(text.contains("no expectations declared"), "{text}");
     let ended = running.finish();
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.hash() == alone.hash(), format!("the same hash, {}", alone.hash()));
+    ended.exits_with(0).assert_leaves_nothing();
+    ended.assert_holds(ended.hash() == alone.hash(), format!("the same hash, {}", alone.hash()));
     drop(idle);
 }
 
@@ -405,14 +407,14 @@ fn manual_lockstep_faults_hit_robots_at_next_tick_not_links() {
     events.happens("ready", "r2");
     drop(events);
     let ended = running.finish();
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted");
-    ended.claim(
+    ended.exits_with(0).assert_leaves_nothing();
+    ended.assert_holds(ended.number("/restarts/r2") == 1.0, "r2 was restarted");
+    ended.assert_holds(
         ended.number("/acts_by_hand") == 4.0,
         "accepted faults are counted, refused ones are not",
     );
-    ended.claim(ended.number("/min_distance_m") >= 0.2, "no distance is below d");
-    ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation has converged");
+    ended.assert_holds(ended.number("/min_distance_m") >= 0.2, "no distance is below d");
+    ended.assert_holds(ended.number("/final_error_m_max") < 1e-3, "the formation has converged");
 }
 
 #[test]
@@ -427,8 +429,8 @@ fn exposed_view_or_occupied_port_starts_nothing() {
         (vec![&*format!("--view={port}")], 4, "Address already in use"),
     ] {
         let ended = run("triangle").args(args).finish();
-        ended.exits_with(code).leaves_nothing();
-        ended.claim(ended.stderr.contains(said), format!("the error contains {said}"));
-        ended.claim(!ended.run_dir().exists(), "nothing is written");
+        ended.exits_with(code).assert_leaves_nothing();
+        ended.assert_holds(ended.stderr.contains(said), format!("the error contains {said}"));
+        ended.assert_holds(!ended.run_dir().exists(), "nothing is written");
     }
 }

@@ -14,7 +14,7 @@ const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/corridor.toml
 /// Returns the warnings about `corridor` with these keys set: the line that each points at, and its message.
 fn warned(set: &[&str]) -> Vec<(String, String)> {
     let overrides =
-        Overrides { set: set.iter().map(|&s| s.into()).collect(), ..Overrides::default() };
+        Overrides { assignments: set.iter().map(|&s| s.into()).collect(), ..Overrides::default() };
     let (_, text, warnings) = read(Path::new(PATH), &overrides, &agent::catalog()).unwrap();
     let line = |line: u32| text.lines().nth(line as usize - 1).unwrap().trim().to_owned();
     let warnings = warnings.into_iter().filter(|one| one.severity == Severity::Warning);
@@ -73,27 +73,33 @@ fn run_reports_and_judges_minimum_clearance_and_draws_walls() {
     let samples = std::fs::read_to_string(ended.run_dir().join("samples.csv")).unwrap();
     // Every tick is recorded.
     let recorded_m = recorded_clearance(&samples);
-    ended.claim((found_m - recorded_m).abs() < 1e-9, format!("{found_m} m is {recorded_m} m"));
-    ended.claim((0.21..0.25).contains(&found_m), "the corridor is narrow");
+    ended.assert_holds(
+        (found_m - recorded_m).abs() < 1e-9,
+        format!("{found_m} m is {recorded_m} m"),
+    );
+    ended.assert_holds((0.21..0.25).contains(&found_m), "the corridor is narrow");
     let wall = clearance["wall"].as_str().unwrap();
-    ended.claim(wall == "wall 1" || wall == "wall 2", format!("{wall} is a wall"));
+    ended.assert_holds(wall == "wall 1" || wall == "wall 2", format!("{wall} is a wall"));
     let at = ["/min_clearance/at_m/0", "/min_clearance/at_m/1"].map(|key| ended.number(key));
     let corridor = scenario("corridor", &[]);
     let from_there = corridor.obstacles().nearest_obstacle(at.into()).unwrap().distance_m;
-    ended.claim((from_there - found_m).abs() < 1e-12, "it was there");
+    ended.assert_holds((from_there - found_m).abs() < 1e-12, "it was there");
     let expectations = ended.summary["expectations"].as_array().unwrap();
     let judged = expectations.iter().find(|one| one["name"] == "min_clearance_m").unwrap();
-    ended.claim(judged["held"] == true, "the clearance was kept");
+    ended.assert_holds(judged["held"] == true, "the clearance was kept");
 
     let read = |path: &str| std::fs::read_to_string(ended.run_dir().join(path)).unwrap();
-    ended.claim(read("report.html").contains("Smallest clearance"), "the page shows the clearance");
+    ended.assert_holds(
+        read("report.html").contains("Smallest clearance"),
+        "the page shows the clearance",
+    );
     let figure = read("figures/trajectories.svg");
-    ended.claim(
+    ended.assert_holds(
         figure.contains("Gray: walls") || read("report.html").contains("Gray: walls"),
         "drawn",
     );
     let brief = read("briefs/plant.toml");
-    ended.claim(brief.matches("[[obstacle]]").count() == 24, "every segment is an obstacle");
+    ended.assert_holds(brief.matches("[[obstacle]]").count() == 24, "every segment is an obstacle");
     let missed = run("corridor").lockstep().set("expect={min_clearance_m=0.3}").finish();
     missed.exits_with(1);
 }

@@ -102,8 +102,8 @@ fn python_without_the_package_is_reported() {
         script(folder.path(), "own.sh", says);
         script(folder.path(), "follow.sh", "sleep 100");
         let ended = run_own(folder.path()).lockstep().finish();
-        ended.exits_with(4).leaves_nothing();
-        ended.claim(
+        ended.exits_with(4).assert_leaves_nothing();
+        ended.assert_holds(
             ended.stderr.contains("activate the virtual environment"),
             "the remedy is reported",
         );
@@ -140,7 +140,8 @@ fn samples_have_front_points_and_their_distances() {
     // The summary uses every tick and the table at most every fifth: the table's minimum is not lower, and at most
     // slightly higher.
     let least_m = ended.number("/min_distance_m");
-    ended.claim((0.0..1e-3).contains(&(nearest_m - least_m + 1e-12)), format!("{nearest_m}"));
+    ended
+        .assert_holds((0.0..1e-3).contains(&(nearest_m - least_m + 1e-12)), format!("{nearest_m}"));
 }
 
 #[test]
@@ -181,8 +182,8 @@ fn broken_and_ideal_formation_are_explained_where_shown() {
     let ideal = "Distances from the slots that the whole planned graph gives the robots";
     let page = ended.file("report.html");
     let on_screen = ended.stdout.contains(broken) && ended.stdout.contains("ideal errors, m");
-    ended.claim(on_screen, "the screen explains it");
-    ended.claim(page.contains(broken) && page.contains(ideal), "the page explains it");
+    ended.assert_holds(on_screen, "the screen explains it");
+    ended.assert_holds(page.contains(broken) && page.contains(ideal), "the page explains it");
 }
 
 #[test]

@@ -22,40 +22,40 @@
 
 use formation::Vec2;
 use formation::portable_math;
-use protocol::avoidance::{AvoidanceDescription, Conditions, Gain};
+use protocol::avoidance::{AvoidanceDescription, Gain, MethodConditions};
 
-use super::cone::{ROUNDING_M, direction};
-use super::holonomic::{HOLONOMIC, Holonomic, Velocity, advise_rate};
+use super::cone::{ROUNDING_MARGIN_M, direction};
+use super::holonomic::{HOLONOMIC_DESCRIPTION, Holonomic, VelocityMethod, advise_rate};
 use super::polygon::HalfPlane;
-use super::program::nearest_permitted;
+use super::program::nearest_permitted_velocity;
 use super::{AvoidanceRow, Sample};
 
 /// Fraction of the constraint on h that the robot guarantees: half towards another robot, all of it towards a
 /// wall.
-const ROBOT_FRACTION: f64 = 0.5;
-const WALL_FRACTION: f64 = 1.0;
+const ROBOT_CONSTRAINT_FRACTION: f64 = 0.5;
+const WALL_CONSTRAINT_FRACTION: f64 = 1.0;
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "cbf-qp",
         source: "Wang et al. 2017",
-        promises: "d, if `barrier_per_s` times the period is at most 1; does not resolve deadlocks",
+        guarantee_text: "d, if `barrier_per_s` times the period is at most 1; does not resolve deadlocks",
         sensing_radius_m,
-        gains: &[Gain::required(
+        gains: &[Gain::new(
             "barrier_per_s",
             "maximum relative rate at which the barrier r^2 - d^2 may decrease, with r the distance of two \
              robots, in 1/s; with a smaller rate robots slow down farther apart",
         )],
         // A larger product would use up more than the whole slack within one period.
-        advice: |at| advise_rate(at, "barrier_per_s", 1.0),
-        ..HOLONOMIC
+        find_warning: |at| advise_rate(at, "barrier_per_s", 1.0),
+        ..HOLONOMIC_DESCRIPTION
     },
     build: |brief, gains| {
         let cbf_qp = CbfQp {
-            d: brief.avoidance.distance_min_m + ROUNDING_M,
-            clearance: brief.avoidance.clearance_m + ROUNDING_M,
+            distance_min: brief.avoidance.distance_min_m + ROUNDING_MARGIN_M,
+            clearance: brief.avoidance.clearance_m + ROUNDING_MARGIN_M,
             v_max: brief.avoidance.speed_max_m_s,
-            rate: gains.get("barrier_per_s"),
+            barrier_rate: gains.get("barrier_per_s"),
         };
         Box::new(Holonomic::new(brief, cbf_qp))
     },
@@ -63,35 +63,39 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
 
 /// Returns the distance, m, beyond which the constraint permits v_max in every direction, so that no neighbor
 /// or wall matters.
-fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
+fn sensing_radius_m(at: &MethodConditions<'_>) -> f64 {
     let Some(rate) = at.avoidance.gains.get("barrier_per_s") else { return 0.0 };
     // a (r^2 - k^2) share / (2 r) = v_max
     let radius = |distance_min: f64, share: f64| {
-        let half = at.speed_m_s() / (rate * share);
+        let half = at.speed_max_m_s() / (rate * share);
         half + portable_math::hypot(half, distance_min)
     };
-    let robots = radius(at.avoidance.distance_min_m, ROBOT_FRACTION);
-    let walls = radius(at.avoidance.clearance_m, WALL_FRACTION);
-    robots.max(walls) + at.distance_error_m()
+    let robots = radius(at.avoidance.distance_min_m, ROBOT_CONSTRAINT_FRACTION);
+    let walls = radius(at.avoidance.clearance_m, WALL_CONSTRAINT_FRACTION);
+    robots.max(walls) + at.distance_error_max_m()
 }
 
 /// CBF-QP method of one robot.
 struct CbfQp {
-    d: f64,
+    distance_min: f64,
     clearance: f64,
     v_max: f64,
     /// Maximum relative rate of decrease of h (a), 1/s.
-    rate: f64,
+    barrier_rate: f64,
 }
 
-impl Velocity for CbfQp {
-    fn velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
-        let walls =
-            sample.walls.iter().map(|z| self.barrier_constraint(*z, self.clearance, WALL_FRACTION));
-        let robots =
-            sample.away.iter().map(|z| self.barrier_constraint(*z, self.d, ROBOT_FRACTION));
+impl VelocityMethod for CbfQp {
+    fn choose_velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
+        let walls = sample
+            .wall_vectors
+            .iter()
+            .map(|z| self.barrier_constraint(*z, self.clearance, WALL_CONSTRAINT_FRACTION));
+        let robots = sample
+            .neighbor_vectors
+            .iter()
+            .map(|z| self.barrier_constraint(*z, self.distance_min, ROBOT_CONSTRAINT_FRACTION));
         let sides: Vec<HalfPlane> = walls.chain(robots).collect();
-        Some(nearest_permitted(gamma, self.v_max, &sides, sample.walls.len()))
+        Some(nearest_permitted_velocity(gamma, self.v_max, &sides, sample.wall_vectors.len()))
     }
 }
 
@@ -101,8 +105,8 @@ impl CbfQp {
         let r = z.norm();
         let h = r * r - distance_min * distance_min;
         // With coincident positions any direction leads away, so the robot leaves at maximum speed.
-        let bound = if r > 0.0 { share * self.rate * h / (2.0 * r) } else { -self.v_max };
-        HalfPlane { normal: direction(z), bound }
+        let bound = if r > 0.0 { share * self.barrier_rate * h / (2.0 * r) } else { -self.v_max };
+        HalfPlane { normal: direction(z), boundary_distance: bound }
     }
 }
 

@@ -23,12 +23,12 @@ use std::f64::consts::TAU;
 use formation::Vec2;
 use formation::front_point::rotate;
 use formation::portable_math;
-use protocol::avoidance::Conditions;
-use protocol::brief::{AgentBrief, Rank};
+use protocol::avoidance::MethodConditions;
+use protocol::brief::{AgentBrief, YieldPriority};
 
 use constants::Constants;
 
-use super::braking::rate_per_s;
+use super::braking::slack_decrease_rate_per_s;
 use super::neighbor_tracker::{NeighborTracker, TrackedNeighbor};
 use super::progress_monitor::ProgressMonitor;
 use super::{Sample, clip};
@@ -38,11 +38,11 @@ use crate::golden_phase;
 /// redirected completely to that side.
 const WALL_STEERING_GAIN: f64 = 4.0;
 /// Minimum dither period, s. Each robot has a different period, so no pair stays symmetric.
-const DITHER_PERIOD_S: f64 = 1.5;
+const DITHER_PERIOD_S_MIN: f64 = 1.5;
 /// Minimum dither amplitude of a robot that has been blocked for a long time, rad.
-const DITHER_BLOCKED_RAD_MIN: f64 = 1.0;
+const BLOCKED_DITHER_RAD_MIN: f64 = 1.0;
 /// Minimum of d_f - d, as a fraction of d.
-const MARGIN_MIN: f64 = 0.05;
+const DEFLECTION_MARGIN_FRACTION_MIN: f64 = 0.05;
 /// Time at rest after which another robot is assumed to occupy its position permanently, s.
 const OCCUPIED_AFTER_S: f64 = 3.0;
 /// Time constant of the smoothed slot velocity, in d / v_max. While a formation assembles, in-neighbors move
@@ -59,17 +59,17 @@ const YIELD_SPEED_PER_DELAY: f64 = 5.0;
 /// Excess of d_s over d_f, as a fraction of the distance by which the desired position lies within d_f of the
 /// other robot. Measured over all single deaths and cuts of the shipped scenarios: with 0, three followers with
 /// free slots end 2 to 8 cm off them, blocked by followers without. With 0.1 and 0.15 this does not occur.
-pub const STANDOFF_EXCESS: f64 = 0.1;
+pub const STANDOFF_EXCESS_FRACTION: f64 = 0.1;
 
 /// Returns d_f, m: the distance from which a robot is steered around another. It is larger for robots of lower
 /// yield priority.
-pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
-    Constants::build_constants().distance_m(at)
+pub fn deflection_distance_m(at: &MethodConditions<'_>) -> f64 {
+    Constants::build_constants().deflection_distance_m(at)
 }
 
 /// Returns the sensing radius for early avoidance, m: d_f plus the distance driven at v_max during the
 /// look-ahead time.
-pub fn look_ahead_radius_m(at: &Conditions<'_>) -> f64 {
+pub fn look_ahead_radius_m(at: &MethodConditions<'_>) -> f64 {
     deflection_distance_m(at)
         + Constants::build_constants().look_ahead * at.avoidance.distance_min_m
 }
@@ -78,32 +78,38 @@ pub fn look_ahead_radius_m(at: &Conditions<'_>) -> f64 {
 /// the shipped scenarios: with these values no leader is blocked by a follower of a hull (`Contained`), or by a
 /// formation robot that stopped in its path because it has no in-neighbor left. From 1.2 on, replacements of
 /// contained robots may find every gap between two others too narrow.
-fn rank_factor(rank: Rank) -> f64 {
+fn rank_distance_factor(rank: YieldPriority) -> f64 {
     match rank {
-        Rank::First => 1.0,
-        Rank::Follower => 1.1,
-        Rank::Contained => 1.12,
+        YieldPriority::First => 1.0,
+        YieldPriority::Follower => 1.1,
+        YieldPriority::Contained => 1.12,
     }
 }
 
 /// Returns kappa. If any robot has inertia, it is limited to what the bound grants: Lambda of the slack per
 /// second.
-pub fn deflection_share(at: &Conditions<'_>) -> f64 {
-    Constants::build_constants().deflection_fraction(at)
+pub fn approach_slack_fraction(at: &MethodConditions<'_>) -> f64 {
+    Constants::build_constants().approach_slack_fraction(at)
 }
 
 impl Constants {
     /// Returns d_f, m, as [`deflection_distance_m`].
-    fn distance_m(&self, at: &Conditions<'_>) -> f64 {
-        let d = at.avoidance.distance_min_m;
-        let d_f = d + (self.margin * at.speed_m_s() * at.lifetime_s).max(MARGIN_MIN * d);
-        rank_factor(at.rank) * d_f
+    fn deflection_distance_m(&self, at: &MethodConditions<'_>) -> f64 {
+        self.deflection_distance_for(at.avoidance.distance_min_m, at)
     }
 
-    /// Returns kappa, as [`deflection_share`].
-    fn deflection_fraction(&self, at: &Conditions<'_>) -> f64 {
+    /// Returns d_f, m, for robots that keep the minimum distance `d`, m, from this robot.
+    fn deflection_distance_for(&self, d: f64, at: &MethodConditions<'_>) -> f64 {
+        let d_f = d
+            + (self.margin * at.speed_max_m_s() * at.command_timeout_s)
+                .max(DEFLECTION_MARGIN_FRACTION_MIN * d);
+        rank_distance_factor(at.rank) * d_f
+    }
+
+    /// Returns kappa, as [`approach_slack_fraction`].
+    fn approach_slack_fraction(&self, at: &MethodConditions<'_>) -> f64 {
         match at.avoidance.braking_time_max_s > 0.0 {
-            true => self.slack_share.min(rate_per_s(at) * at.period_s),
+            true => self.slack_share.min(slack_decrease_rate_per_s(at) * at.period_s),
             false => self.slack_share,
         }
     }
@@ -111,114 +117,116 @@ impl Constants {
 
 /// Returns c_f, m: the distance from which a robot is steered along a wall. The bound grants twice the approach
 /// speed that it grants next to another robot.
-pub fn wall_deflection_distance_m(at: &Conditions<'_>) -> f64 {
+pub fn wall_deflection_distance_m(at: &MethodConditions<'_>) -> f64 {
     let clearance = at.avoidance.clearance_m;
-    clearance + (0.75 * at.speed_m_s() * at.lifetime_s).max(0.05 * clearance)
+    clearance + (0.75 * at.speed_max_m_s() * at.command_timeout_s).max(0.05 * clearance)
 }
 
 /// Returns kappa next to a wall. If any robot has inertia, the bound grants 2 Lambda of the slack per second.
-pub fn wall_deflection_share(at: &Conditions<'_>) -> f64 {
+pub fn wall_approach_slack_fraction(at: &MethodConditions<'_>) -> f64 {
     match at.avoidance.braking_time_max_s > 0.0 {
-        true => WALL_KAPPA.min(2.0 * rate_per_s(at) * at.period_s),
-        false => WALL_KAPPA,
+        true => WALL_APPROACH_SLACK_FRACTION.min(2.0 * slack_decrease_rate_per_s(at) * at.period_s),
+        false => WALL_APPROACH_SLACK_FRACTION,
     }
 }
 
 /// Value of kappa next to a wall without inertia.
-const WALL_KAPPA: f64 = 0.25;
+const WALL_APPROACH_SLACK_FRACTION: f64 = 0.25;
 
 /// Avoidance steering of one robot.
 pub struct Deflection {
     /// Speed limit, m/s.
     v_max: f64,
     /// Control period (T), s.
-    period: f64,
-    kappa: f64,
-    pub(super) d_f: f64,
+    period_s: f64,
+    approach_slack_fraction: f64,
+    pub(super) deflection_distance: f64,
+    /// Deflection distance for robots of each class, m; empty if the brief has no classes.
+    class_deflection_distances: Vec<f64>,
     /// Values of kappa and c_f (m) next to walls.
-    wall: (f64, f64),
-    rank: Rank,
+    wall_slack_fraction_and_distance: (f64, f64),
+    rank: YieldPriority,
     tracker: NeighborTracker,
     progress: ProgressMonitor,
     gains: DeflectionGains,
     /// Smoothed velocity of the desired position, m/s.
-    place_velocity: Vec2,
+    slot_velocity: Vec2,
     /// Set while the desired position is occupied. The robot is then held back and not steered around others.
-    standoff: Option<OccupiedSlot>,
-    limits: Vec<Limit>,
-    pub(super) dither_period: f64,
-    pub(super) dither_phase: f64,
+    occupied_slot: Option<OccupiedSlot>,
+    constraints: Vec<DisplacementConstraint>,
+    pub(super) dither_period_s: f64,
+    pub(super) dither_phase_rad: f64,
 }
 
 /// Constants that depend on the robot, in SI units.
 struct DeflectionGains {
-    dither_rad: f64,
+    dither_amplitude_rad: f64,
     tangential_gain: f64,
-    around_at_last: f64,
+    blocked_tangential_gain: f64,
     look_ahead_s: f64,
-    look_ahead_share: f64,
-    look_ahead_turn_rad: f64,
-    yields: f64,
+    look_ahead_gain: f64,
+    look_ahead_turn_max_rad: f64,
+    yield_gain: f64,
     yield_speed_m_s: f64,
     yield_reach_m: f64,
     /// Time constant of the smoothed slot velocity, s.
-    place_s: f64,
+    slot_smoothing_time_s: f64,
 }
 
 impl DeflectionGains {
     /// Converts the constants. A robot that `leads` all others neither yields nor turns aside early.
-    fn new(constants: &Constants, at: &Conditions<'_>, leads: bool) -> DeflectionGains {
-        let (d, v_max) = (at.avoidance.distance_min_m, at.speed_m_s());
+    fn new(constants: &Constants, at: &MethodConditions<'_>, leads: bool) -> DeflectionGains {
+        let (d, v_max) = (at.avoidance.distance_min_m, at.speed_max_m_s());
         // A leader keeps its path, because all others follow wherever it turns.
         let aside = |constant: f64| if leads { 0.0 } else { constant };
-        let late = v_max * at.lifetime_s / d;
+        let late = v_max * at.command_timeout_s / d;
         DeflectionGains {
-            dither_rad: match at.avoidance.braking_time_max_s > 0.0 {
+            dither_amplitude_rad: match at.avoidance.braking_time_max_s > 0.0 {
                 true => constants.dither_inertial_rad,
                 false => constants.dither_rad,
             },
             tangential_gain: constants.around,
-            around_at_last: constants.around_at_last,
+            blocked_tangential_gain: constants.around_at_last,
             look_ahead_s: constants.look_ahead * d / v_max,
-            look_ahead_share: constants.look_ahead_share,
-            look_ahead_turn_rad: aside(constants.look_ahead_turn_rad),
+            look_ahead_gain: constants.look_ahead_share,
+            look_ahead_turn_max_rad: aside(constants.look_ahead_turn_rad),
             // Another robot that approaches the position of a contained robot may have it as its destination,
             // and stay there.
-            yields: match at.rank {
-                Rank::Contained => 0.0,
-                Rank::First | Rank::Follower => aside(constants.yield_share),
+            yield_gain: match at.rank {
+                YieldPriority::Contained => 0.0,
+                YieldPriority::First | YieldPriority::Follower => aside(constants.yield_share),
             },
             yield_speed_m_s: constants.yield_speed * v_max / (1.0 + YIELD_SPEED_PER_DELAY * late),
             yield_reach_m: constants.yield_reach * d + YIELD_REACH_PER_DELAY * late * d,
-            place_s: SLOT_SMOOTHING_TIME * d / v_max,
+            slot_smoothing_time_s: SLOT_SMOOTHING_TIME * d / v_max,
         }
     }
 }
 
 /// Constraint on the displacement of one period from another robot or a wall.
 #[derive(Debug, Clone, Copy)]
-struct Limit {
+struct DisplacementConstraint {
     /// Own position minus that of the other robot or of the nearest wall point (z), m.
     z: Vec2,
     /// Length of z (r), m.
-    r: f64,
+    distance: f64,
     /// Minimum of n . p, m. It is negative while there is slack.
-    excess: f64,
+    lower_bound: f64,
     /// `true` for a wall, which does not move aside.
     is_wall: bool,
 }
 
-impl Limit {
+impl DisplacementConstraint {
     /// Returns `true` if the constraint can be active for a displacement of at most `reach`, m.
     fn can_be_active(&self, reach: f64) -> bool {
-        -self.excess < reach && self.r > 0.0
+        -self.lower_bound < reach && self.distance > 0.0
     }
 
     /// Returns the displacement `p` with the missing component away from the other added, and the fraction
     /// `around` of that component added across. Next to a wall the sign of the cross component is that of p.
     fn steer_around(&self, p: Vec2, around: f64) -> Vec2 {
-        let n = self.z / self.r;
-        let lambda = self.excess - n.dot(&p);
+        let n = self.z / self.distance;
+        let lambda = self.lower_bound - n.dot(&p);
         if lambda <= 0.0 {
             return p;
         }
@@ -236,9 +244,9 @@ impl Limit {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct OccupiedSlot {
     /// Vector z of the robot that occupies the position, m.
-    occupant: Vec2,
+    occupant_vector: Vec2,
     /// Standoff distance (d_s), m.
-    d_s: f64,
+    standoff_distance: f64,
     /// Waiting position relative to the desired position, m.
     standoff_offset: Vec2,
 }
@@ -250,24 +258,33 @@ impl Deflection {
     }
 
     fn with_constants(brief: &AgentBrief, constants: &Constants) -> Deflection {
-        let at = Conditions::for_robot(brief);
+        let at = MethodConditions::for_robot(brief);
         let phase = golden_phase(brief.index);
-        let (d, v_max) = (at.avoidance.distance_min_m, at.speed_m_s());
+        let (d, v_max) = (at.avoidance.distance_min_m, at.speed_max_m_s());
         Deflection {
             v_max: brief.avoidance.speed_max_m_s,
-            period: brief.period_ns as f64 / 1e9,
-            kappa: constants.deflection_fraction(&at),
-            d_f: constants.distance_m(&at),
-            wall: (wall_deflection_share(&at), wall_deflection_distance_m(&at)),
+            period_s: brief.period_ns as f64 / 1e9,
+            approach_slack_fraction: constants.approach_slack_fraction(&at),
+            deflection_distance: constants.deflection_distance_m(&at),
+            class_deflection_distances: at
+                .avoidance
+                .classes
+                .iter()
+                .map(|class| constants.deflection_distance_for(class.distance_min_m, &at))
+                .collect(),
+            wall_slack_fraction_and_distance: (
+                wall_approach_slack_fraction(&at),
+                wall_deflection_distance_m(&at),
+            ),
             rank: brief.rank,
             tracker: NeighborTracker::new(&at),
             progress: ProgressMonitor::new(d, v_max, constants.impatience_time),
             gains: DeflectionGains::new(constants, &at, brief.lead.is_some()),
-            place_velocity: Vec2::zeros(),
-            standoff: None,
-            limits: Vec::new(),
-            dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
-            dither_phase: phase,
+            slot_velocity: Vec2::zeros(),
+            occupied_slot: None,
+            constraints: Vec::new(),
+            dither_period_s: DITHER_PERIOD_S_MIN * (1.0 + 4.0 * phase / 3.0),
+            dither_phase_rad: phase,
         }
     }
 
@@ -280,57 +297,73 @@ impl Deflection {
     pub fn standoff_error(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
         self.tracker.observe(sample);
         let gap2 = |z: &Vec2| (z - error).norm_squared(); // |alpha* - alpha_j|^2
-        let at_once = self.rank == Rank::Contained || self.progress.is_resting();
+        let at_once = self.rank == YieldPriority::Contained || self.progress.is_resting();
         let has_it = |neighbor: &&TrackedNeighbor| {
-            gap2(&neighbor.z) < self.d_f * self.d_f
-                && (at_once || neighbor.still_s >= OCCUPIED_AFTER_S)
+            let d_f = self.deflection_distance_to(neighbor);
+            gap2(&neighbor.z) < d_f * d_f && (at_once || neighbor.rest_time_s >= OCCUPIED_AFTER_S)
         };
         let neighbors = self.tracker.neighbors().iter().filter(has_it);
-        let nearest =
-            neighbors.map(|neighbor| neighbor.z).min_by(|a, b| gap2(a).total_cmp(&gap2(b)));
+        let nearest = neighbors.min_by(|a, b| gap2(&a.z).total_cmp(&gap2(&b.z)));
+        let nearest = nearest.map(|neighbor| (neighbor.z, self.deflection_distance_to(neighbor)));
         let nearest = nearest.filter(|_| {
-            self.rank == Rank::Contained || self.progress.keeps_standoff(self.tracker.dt())
+            self.rank == YieldPriority::Contained
+                || self.progress.update_standoff(self.tracker.dt())
         });
-        self.standoff = nearest.map(|z| {
-            let lacking = self.d_f - gap2(&z).sqrt();
-            let d_s = self.d_f + STANDOFF_EXCESS * lacking;
+        self.occupied_slot = nearest.map(|(z, d_f)| {
+            let lacking = d_f - gap2(&z).sqrt();
+            let d_s = d_f + STANDOFF_EXCESS_FRACTION * lacking;
             let beside = (z - error) + lacking * z / z.norm();
             let beside = d_s * beside / beside.norm(); // from alpha_j
             let aside = beside - (z - error);
             let finite = aside.x.is_finite() && aside.y.is_finite();
             OccupiedSlot {
-                occupant: z,
-                d_s,
+                occupant_vector: z,
+                standoff_distance: d_s,
                 standoff_offset: if finite { aside } else { Vec2::zeros() },
             }
         });
-        self.standoff.map_or(error, |slot| error - slot.standoff_offset)
+        self.occupied_slot.map_or(error, |slot| error - slot.standoff_offset)
     }
 
     /// Returns the distance from which the robot is steered around another, m: d_s during a standoff, except
     /// towards the robot that occupies its slot, and d_f otherwise.
     fn steering_distance(&self, neighbor: &TrackedNeighbor) -> f64 {
-        match self.standoff {
-            Some(slot) if slot.occupant != neighbor.z => slot.d_s,
-            _ => self.d_f,
+        match self.occupied_slot {
+            Some(slot) if slot.occupant_vector != neighbor.z => slot.standoff_distance,
+            _ => self.deflection_distance_to(neighbor),
         }
     }
 
+    /// Returns the deflection distance for robots of the class of this neighbor, m.
+    fn deflection_distance_to(&self, neighbor: &TrackedNeighbor) -> f64 {
+        let of_class = self.class_deflection_distances.get(usize::from(neighbor.class));
+        of_class.copied().unwrap_or(self.deflection_distance)
+    }
+
     /// Returns the constraints that may be active within this period, walls first, each group nearest first.
-    fn limits(&mut self, sample: &Sample<'_>) -> Vec<Limit> {
-        let mut limits = std::mem::take(&mut self.limits);
+    fn active_constraints(&mut self, sample: &Sample<'_>) -> Vec<DisplacementConstraint> {
+        let mut limits = std::mem::take(&mut self.constraints);
         limits.clear();
-        let reach = self.v_max * self.period;
-        let (kappa, c_f) = self.wall;
-        let walls = sample.walls.iter().map(|&z| {
+        let reach = self.v_max * self.period_s;
+        let (kappa, c_f) = self.wall_slack_fraction_and_distance;
+        let walls = sample.wall_vectors.iter().map(|&z| {
             let r = z.norm();
-            Limit { z, r, excess: -kappa * (r - c_f), is_wall: true }
+            DisplacementConstraint {
+                z,
+                distance: r,
+                lower_bound: -kappa * (r - c_f),
+                is_wall: true,
+            }
         });
-        let farthest = self.standoff.map_or(self.d_f, |slot| slot.d_s.max(self.d_f));
-        let farthest = farthest * (1.0 + self.gains.yields) + reach / self.kappa;
+        let farthest = self.occupied_slot.map_or(self.deflection_distance, |slot| {
+            slot.standoff_distance.max(self.deflection_distance)
+        });
+        let farthest =
+            farthest * (1.0 + self.gains.yield_gain) + reach / self.approach_slack_fraction;
         let neighbors = self.tracker.neighbors().iter().filter_map(|neighbor| {
             let r2 = neighbor.z.norm_squared();
-            (r2 < farthest * farthest).then(|| self.limit(neighbor, r2.sqrt(), sample))
+            (r2 < farthest * farthest)
+                .then(|| self.constraint_from_neighbor(neighbor, r2.sqrt(), sample))
         });
         limits.extend(walls.chain(neighbors).filter(|limit| limit.can_be_active(reach)));
         limits
@@ -338,17 +371,27 @@ impl Deflection {
 
     /// Returns the constraint from another robot at distance `r`, m. If the robot is near its slot, it acts
     /// from farther away, the faster the other approaches.
-    fn limit(&self, neighbor: &TrackedNeighbor, r: f64, sample: &Sample<'_>) -> Limit {
+    fn constraint_from_neighbor(
+        &self,
+        neighbor: &TrackedNeighbor,
+        r: f64,
+        sample: &Sample<'_>,
+    ) -> DisplacementConstraint {
         let d_f = self.steering_distance(neighbor);
-        let comes_m_s = (neighbor.velocity - self.place_velocity).dot(&neighbor.z) / r;
+        let comes_m_s = (neighbor.velocity - self.slot_velocity).dot(&neighbor.z) / r;
         let share = (comes_m_s / self.gains.yield_speed_m_s).clamp(0.0, 1.0);
         let beside = |yields: f64| {
-            let excess = -self.kappa * (r - d_f * (1.0 + yields));
-            Limit { z: neighbor.z, r, excess, is_wall: false }
+            let excess = -self.approach_slack_fraction * (r - d_f * (1.0 + yields));
+            DisplacementConstraint {
+                z: neighbor.z,
+                distance: r,
+                lower_bound: excess,
+                is_wall: false,
+            }
         };
         // Coincident positions have no direction of approach, and the quotient is NaN.
-        let most = if share > 0.0 { self.gains.yields * share } else { 0.0 };
-        match most > 0.0 && beside(most).can_be_active(self.v_max * self.period) {
+        let most = if share > 0.0 { self.gains.yield_gain * share } else { 0.0 };
+        match most > 0.0 && beside(most).can_be_active(self.v_max * self.period_s) {
             true => beside(most * self.yield_degree(sample)),
             false => beside(most),
         }
@@ -357,7 +400,7 @@ impl Deflection {
     /// Returns the degree of yielding: 1 at the slot or while progress is given up, towards 0 far away, and 0
     /// if the robot has no desired position and stops.
     fn yield_degree(&self, sample: &Sample<'_>) -> f64 {
-        let aside = self.standoff.map_or(Vec2::zeros(), |slot| slot.standoff_offset);
+        let aside = self.occupied_slot.map_or(Vec2::zeros(), |slot| slot.standoff_offset);
         let Some(error) = sample.error.map(|error| error - aside) else { return 0.0 };
         match self.progress.is_resting() {
             true => 1.0,
@@ -374,48 +417,54 @@ impl Deflection {
     ///
     /// Along a wall the deflection is to the side to which p points, because a wall does not move aside.
     pub fn deflect(&mut self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
-        let reach = self.v_max * self.period; // V
+        let reach = self.v_max * self.period_s; // V
         self.tracker.observe(sample);
         let length = p.norm();
         let got_m_s = if length > 0.0 { sample.front_velocity.dot(&p) / length } else { 0.0 };
-        let wanted_m_s = length / self.period;
+        let wanted_m_s = length / self.period_s;
         let shares = [wanted_m_s, wanted_m_s - got_m_s].map(|speed| speed / self.v_max);
         let dt = self.tracker.dt();
         self.progress.observe(dt, sample, shares);
-        let led_around = self.standoff.is_none() && !self.progress.is_resting();
-        let place = sample.place_velocity - self.place_velocity;
-        self.place_velocity += place * (dt / (dt + self.gains.place_s));
-        let limits = self.limits(sample);
+        let led_around = self.occupied_slot.is_none() && !self.progress.is_resting();
+        let place = sample.slot_velocity - self.slot_velocity;
+        self.slot_velocity += place * (dt / (dt + self.gains.slot_smoothing_time_s));
+        let limits = self.active_constraints(sample);
         let mut around = 0.0;
         if led_around {
-            p = self.look_ahead(p);
-            if limits.iter().any(|limit| !limit.is_wall && limit.z.dot(&p) < limit.excess * limit.r)
+            p = self.turn_away_early(p);
+            if limits
+                .iter()
+                .any(|limit| !limit.is_wall && limit.z.dot(&p) < limit.lower_bound * limit.distance)
             {
-                let turns = sample.t_s / self.dither_period + self.dither_phase;
-                let usual = self.gains.dither_rad;
+                let turns = sample.t_s / self.dither_period_s + self.dither_phase_rad;
+                let usual = self.gains.dither_amplitude_rad;
                 let at_last = self.progress.blocked_degree();
-                let most = usual + (DITHER_BLOCKED_RAD_MIN - usual).max(0.0) * at_last;
+                let most = usual + (BLOCKED_DITHER_RAD_MIN - usual).max(0.0) * at_last;
                 p = rotate(most * portable_math::sin(TAU * turns), p);
             }
-            let DeflectionGains { tangential_gain: usual, around_at_last, .. } = self.gains;
+            let DeflectionGains {
+                tangential_gain: usual,
+                blocked_tangential_gain: around_at_last,
+                ..
+            } = self.gains;
             around = usual + (around_at_last - usual) * self.progress.missing_progress();
         }
         for _ in 0..2 {
             p = limits.iter().rev().fold(p, |p, limit| limit.steer_around(p, around));
         }
-        self.limits = limits;
+        self.constraints = limits;
         clip(p, reach)
     }
 
     /// Returns `p`, turned early away from robots that it would pass closer than d_f at constant velocities. It
     /// turns to the side on which it passes anyway, by a larger angle for an earlier encounter.
-    fn look_ahead(&self, p: Vec2) -> Vec2 {
+    fn turn_away_early(&self, p: Vec2) -> Vec2 {
         let length = p.norm();
         if length == 0.0 {
             return p;
         }
-        let (requested, speed) = (p / self.period, length / self.period);
-        let (within_s, d_f2) = (self.gains.look_ahead_s, self.d_f * self.d_f);
+        let (requested, speed) = (p / self.period_s, length / self.period_s);
+        let within_s = self.gains.look_ahead_s;
         let turn_from = |neighbor: &TrackedNeighbor| {
             let relative = requested - neighbor.velocity;
             let (way, speed2) = (-neighbor.z.dot(&relative), relative.norm_squared());
@@ -425,19 +474,20 @@ impl Deflection {
             }
             // Signed miss distance to the left of the other's path, m, times the relative speed.
             let left = neighbor.z.y * relative.x - neighbor.z.x * relative.y;
-            if left * left >= d_f2 * speed2 {
+            let d_f = self.deflection_distance_to(neighbor);
+            if left * left >= d_f * d_f * speed2 {
                 return 0.0;
             }
             let (soon_s, offset) = (way / speed2, left / speed2.sqrt());
             // A robot that passes on the left of the other's path turns further to the left.
             let side = if (left >= 0.0) == (relative.dot(&requested) >= 0.0) { 1.0 } else { -1.0 };
-            let lacking = self.d_f - offset.abs();
+            let lacking = d_f - offset.abs();
             let lateral_m_s =
-                self.gains.look_ahead_share * lacking / soon_s.max(TIME_TO_APPROACH_S_MIN);
+                self.gains.look_ahead_gain * lacking / soon_s.max(TIME_TO_APPROACH_S_MIN);
             side * lateral_m_s * (1.0 - soon_s / within_s) / speed
         };
         let turn: f64 = self.tracker.neighbors().iter().map(turn_from).sum();
-        let most = self.gains.look_ahead_turn_rad;
+        let most = self.gains.look_ahead_turn_max_rad;
         if turn == 0.0 { p } else { rotate(turn.clamp(-most, most), p) }
     }
 }

@@ -54,8 +54,12 @@
 //! limit v alone, on the line of the heading. A command that only turns, y = 0, is a command like any other: it may
 //! turn the robot while an older y is still in force, so it is in K.
 //!
-//! *Omnidirectional robot.* As at the axle midpoint, but y = (v, s) has any direction and moves on its own segment to its
-//! target, ||y|| = hypot(v, s)/a_v, and the half-planes limit both components.
+//! *Omnidirectional robot.* As at the axle midpoint, but y = (v, s) has any direction and moves on its own segment to
+//! its target, ||y|| = hypot(v, s)/a_v, and the half-planes limit both components.
+//!
+//! *Car.* As at the axle midpoint, but |w| <= kappa |v|. The steering angle may change in any way, so the headings
+//! possible are those of W- = -kappa v_own and W+ = kappa v_own, whatever the commands say. A slower command keeps its
+//! curvature.
 //!
 //! The folder `proof` contains the Coq proof, for any Lambda > 0 and any accelerations. Comments name its lemma
 //! where a rule is needed. Explanation: `docs/explanation/guard.md`, `inertia.md`.
@@ -83,166 +87,176 @@ use formation::drive::Drive;
 use formation::front_point::{front_speed, rotate};
 use formation::portable_math;
 use formation::pose::Twist;
-use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
-use protocol::brief::{AgentBrief, LimitsBrief, Pace};
+use protocol::avoidance::{
+    AvoidanceDescription, AvoidanceWarning, DistanceGuarantee, MethodConditions, RequiredSensing,
+};
+use protocol::brief::{AccelerationLimitsBrief, AgentBrief, Pace};
 use protocol::number::{format_distinct, format_short};
 
-use super::braking::{Braking, rate_per_s, slow_down_zone_m};
-use super::cone::{Cone, PASSES_MAX, ROUNDING_M, SIGMAS, direction, headings, swing};
-use super::deflection::{
-    Deflection, STANDOFF_EXCESS, deflection_distance_m, deflection_share, look_ahead_radius_m,
-    wall_deflection_distance_m, wall_deflection_share,
+use super::braking::{BrakingTerms, slack_decrease_rate_per_s, slow_down_zone_m};
+use super::cone::{
+    Cone, REQUESTED_TWIST_SCALES, ROUNDING_MARGIN_M, WIDENING_PASSES_MAX, direction,
+    direction_change_max_rad, heading_range,
 };
-use super::polygon::{HalfPlane, nearest_on_ray, nearest_point};
+use super::deflection::{
+    Deflection, STANDOFF_EXCESS_FRACTION, approach_slack_fraction, deflection_distance_m,
+    look_ahead_radius_m, wall_approach_slack_fraction, wall_deflection_distance_m,
+};
+use super::polygon::{HalfPlane, nearest_point, scale_factor_on_ray};
 use super::steering::Steering;
-use super::vicinity::Vicinity;
+use super::vicinity::VicinityParameters;
 use super::{Avoidance, AvoidanceRow, Sample, clip};
 
 /// Factor that keeps commands strictly within their bounds despite rounding.
-const STRICTLY_WITHIN: f64 = 1.0 - 1e-12;
+const STRICT_BOUND_FACTOR: f64 = 1.0 - 1e-12;
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "guard",
         source: "not in the chapter",
-        promise: Promise::Always,
-        promises: "d and the clearance, despite late samples, frozen or killed processes and lost messages",
-        assumes: "every robot uses it, senses all neighbors in range within known errors, and its wheels do no more \
+        distance_guarantee: DistanceGuarantee::Unconditional,
+        guarantee_text: "d and the clearance, despite late samples, frozen or killed processes and lost messages",
+        assumptions_text: "every robot uses it, senses all neighbors in range within known errors, and its wheels do no more \
                   than commanded",
         clamps_speed: true,
-        senses: Senses::Positions,
+        required_sensing: RequiredSensing::Positions,
         needs_front_point: false,
-        minds_walls: true,
+        avoids_walls: true,
         sensing_radius_m,
         useful_radius_m: Some(look_ahead_radius_m),
-        steers_within: Some(("d_f", deflection_distance_m)),
-        steers_beside_walls: Some(("c_f", wall_deflection_distance_m)),
-        standoff_excess: STANDOFF_EXCESS,
+        steering_distance: Some(("d_f", deflection_distance_m)),
+        wall_steering_distance: Some(("c_f", wall_deflection_distance_m)),
+        standoff_excess: STANDOFF_EXCESS_FRACTION,
         slow_down_zone_m: Some(slow_down_zone_m),
-        speed_cap_m_s: Some(speed_cap_m_s),
+        useful_speed_max_m_s: Some(speed_cap_m_s),
         gains: &[],
-        advice: advise_speed_cap,
+        find_warning: advise_speed_cap,
     },
     build: |brief, _| Box::new(Guard::new(brief)),
 };
 
 /// Returns the radius, m, beyond which no robot and no wall matters.
-fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
-    let [robots, walls] = [robots_radius_m(at), walls_radius_m(at)];
+fn sensing_radius_m(at: &MethodConditions<'_>) -> f64 {
+    let [robots, walls] = [known_robots_radius_m(at), known_walls_radius_m(at)];
     if at.avoidance.clearance_m > 0.0 { robots.max(walls) } else { robots }
 }
 
 /// Returns the radius within which all robots must be known, m: the maximum of d + Z and of the radius that the
 /// deflection needs, d_f + v_max T / kappa, plus twice eps. Z is 3 v_max H if all robots stop at once.
-fn robots_radius_m(at: &Conditions<'_>) -> f64 {
+fn known_robots_radius_m(at: &MethodConditions<'_>) -> f64 {
     let bounded = at.avoidance.distance_min_m + slow_down_zone_m(at);
-    let deflected = deflection_distance_m(at) + at.speed_m_s() * at.period_s / deflection_share(at);
-    bounded.max(deflected) + 2.0 * at.distance_error_m()
+    let deflected =
+        deflection_distance_m(at) + at.speed_max_m_s() * at.period_s / approach_slack_fraction(at);
+    bounded.max(deflected) + 2.0 * at.distance_error_max_m()
 }
 
 /// Returns the radius within which all walls must be known, m: the maximum of the clearance + Z/2 (twice the
 /// speed is granted, and walls do not move) and of c_f + v_max T / kappa, plus twice eps.
-fn walls_radius_m(at: &Conditions<'_>) -> f64 {
+fn known_walls_radius_m(at: &MethodConditions<'_>) -> f64 {
     let bounded = at.avoidance.clearance_m + 0.5 * slow_down_zone_m(at);
-    let along = at.speed_m_s() * at.period_s / wall_deflection_share(at);
+    let along = at.speed_max_m_s() * at.period_s / wall_approach_slack_fraction(at);
     let deflected = wall_deflection_distance_m(at) + along;
-    bounded.max(deflected) + 2.0 * at.distance_error_m()
+    bounded.max(deflected) + 2.0 * at.distance_error_max_m()
 }
 
 /// Returns the recommended maximum of v_max, m/s: min(d/4, ell/2) / H, or d/4 / H at the axle midpoint, whose turn
 /// rate does not follow from the speed.
-fn speed_cap_m_s(at: &Conditions<'_>) -> f64 {
+fn speed_cap_m_s(at: &MethodConditions<'_>) -> f64 {
     let turning = if at.front_point_m > 0.0 { 0.5 * at.front_point_m } else { f64::INFINITY };
-    (0.25 * at.avoidance.distance_min_m).min(turning) / at.lifetime_s
+    (0.25 * at.avoidance.distance_min_m).min(turning) / at.command_timeout_s
 }
 
 /// Returns an advice if v_max exceeds the recommended maximum, above which the guard brakes often.
-fn advise_speed_cap(at: &Conditions<'_>) -> Option<Advice> {
+fn advise_speed_cap(at: &MethodConditions<'_>) -> Option<AvoidanceWarning> {
     let (v_max, cap) = (at.avoidance.speed_max_m_s, speed_cap_m_s(at));
     let [limit, most] = format_distinct(v_max, cap);
-    (v_max.is_finite() && v_max > cap).then(|| Advice {
+    (v_max.is_finite() && v_max > cap).then(|| AvoidanceWarning {
         key: "speed_max_m_s",
         message: format!(
             "the speed limit {limit} m/s is above {} / H = {most} m/s: safe, but the guard will brake a lot",
             if at.front_point_m > 0.0 { "min(d/4, ell/2)" } else { "d/4" }
         ),
-        expected: format!(
+        expected_value: format!(
             "expected at most {most} m/s, or a shorter H (now {} s)",
-            format_short(at.lifetime_s)
+            format_short(at.command_timeout_s)
         ),
     })
 }
 
 /// State and constants of the guard of one robot.
 struct Guard {
-    vicinity: Vicinity,
+    vicinity: VicinityParameters,
     v_max: f64,
     drive: Drive,
     steering: Steering,
     /// Control period (T), s.
-    period: f64,
+    period_s: f64,
     /// Command timeout (H), s.
-    lifetime: f64,
-    lifetime_ns: u64,
+    command_lifetime_s: f64,
+    command_lifetime_ns: u64,
     /// Rate of decrease of the slack (Lambda), 1/s.
-    rate: f64,
+    slack_decrease_rate_per_s: f64,
     /// `true` if any robot has inertia, so that intermediate twists occur on the way to a command.
-    gradual: bool,
+    any_robot_has_inertia: bool,
     /// Inertia of this robot, or `None` if it stops at once.
-    limits: Option<LimitsBrief>,
-    braking: Braking,
+    inertia_limits: Option<AccelerationLimitsBrief>,
+    braking_terms: BrakingTerms,
     /// Horizon of a command that is certified once, and of a command that has to be certified again.
     horizons: [Horizon; 2],
     /// Bound on the distance error (eps), m.
-    distance_error: f64,
+    distance_error_max_m: f64,
     /// Bound on the heading error (eta), rad.
-    heading_error: f64,
+    heading_error_max_rad: f64,
     deflection: Deflection,
     /// Own commands that the plant may still execute: stamp of the answered sample, and twist.
-    alive: VecDeque<(u64, Twist)>,
+    unexpired_commands: VecDeque<(u64, Twist)>,
     /// Time until which commands of a previous incarnation may be executed. Set in real time, and if commands
     /// are delayed.
-    predecessor_until_ns: Option<u64>,
-    remembers_predecessor: bool,
+    predecessor_end_ns: Option<u64>,
+    may_have_predecessor: bool,
     cones: Vec<Cone>,
-    sides: Vec<HalfPlane>,
+    half_planes: Vec<HalfPlane>,
 }
 
 /// Horizon of a certificate.
 #[derive(Debug, Clone, Copy)]
 struct Horizon {
     /// Length of the horizon (h), s.
-    h: f64,
+    duration: f64,
     /// Factor e^(-2 Lambda h).
-    lasting: f64,
+    slack_decay_factor: f64,
 }
 
 impl Horizon {
     fn new(rate: f64, h: f64) -> Horizon {
-        Horizon { h, lasting: portable_math::exp(-2.0 * rate * h) }
+        Horizon { duration: h, slack_decay_factor: portable_math::exp(-2.0 * rate * h) }
     }
 }
 
 /// Bounds on all twists that may be in force until the robot is at rest.
 #[derive(Debug, Clone, Copy, Default)]
-struct Bounds {
-    v_own: f64,
-    tau_o: f64,
+struct MotionBounds {
+    own_speed_max: f64,
+    braking_time_max: f64,
     /// Range of turn rates (W-, W+), rad/s.
-    w: [f64; 2],
+    turn_rate_range: [f64; 2],
 }
 
-impl Bounds {
+impl MotionBounds {
     /// Returns the bounds on any motion of a robot that stops at once.
-    fn motion_bounds(v_max: f64, drive: Drive) -> Bounds {
+    fn without_inertia(v_max: f64, drive: Drive) -> MotionBounds {
         let w_max = drive.turn_rate_bound(v_max);
-        Bounds { v_own: v_max, tau_o: 0.0, w: [-w_max, w_max] }
+        MotionBounds {
+            own_speed_max: v_max,
+            braking_time_max: 0.0,
+            turn_rate_range: [-w_max, w_max],
+        }
     }
 }
 
 impl Avoidance for Guard {
     /// Returns gamma, clipped to v_max.
-    fn admit(&self, gamma: Vec2) -> Vec2 {
+    fn admit_velocity(&self, gamma: Vec2) -> Vec2 {
         clip(gamma, self.v_max)
     }
 
@@ -252,26 +266,26 @@ impl Avoidance for Guard {
 
     /// Returns the twist that moves the front point by gamma T.
     fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        self.steering.displacement_to_twist(heading_rad, gamma * self.period)
+        self.steering.displacement_to_twist(heading_rad, gamma * self.period_s)
     }
 
     /// Returns the certified twist for `sample` if gamma is requested.
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
-        let p = self.deflection.deflect(sample, gamma * self.period);
+        let p = self.deflection.deflect(sample, gamma * self.period_s);
         let wanted = self.steering.steer(sample, gamma, p);
-        self.restrain(sample, wanted, gamma)
+        self.restrict_twist(sample, wanted, gamma)
     }
 
     /// Returns the certified part of `wanted`, without deflection.
-    fn restrain(&mut self, sample: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
-        self.drop_expired(sample.stamp_ns);
-        let unknown = self.gradual && self.has_predecessor(sample.stamp_ns);
-        let granted = match unknown || self.vicinity.is_blind(sample) {
+    fn restrict_twist(&mut self, sample: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
+        self.drop_expired_commands(sample.stamp_ns);
+        let unknown = self.any_robot_has_inertia && self.has_predecessor(sample.stamp_ns);
+        let granted = match unknown || self.vicinity.lacks_neighbor_information(sample) {
             true => Twist::ZERO,
             false => self.certify(sample, self.drive.clamp(self.v_max, wanted)),
         };
         // A command that only turns counts as well: `proof/Time.v::stands`.
-        self.alive.push_back((sample.stamp_ns, granted));
+        self.unexpired_commands.push_back((sample.stamp_ns, granted));
         granted
     }
 }
@@ -279,63 +293,68 @@ impl Avoidance for Guard {
 impl Guard {
     fn new(brief: &AgentBrief) -> Guard {
         let avoidance = &brief.avoidance;
-        let at = Conditions::for_robot(brief);
-        let (rate, gradual) = (rate_per_s(&at), avoidance.braking_time_max_s > 0.0);
-        let again = at.lifetime_s + if gradual { at.period_s } else { 0.0 };
+        let at = MethodConditions::for_robot(brief);
+        let (rate, gradual) = (slack_decrease_rate_per_s(&at), avoidance.braking_time_max_s > 0.0);
+        let again = at.command_timeout_s + if gradual { at.period_s } else { 0.0 };
         let drive = brief.drive();
         Guard {
-            vicinity: Vicinity::new(&at, [robots_radius_m(&at), walls_radius_m(&at)]),
+            vicinity: VicinityParameters::new(
+                &at,
+                [known_robots_radius_m(&at), known_walls_radius_m(&at)],
+            ),
             v_max: avoidance.speed_max_m_s,
             drive,
             steering: Steering::new(brief),
-            period: at.period_s,
-            lifetime: at.lifetime_s,
-            lifetime_ns: brief.command_lifetime_ns,
-            rate,
-            gradual,
-            limits: brief.limits,
-            braking: Braking::new(drive),
-            horizons: [at.lifetime_s, again].map(|h| Horizon::new(rate, h)),
-            distance_error: at.distance_error_m(),
-            heading_error: avoidance.heading_error_rad,
+            period_s: at.period_s,
+            command_lifetime_s: at.command_timeout_s,
+            command_lifetime_ns: brief.command_lifetime_ns,
+            slack_decrease_rate_per_s: rate,
+            any_robot_has_inertia: gradual,
+            inertia_limits: brief.limits,
+            braking_terms: BrakingTerms::new(drive),
+            horizons: [at.command_timeout_s, again].map(|h| Horizon::new(rate, h)),
+            distance_error_max_m: at.distance_error_max_m(),
+            heading_error_max_rad: avoidance.heading_error_rad,
             deflection: Deflection::new(brief),
-            alive: VecDeque::new(),
-            predecessor_until_ns: None,
-            remembers_predecessor: brief.pace == Pace::Realtime || brief.late_ns > 0,
+            unexpired_commands: VecDeque::new(),
+            predecessor_end_ns: None,
+            may_have_predecessor: brief.pace == Pace::Realtime || brief.late_ns > 0,
             cones: Vec::new(),
-            sides: Vec::new(),
+            half_planes: Vec::new(),
         }
     }
 
     /// Drops expired commands. The remaining ones may still be executed: `proof/Time.v::covers_the_alive`,
     /// `proof/Inertia.v::what_acts_since_the_last_sample`.
-    fn drop_expired(&mut self, stamp_ns: u64) {
-        let lifetime_ns = self.lifetime_ns;
-        self.alive.retain(|(answered_ns, _)| answered_ns + lifetime_ns > stamp_ns);
-        if self.remembers_predecessor && self.predecessor_until_ns.is_none() {
-            self.predecessor_until_ns = Some(stamp_ns + lifetime_ns);
+    fn drop_expired_commands(&mut self, stamp_ns: u64) {
+        let lifetime_ns = self.command_lifetime_ns;
+        self.unexpired_commands.retain(|(answered_ns, _)| answered_ns + lifetime_ns > stamp_ns);
+        if self.may_have_predecessor && self.predecessor_end_ns.is_none() {
+            self.predecessor_end_ns = Some(stamp_ns + lifetime_ns);
         }
     }
 
     /// Returns `true` while commands of a previous incarnation may be executed:
     /// `proof/Time.v::after_the_first_lifetime_no_predecessor_is_alive`.
     fn has_predecessor(&self, stamp_ns: u64) -> bool {
-        self.predecessor_until_ns.is_some_and(|until_ns| stamp_ns < until_ns)
+        self.predecessor_end_ns.is_some_and(|until_ns| stamp_ns < until_ns)
     }
 
     /// Returns the best certified twist for `wanted` over the scales [`SIGMAS`]. If none is certified, the
     /// robot keeps its twist if that is certified, and brakes otherwise.
     fn certify(&mut self, sample: &Sample<'_>, wanted: Twist) -> Twist {
         // A robot that stops at once has no twist of its own at a sample.
-        let now = if self.limits.is_some() { sample.twist } else { Twist::ZERO };
+        let now = if self.inertia_limits.is_some() { sample.twist } else { Twist::ZERO };
         let mut best: Option<(f64, Twist)> = None;
-        for sigma in SIGMAS {
-            let tried = self.clamp_to_reachable(now, self.scale_into_y(wanted.scaled(sigma)));
-            let Some(granted) = self.grant(sample, now, tried) else { continue };
+        for sigma in REQUESTED_TWIST_SCALES {
+            let tried =
+                self.clamp_to_reachable(now, self.scale_into_twist_set(wanted.scale_by(sigma)));
+            let Some(granted) = self.grant_twist(sample, now, tried) else { continue };
             if sigma == 1.0 && granted == tried {
                 return granted;
             }
-            let merit = self.drive.velocity(granted).dot(&self.drive.velocity(wanted));
+            let merit =
+                self.drive.velocity_of_twist(granted).dot(&self.drive.velocity_of_twist(wanted));
             if best.is_none_or(|(merit_best, _)| merit > merit_best.max(0.0)) {
                 best = Some((merit, granted));
             }
@@ -343,27 +362,32 @@ impl Guard {
         if let Some((_, granted)) = best {
             return granted;
         }
-        self.grant(sample, now, self.scale_into_y(now)).unwrap_or(Twist::ZERO)
+        self.grant_twist(sample, now, self.scale_into_twist_set(now)).unwrap_or(Twist::ZERO)
     }
 
     /// Returns the braking time ||y||, s: `proof/Inertia.v::braking_time`.
     fn braking_time(&self, twist: Twist) -> f64 {
-        self.limits
+        self.inertia_limits
             .map_or(0.0, |limits| self.drive.braking_time_s(limits.maximum_accelerations(), twist))
     }
 
     /// Returns `twist`, scaled down on its ray into Y.
-    fn scale_into_y(&self, twist: Twist) -> Twist {
-        let Some(limits) = self.limits else { return twist };
+    fn scale_into_twist_set(&self, twist: Twist) -> Twist {
+        let Some(limits) = self.inertia_limits else { return twist };
         let twist = self.drive.clamp(self.v_max, twist);
-        let most = STRICTLY_WITHIN * limits.braking_time_s;
+        let most = STRICT_BOUND_FACTOR * limits.braking_time_s;
         self.drive.clamp_braking_time(limits.maximum_accelerations(), twist, most)
     }
 
     /// Returns the twist nearest to `tried` that the wheels can reach from `now` within H.
     fn clamp_to_reachable(&self, now: Twist, tried: Twist) -> Twist {
-        let Some(limits) = self.limits else { return tried };
-        self.drive.reachable(limits.maximum_accelerations(), now, tried, self.lifetime)
+        let Some(limits) = self.inertia_limits else { return tried };
+        self.drive.nearest_reachable_twist(
+            limits.maximum_accelerations(),
+            now,
+            tried,
+            self.command_lifetime_s,
+        )
     }
 
     /// Returns the twist nearest to `tried` for which a certificate exists: `proof/Time.v::certified` or, if
@@ -371,49 +395,63 @@ impl Guard {
     ///
     /// The bounds hold for every command that may be executed, or has been executed since the sample:
     /// `proof/Time.v::wheels_since_the_sample`, `proof/Inertia.v::fits`.
-    fn grant(&mut self, sample: &Sample<'_>, now: Twist, tried: Twist) -> Option<Twist> {
+    fn grant_twist(&mut self, sample: &Sample<'_>, now: Twist, tried: Twist) -> Option<Twist> {
         let mut bounds = match self.has_predecessor(sample.stamp_ns) {
-            true => Bounds::motion_bounds(self.v_max, self.drive),
-            false => Bounds::default(),
+            true => MotionBounds::without_inertia(self.v_max, self.drive),
+            false => MotionBounds::default(),
         };
-        let alive = self.alive.iter().map(|(_, twist)| *twist);
+        let alive = self.unexpired_commands.iter().map(|(_, twist)| *twist);
         for twist in alive.chain([now, tried]) {
-            self.cover(&mut bounds, twist);
+            self.widen_bounds(&mut bounds, twist);
         }
-        for pass in 1..=PASSES_MAX {
-            if self.gradual && !self.is_still_certified(sample, now, bounds) {
+        if self.drive.is_car() {
+            // Whatever the steering angle does: `proof/Bodies.v::car_turns_at_most`.
+            let most = self.drive.turn_rate_bound(bounds.own_speed_max);
+            bounds.turn_rate_range = [-most, most];
+        }
+        for pass in 1..=WIDENING_PASSES_MAX {
+            if self.any_robot_has_inertia && !self.is_still_certified(sample, now, bounds) {
                 return None;
             }
             let granted = self.certified_twist_near(sample, tried, bounds);
-            let [w_low, w_high] = bounds.w;
+            let [w_low, w_high] = bounds.turn_rate_range;
             let in_range = (w_low..=w_high).contains(&granted.w_rad_s);
-            if in_range && self.braking_time(granted) <= bounds.tau_o {
+            if in_range && self.braking_time(granted) <= bounds.braking_time_max {
                 return Some(granted);
             }
-            self.cover(&mut bounds, granted);
-            if pass == PASSES_MAX - 1 {
-                let most = self.drive.turn_rate_bound(bounds.v_own);
-                bounds.w = [bounds.w[0].min(-most), bounds.w[1].max(most)];
-                let tau = self.limits.map_or(0.0, |limits| limits.braking_time_s);
-                bounds.tau_o = bounds.tau_o.max(tau);
+            self.widen_bounds(&mut bounds, granted);
+            if pass == WIDENING_PASSES_MAX - 1 {
+                let most = self.drive.turn_rate_bound(bounds.own_speed_max);
+                bounds.turn_rate_range =
+                    [bounds.turn_rate_range[0].min(-most), bounds.turn_rate_range[1].max(most)];
+                let tau = self.inertia_limits.map_or(0.0, |limits| limits.braking_time_s);
+                bounds.braking_time_max = bounds.braking_time_max.max(tau);
             }
         }
         None
     }
 
     /// Widens `bounds` to include `twist`.
-    fn cover(&self, bounds: &mut Bounds, twist: Twist) {
-        bounds.v_own = bounds.v_own.max(front_speed(self.drive.ell_m, twist));
-        bounds.tau_o = bounds.tau_o.max(self.braking_time(twist));
-        bounds.w = [bounds.w[0].min(twist.w_rad_s), bounds.w[1].max(twist.w_rad_s)];
+    fn widen_bounds(&self, bounds: &mut MotionBounds, twist: Twist) {
+        bounds.own_speed_max = bounds.own_speed_max.max(front_speed(self.drive.ell_m, twist));
+        bounds.braking_time_max = bounds.braking_time_max.max(self.braking_time(twist));
+        bounds.turn_rate_range = [
+            bounds.turn_rate_range[0].min(twist.w_rad_s),
+            bounds.turn_rate_range[1].max(twist.w_rad_s),
+        ];
     }
 
     /// Returns `true` if the twist in force and the unexpired commands approach no neighbor faster than b.
-    fn is_still_certified(&mut self, sample: &Sample<'_>, now: Twist, bounds: Bounds) -> bool {
+    fn is_still_certified(
+        &mut self,
+        sample: &Sample<'_>,
+        now: Twist,
+        bounds: MotionBounds,
+    ) -> bool {
         let mid = self.collect_cones(sample, self.horizons[0], bounds);
-        let mut certified = self.alive.iter().map(|(_, twist)| *twist).chain([now]);
+        let mut certified = self.unexpired_commands.iter().map(|(_, twist)| *twist).chain([now]);
         certified.all(|twist| {
-            let u = rotate(mid, self.drive.velocity(twist));
+            let u = rotate(mid, self.drive.velocity_of_twist(twist));
             self.cones.iter().all(|cone| cone.permits(u))
         })
     }
@@ -421,20 +459,29 @@ impl Guard {
     /// Returns `tried`, or the nearest twist that approaches no neighbor faster than b. A twist that has to be
     /// certified again at the next sample, as the twist in force, is bounded for H + T, so that this is
     /// possible.
-    fn certified_twist_near(&mut self, sample: &Sample<'_>, tried: Twist, bounds: Bounds) -> Twist {
+    fn certified_twist_near(
+        &mut self,
+        sample: &Sample<'_>,
+        tried: Twist,
+        bounds: MotionBounds,
+    ) -> Twist {
         let mid = self.collect_cones(sample, self.horizons[1], bounds);
-        let u = rotate(mid, self.drive.velocity(tried));
-        if self.gradual && self.cones.iter().all(|cone| cone.permits(u)) {
+        let u = rotate(mid, self.drive.velocity_of_twist(tried));
+        if self.any_robot_has_inertia && self.cones.iter().all(|cone| cone.permits(u)) {
             return tried;
         }
-        self.sides.clear();
-        self.sides.extend(self.cones.iter().flat_map(Cone::sides));
+        self.half_planes.clear();
+        self.half_planes.extend(self.cones.iter().flat_map(Cone::half_planes));
         if self.drive.moves_along_heading() {
-            // y is on the line of the heading, and the turn rate stays.
-            return Twist::new(tried.v_m_s * nearest_on_ray(u, &self.sides), tried.w_rad_s);
+            // y is on the line of the heading. The turn rate stays, and the curvature of a car.
+            let factor = scale_factor_on_ray(u, &self.half_planes);
+            return match self.drive.is_car() {
+                true => tried.scale_by(factor),
+                false => Twist::new(tried.v_m_s * factor, tried.w_rad_s),
+            };
         }
-        let Some(u) = nearest_point(u, &self.sides) else { return tried };
-        self.scale_into_y(self.drive.twist(rotate(-mid, u), tried.w_rad_s))
+        let Some(u) = nearest_point(u, &self.half_planes) else { return tried };
+        self.scale_into_twist_set(self.drive.twist_for_velocity(rotate(-mid, u), tried.w_rad_s))
     }
 
     /// Collects a cone for each neighbor in range: the directions possible until all robots are at rest, and
@@ -443,32 +490,52 @@ impl Guard {
     /// The formulas come from `proof/Braking.v::certified_against`: `proof/Braking.v::swept`,
     /// `proof/Braking.v::turning_time` and `proof/Braking.v::braking_bound`; for tau_o = 0 from
     /// `proof/Guard.v::respects` and `proof/Walls.v::respects_wall`.
-    fn collect_cones(&mut self, sample: &Sample<'_>, horizon: Horizon, bounds: Bounds) -> f64 {
-        let Bounds { v_own, tau_o, w } = bounds;
-        let Horizon { h, lasting } = horizon;
-        let Braking { path_factor: way, turn_factor: turn, range, mu } = self.braking;
-        let (mid, spread) = headings(sample.heading_rad, h + turn * tau_o, w, self.heading_error);
+    fn collect_cones(
+        &mut self,
+        sample: &Sample<'_>,
+        horizon: Horizon,
+        bounds: MotionBounds,
+    ) -> f64 {
+        let MotionBounds { own_speed_max: v_own, braking_time_max: tau_o, turn_rate_range: w } =
+            bounds;
+        let Horizon { duration: h, slack_decay_factor: lasting } = horizon;
+        let BrakingTerms {
+            path_factor: way,
+            turn_factor: turn,
+            heading_range_fraction: range,
+            approach_speed_factor: mu,
+        } = self.braking_terms;
+        let (mid, spread) =
+            heading_range(sample.heading_rad, h + turn * tau_o, w, self.heading_error_max_rad);
         let spread = range * spread;
         let brakes_for = way * tau_o;
-        let less = mu(2.0 * self.rate * tau_o);
+        let less = mu(2.0 * self.slack_decrease_rate_per_s * tau_o);
         self.cones.clear();
         for near in self.vicinity.objects_in_range(sample) {
             let r = near.z.norm();
-            let rho = (r - self.distance_error - near.distance_min - ROUNDING_M).max(0.0);
-            let reach_h = (near.speed + v_own) * h + self.distance_error; // M_H + eps
-            let b = near.share * self.rate * less * (lasting * rho).max(rho - reach_h);
+            let rho =
+                (r - self.distance_error_max_m - near.distance_min - ROUNDING_MARGIN_M).max(0.0);
+            let reach_h = (near.neighbor_speed_max + v_own) * h + self.distance_error_max_m; // M_H + eps
+            let b = near.slack_rate_factor
+                * self.slack_decrease_rate_per_s
+                * less
+                * (lasting * rho).max(rho - reach_h);
             if b >= v_own {
                 continue;
             }
             let reach = match brakes_for > 0.0 {
                 true => {
                     let own = v_own * (h + 0.5 * brakes_for);
-                    own + near.speed * (h + brakes_for) + self.distance_error // M + eps
+                    own + near.neighbor_speed_max * (h + brakes_for) + self.distance_error_max_m // M + eps
                 }
                 false => reach_h,
             };
-            let psi = (spread + swing(reach, r)).min(PI);
-            self.cones.push(Cone { n: direction(near.z), psi, b });
+            let psi = (spread + direction_change_max_rad(reach, r)).min(PI);
+            self.cones.push(Cone {
+                axis: direction(near.z),
+                half_angle_rad: psi,
+                approach_speed_max: b,
+            });
         }
         mid
     }

@@ -23,7 +23,7 @@ mod tests {
     use super::*;
     use formation::front_point::front_point;
     use formation::pose::Pose;
-    use formation::unicycle::arc;
+    use formation::unicycle::integrate_arc;
     use proptest::prelude::*;
 
     proptest! {
@@ -38,7 +38,7 @@ mod tests {
             let pose = Pose { x_m: 0.3, y_m: -0.7, heading_rad };
             let displacement = rotate(direction, Vec2::new(share * 2.0 * ell, 0.0));
             let twist = exact_hold(heading_rad, ell, displacement, period);
-            let moved = front_point(arc(pose, twist, period), ell) - front_point(pose, ell);
+            let moved = front_point(integrate_arc(pose, twist, period), ell) - front_point(pose, ell);
             prop_assert!((moved - displacement).norm() < 1e-12, "{moved:?} {displacement:?}");
         }
     }

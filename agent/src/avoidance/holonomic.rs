@@ -11,7 +11,9 @@
 use formation::Vec2;
 use formation::front_point::front_speed;
 use formation::pose::Twist;
-use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
+use protocol::avoidance::{
+    AvoidanceDescription, AvoidanceWarning, DistanceGuarantee, MethodConditions, RequiredSensing,
+};
 use protocol::brief::AgentBrief;
 use protocol::number::{format_distinct, format_short};
 
@@ -19,27 +21,31 @@ use super::steering::Steering;
 use super::{Avoidance, Sample, clip};
 
 /// Common part of the descriptions of holonomic methods.
-pub const HOLONOMIC: AvoidanceDescription = AvoidanceDescription {
-    promise: Promise::Ideal,
-    assumes: "every robot uses it, senses positions exactly and moves at once as chosen; no delay, \
+pub const HOLONOMIC_DESCRIPTION: AvoidanceDescription = AvoidanceDescription {
+    distance_guarantee: DistanceGuarantee::UnderIdealAssumptions,
+    assumptions_text: "every robot uses it, senses positions exactly and moves at once as chosen; no delay, \
               no inertia",
     clamps_speed: true,
-    senses: Senses::Positions,
-    minds_walls: true,
-    steers_within: Some(("d", |at| at.avoidance.distance_min_m)),
-    steers_beside_walls: Some(("the clearance", |at| at.avoidance.clearance_m)),
-    ..AvoidanceDescription::INERT
+    required_sensing: RequiredSensing::Positions,
+    avoids_walls: true,
+    steering_distance: Some(("d", |at| at.avoidance.distance_min_m)),
+    wall_steering_distance: Some(("the clearance", |at| at.avoidance.clearance_m)),
+    ..AvoidanceDescription::NO_AVOIDANCE
 };
 
 /// Returns an advice if the rate `key`, 1/s, times the period exceeds `most`. Two robots that both use up their
 /// slack would then come closer than d.
-pub fn advise_rate(at: &Conditions<'_>, key: &'static str, most: f64) -> Option<Advice> {
+pub fn advise_rate(
+    at: &MethodConditions<'_>,
+    key: &'static str,
+    most: f64,
+) -> Option<AvoidanceWarning> {
     let product = *at.avoidance.gains.get(key)? * at.period_s;
     let [found, limit] = format_distinct(product, most);
-    (product > most).then(|| Advice {
+    (product > most).then(|| AvoidanceWarning {
         key,
         message: format!("{key} T = {found}: the sampled method does not keep d at this period"),
-        expected: format!(
+        expected_value: format!(
             "expected {key} T to be at most {limit}: at most {} 1/s",
             format_short(most / at.period_s)
         ),
@@ -47,10 +53,10 @@ pub fn advise_rate(at: &Conditions<'_>, key: &'static str, most: f64) -> Option<
 }
 
 /// A method that chooses a velocity.
-pub trait Velocity: Send {
+pub trait VelocityMethod: Send {
     /// Returns the velocity u, m/s, at most v_max, for `sample` if gamma is requested, or `None` if too little
     /// is known about the neighbors.
-    fn velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2>;
+    fn choose_velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2>;
 }
 
 /// Avoidance that executes the velocity chosen by `method`.
@@ -62,7 +68,7 @@ pub struct Holonomic<V> {
     period: f64,
 }
 
-impl<V: Velocity> Holonomic<V> {
+impl<V: VelocityMethod> Holonomic<V> {
     /// Creates the adapter for the robot of this brief.
     pub fn new(brief: &AgentBrief, method: V) -> Holonomic<V> {
         Holonomic {
@@ -74,8 +80,8 @@ impl<V: Velocity> Holonomic<V> {
     }
 }
 
-impl<V: Velocity> Avoidance for Holonomic<V> {
-    fn admit(&self, gamma: Vec2) -> Vec2 {
+impl<V: VelocityMethod> Avoidance for Holonomic<V> {
+    fn admit_velocity(&self, gamma: Vec2) -> Vec2 {
         clip(gamma, self.v_max)
     }
 
@@ -85,7 +91,7 @@ impl<V: Velocity> Avoidance for Holonomic<V> {
 
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         let velocity = match sample.proximity_valid {
-            true => self.method.velocity(sample, gamma),
+            true => self.method.choose_velocity(sample, gamma),
             false => None,
         };
         let Some(u) = velocity else { return Twist::ZERO };
@@ -94,7 +100,7 @@ impl<V: Velocity> Avoidance for Holonomic<V> {
             let wanted = self.steering.steer(sample, gamma, u * self.period);
             return drive.clamp(self.v_max, wanted);
         }
-        let heading = sample.heading_effect_rad;
+        let heading = sample.heading_at_effect_rad;
         let speed = front_speed(drive.ell_m, self.velocity_to_twist(heading, u));
         // An arc is longer than its chord. A shorter chord has an arc whose speed is lower by a larger factor.
         let u = if speed > self.v_max { u * (self.v_max / speed) } else { u };
@@ -110,23 +116,23 @@ mod tests {
     use super::*;
     use formation::front_point::front_point;
     use formation::pose::Pose;
-    use formation::unicycle::arc;
+    use formation::unicycle::integrate_arc;
     use proptest::prelude::*;
 
     /// Returns the requested velocity, regardless of neighbors.
-    struct PassThrough;
+    struct PassThroughMethod;
 
-    impl Velocity for PassThrough {
-        fn velocity(&mut self, _: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
+    impl VelocityMethod for PassThroughMethod {
+        fn choose_velocity(&mut self, _: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
             Some(gamma)
         }
     }
 
     /// Returns `None`, as a method without the necessary information.
-    struct NoVelocity;
+    struct NoVelocityMethod;
 
-    impl Velocity for NoVelocity {
-        fn velocity(&mut self, _: &Sample<'_>, _: Vec2) -> Option<Vec2> {
+    impl VelocityMethod for NoVelocityMethod {
+        fn choose_velocity(&mut self, _: &Sample<'_>, _: Vec2) -> Option<Vec2> {
             None
         }
     }
@@ -138,13 +144,13 @@ mod tests {
             heading in -3.1..3.1f64, course in -3.1..3.1f64,
             speed in prop_oneof![Just(0.5), 0.0..0.5f64],
         ) {
-            let mut robot = Holonomic::new(&brief(), PassThrough);
+            let mut robot = Holonomic::new(&brief(), PassThroughMethod);
             let direction = Vec2::new(course.cos(), course.sin());
-            let sample = Sample { heading_effect_rad: heading, ..Sample::default() };
+            let sample = Sample { heading_at_effect_rad: heading, ..Sample::default() };
             let twist = robot.steer(&sample, speed * direction);
             prop_assert!(front_speed(0.1, twist) <= 0.5 + 1e-15);
             let pose = Pose { x_m: 0.3, y_m: -0.7, heading_rad: heading };
-            let moved = front_point(arc(pose, twist, 0.01), 0.1) - front_point(pose, 0.1);
+            let moved = front_point(integrate_arc(pose, twist, 0.01), 0.1) - front_point(pose, 0.1);
             let (far, wanted) = (moved.dot(&direction), 0.01 * speed);
             prop_assert!((moved - far * direction).norm() < 1e-12, "{moved:?}");
             prop_assert!(far < wanted + 1e-12 && far > 0.999 * wanted - 1e-12, "{far}");
@@ -156,17 +162,17 @@ mod tests {
     fn holonomic_robot_stops_without_proximity_information() {
         let gamma = Vec2::new(0.3, 0.0);
         let blind = Sample { proximity_valid: false, ..Sample::default() };
-        assert_eq!(Holonomic::new(&brief(), PassThrough).steer(&blind, gamma), Twist::ZERO);
+        assert_eq!(Holonomic::new(&brief(), PassThroughMethod).steer(&blind, gamma), Twist::ZERO);
         let seeing = Sample::default();
-        assert_eq!(Holonomic::new(&brief(), NoVelocity).steer(&seeing, gamma), Twist::ZERO);
-        assert!(Holonomic::new(&brief(), PassThrough).steer(&seeing, gamma).v_m_s > 0.29);
+        assert_eq!(Holonomic::new(&brief(), NoVelocityMethod).steer(&seeing, gamma), Twist::ZERO);
+        assert!(Holonomic::new(&brief(), PassThroughMethod).steer(&seeing, gamma).v_m_s > 0.29);
     }
 
     #[test]
     fn gamma_is_clipped_and_heading_of_effect_is_used() {
-        let mut robot = Holonomic::new(&brief(), PassThrough);
-        assert!((robot.admit(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
-        let sample = Sample { heading_effect_rad: FRAC_PI_2, ..Sample::default() };
+        let mut robot = Holonomic::new(&brief(), PassThroughMethod);
+        assert!((robot.admit_velocity(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
+        let sample = Sample { heading_at_effect_rad: FRAC_PI_2, ..Sample::default() };
         let twist = robot.steer(&sample, Vec2::new(0.0, 0.2));
         assert!((twist.v_m_s - 0.2).abs() < 1e-12 && twist.w_rad_s.abs() < 1e-9, "{twist:?}");
     }

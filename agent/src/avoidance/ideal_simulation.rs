@@ -3,10 +3,10 @@
 //! velocities until the next period.
 
 use formation::Vec2;
-use formation::front_point::twist_for;
+use formation::front_point::twist_for_front_velocity;
 use formation::random::SplitMix64;
 
-use super::holonomic::Velocity;
+use super::holonomic::VelocityMethod;
 use super::{Sample, clip};
 
 /// Distance of the front point (ell) of each robot, m. The heading is always along x.
@@ -23,7 +23,7 @@ pub struct IdealSimulation<V> {
     pub period: f64,
 }
 
-impl<V: Velocity> IdealSimulation<V> {
+impl<V: VelocityMethod> IdealSimulation<V> {
     /// Creates points at rest at the given `positions`.
     pub fn new(
         methods: Vec<V>,
@@ -48,7 +48,7 @@ impl<V: Velocity> IdealSimulation<V> {
     /// during it, m.
     pub fn step_with_velocities(&mut self, gammas: &[Vec2]) -> f64 {
         let chosen: Vec<Vec2> =
-            (0..self.positions.len()).map(|i| self.choose(i, gammas[i])).collect();
+            (0..self.positions.len()).map(|i| self.choose_velocity(i, gammas[i])).collect();
         let mut closest = f64::INFINITY;
         for i in 0..self.positions.len() {
             for j in 0..i {
@@ -66,21 +66,22 @@ impl<V: Velocity> IdealSimulation<V> {
         closest
     }
 
-    fn choose(&mut self, i: usize, gamma: Vec2) -> Vec2 {
+    fn choose_velocity(&mut self, i: usize, gamma: Vec2) -> Vec2 {
         let mut others: Vec<usize> = (0..self.positions.len()).filter(|j| *j != i).collect();
         let z = |j: usize| self.positions[i] - self.positions[j];
         others.sort_by(|a, b| z(*a).norm().total_cmp(&z(*b).norm()));
         let away: Vec<Vec2> = others.iter().map(|j| z(*j)).collect();
         let velocities: Vec<Vec2> = others.iter().map(|j| self.velocities[*j]).collect();
         let sample = Sample {
-            twist: twist_for(0.0, ELL, self.velocities[i]),
-            away: &away,
-            velocities: &velocities,
+            twist: twist_for_front_velocity(0.0, ELL, self.velocities[i]),
+            neighbor_vectors: &away,
+            neighbor_velocities: &velocities,
             error: Some(self.positions[i] - self.goals[i]),
             ..Sample::default()
         };
-        let u =
-            self.methods[i].velocity(&sample, gamma).expect("positions and velocities are known");
+        let u = self.methods[i]
+            .choose_velocity(&sample, gamma)
+            .expect("positions and velocities are known");
         assert!(u.norm() <= self.v_max * (1.0 + 1e-9), "{u:?}");
         u
     }
@@ -93,7 +94,7 @@ impl<V: Velocity> IdealSimulation<V> {
 }
 
 /// Returns `robots` points evenly spaced on a circle, and as goals the opposite points.
-pub fn antipodal(robots: usize, radius: f64) -> [Vec<Vec2>; 2] {
+pub fn antipodal_starts_and_goals(robots: usize, radius: f64) -> [Vec<Vec2>; 2] {
     let point = |i: usize| {
         let angle = std::f64::consts::TAU * i as f64 / robots as f64;
         radius * Vec2::new(angle.cos(), angle.sin())
@@ -113,7 +114,7 @@ pub fn draw_separated_points(
 ) -> Vec<Vec2> {
     let mut points: Vec<Vec2> = Vec::new();
     while points.len() < robots {
-        let point = side * Vec2::new(random.unit() - 0.5, random.unit() - 0.5);
+        let point = side * Vec2::new(random.draw_unit() - 0.5, random.draw_unit() - 0.5);
         if points.iter().all(|other| (point - other).norm() >= apart) {
             points.push(point);
         }

@@ -15,6 +15,7 @@
 //! | `cone` | in which directions may another robot be while a command is in effect? |
 //! | `hold` | which constant (v, w) moves the front point by a given displacement? |
 //! | `steering` | which (v, w) moves the controlled point, front point or axle midpoint, by a given displacement? |
+//! | `car_steering` | in which gear does a car drive, and when does it shuttle? |
 //! | `polygon` | what is the nearest velocity that satisfies all bounds? |
 //!
 //! Published methods, for comparison:
@@ -28,6 +29,7 @@
 //! | `program` | what is the best velocity, violating some bounds if necessary? |
 
 mod braking;
+mod car_steering;
 mod cbf_qp;
 mod cone;
 mod deflection;
@@ -49,12 +51,13 @@ mod vicinity;
 
 use formation::Vec2;
 use formation::pose::Twist;
-use protocol::avoidance::{AvoidanceDescription, Conditions};
+use protocol::avoidance::{AvoidanceDescription, MethodConditions};
 use protocol::brief::{AgentBrief, AvoidanceBrief};
 use protocol::number::format_distinct;
 
 pub use deflection::{
-    deflection_distance_m, deflection_share, wall_deflection_distance_m, wall_deflection_share,
+    approach_slack_fraction, deflection_distance_m, wall_approach_slack_fraction,
+    wall_deflection_distance_m,
 };
 pub use hold::exact_hold;
 
@@ -71,7 +74,7 @@ pub struct Sample<'a> {
     /// Heading at the stamp, rad.
     pub heading_rad: f64,
     /// Expected heading when the answer takes effect, rad.
-    pub heading_effect_rad: f64,
+    pub heading_at_effect_rad: f64,
     /// Twist in force at the stamp.
     pub twist: Twist,
     /// Position of the own front point, m, in `map`.
@@ -79,40 +82,46 @@ pub struct Sample<'a> {
     /// Velocity of the own front point at the stamp, m/s, in `map`.
     pub front_velocity: Vec2,
     /// Vectors z_j = own front point - other front point, m, in `map`, nearest first.
-    pub away: &'a [Vec2],
+    pub neighbor_vectors: &'a [Vec2],
+    /// Classes of these robots, in the order of `neighbor_vectors`: indices into the classes of the brief. Ignored if
+    /// the brief has none.
+    pub neighbor_classes: &'a [u8],
     /// `true` if the proximity sensor works. Otherwise nothing is known about neighbors in range.
     pub proximity_valid: bool,
     /// `true` if the list of neighbors in range is truncated.
-    pub proximity_cut: bool,
-    /// Velocities of the other front points, m/s, in `map`, in the order of `away`. Empty unless the method
-    /// requests [`Senses::Velocities`].
+    pub neighbors_truncated: bool,
+    /// Velocities of the other front points, m/s, in `map`, in the order of `neighbor_vectors`. Empty unless the method
+    /// requests [`RequiredSensing::PositionsAndVelocities`].
     ///
-    /// [`Senses::Velocities`]: protocol::avoidance::Senses::Velocities
-    pub velocities: &'a [Vec2],
+    /// [`RequiredSensing::PositionsAndVelocities`]: protocol::avoidance::RequiredSensing::PositionsAndVelocities
+    pub neighbor_velocities: &'a [Vec2],
     /// Own front point - nearest point of each convex part of a wall or obstacle, m, in `map`, nearest first.
     /// Measured by the proximity sensor.
-    pub walls: &'a [Vec2],
+    pub wall_vectors: &'a [Vec2],
     /// `true` if the list of walls is truncated.
-    pub walls_cut: bool,
+    pub walls_truncated: bool,
     /// Own front point - desired position, m, in `map`, or `None` without a desired position.
     pub error: Option<Vec2>,
     /// Velocity of the desired position, m/s, in `map`.
-    pub place_velocity: Vec2,
+    pub slot_velocity: Vec2,
 }
 
 impl Sample<'_> {
     /// Returns z, m, and velocity, m/s, of every neighbor in range, or `None` if they are unknown. A method
     /// that needs them then stops the robot.
     pub fn neighbor_motions(&self) -> Option<impl Iterator<Item = (Vec2, Vec2)>> {
-        let known = self.proximity_valid && self.velocities.len() == self.away.len();
-        known.then(|| self.away.iter().copied().zip(self.velocities.iter().copied()))
+        let known =
+            self.proximity_valid && self.neighbor_velocities.len() == self.neighbor_vectors.len();
+        known.then(|| {
+            self.neighbor_vectors.iter().copied().zip(self.neighbor_velocities.iter().copied())
+        })
     }
 }
 
 /// A collision avoidance method of one robot.
 pub trait Avoidance: Send {
     /// Returns the part of gamma, m/s, that may be used and published.
-    fn admit(&self, gamma: Vec2) -> Vec2 {
+    fn admit_velocity(&self, gamma: Vec2) -> Vec2 {
         gamma
     }
 
@@ -132,7 +141,7 @@ pub trait Avoidance: Send {
     /// Returns the twist that answers `sample` if a controller requests the twist `wanted`, which gives the
     /// front point the admitted velocity gamma. The default implementation uses gamma only, for methods that
     /// choose velocities.
-    fn restrain(&mut self, sample: &Sample<'_>, wanted: Twist, gamma: Vec2) -> Twist {
+    fn restrict_twist(&mut self, sample: &Sample<'_>, wanted: Twist, gamma: Vec2) -> Twist {
         let _ = wanted;
         self.steer(sample, gamma)
     }
@@ -165,7 +174,7 @@ impl AvoidanceRow {
             let got = format!("got avoidance.speed_max_m_s = {speed_max_m_s}");
             return Err(UnfitBrief(format!("{of} needs a speed limit, {got}")));
         }
-        let needed_m = (self.description.sensing_radius_m)(&Conditions::for_robot(brief));
+        let needed_m = (self.description.sensing_radius_m)(&MethodConditions::for_robot(brief));
         // A comparison with NaN is false.
         if sensing_radius_m.is_nan() || sensing_radius_m < needed_m {
             let [found, needed] = format_distinct(sensing_radius_m, needed_m);
@@ -218,18 +227,19 @@ mod tests {
                 stamp_ns: 0,
                 t_s: 0.0,
                 heading_rad: 0.0,
-                heading_effect_rad: 0.0,
+                heading_at_effect_rad: 0.0,
                 twist: Twist::ZERO,
                 front_point: Vec2::zeros(),
                 front_velocity: Vec2::zeros(),
-                away: &[],
+                neighbor_vectors: &[],
+                neighbor_classes: &[],
                 proximity_valid: true,
-                proximity_cut: false,
-                velocities: &[],
-                walls: &[],
-                walls_cut: false,
+                neighbors_truncated: false,
+                neighbor_velocities: &[],
+                wall_vectors: &[],
+                walls_truncated: false,
                 error: None,
-                place_velocity: Vec2::zeros(),
+                slot_velocity: Vec2::zeros(),
             }
         }
     }
@@ -237,10 +247,14 @@ mod tests {
     #[test]
     fn neighbor_velocities_require_a_valid_sensor() {
         let (away, velocities) = ([Vec2::new(0.1, 0.0)], [Vec2::new(0.0, 0.3)]);
-        let sample = Sample { away: &away, velocities: &velocities, ..Sample::default() };
+        let sample = Sample {
+            neighbor_vectors: &away,
+            neighbor_velocities: &velocities,
+            ..Sample::default()
+        };
         let known = |sample: Sample<'_>| sample.neighbor_motions().map(Iterator::collect::<Vec<_>>);
         assert_eq!(known(sample), Some(vec![(away[0], velocities[0])]));
-        assert_eq!(known(Sample { velocities: &[], ..sample }), None);
+        assert_eq!(known(Sample { neighbor_velocities: &[], ..sample }), None);
         assert_eq!(known(Sample { proximity_valid: false, ..sample }), None);
     }
 }

@@ -1,102 +1,123 @@
 //! Motion estimation of neighbors in range. The proximity sensor reports positions, but neither identities nor
 //! velocities.
 //!
-//! Robots are at least d apart, and none moves farther than v_max dt between two samples. A robot sensed within
-//! d/4 of an earlier position is therefore the same robot, provided that v_max dt is less than d/4. After a
-//! longer gap nothing is known. Only performance terms use these estimates: no guarantee about distances
-//! depends on them.
+//! Robots are at least d apart, and none moves farther than v_max dt between two samples, where v_max is the highest of
+//! the team. A robot sensed within d/4 of an earlier position is therefore the same robot, provided that v_max dt is
+//! less than d/4. After a longer gap nothing is known. Only performance terms use these estimates: no guarantee about
+//! distances depends on them.
 
 use formation::Vec2;
 use formation::portable_math;
-use protocol::avoidance::Conditions;
+use protocol::avoidance::MethodConditions;
 
 use super::{Sample, clip};
 
 /// Minimum time constant of the smoothed velocities, s.
-const SMOOTH_S: f64 = 0.05;
+const SMOOTHING_TIME_S_MIN: f64 = 0.05;
 /// Ratio of the distance driven at v_max during the smoothing time to the position error.
-const SMOOTH_ERRORS: f64 = 10.0;
+const SMOOTHING_DISTANCE_PER_ERROR: f64 = 10.0;
 /// Maximum displacement of a robot that counts as being at rest, as a fraction of d.
 const REST_RADIUS_FRACTION: f64 = 0.05;
 
 /// Maximum number of tracked neighbors, the nearest. Robots behind them are handled later.
-const TRACKED_MAX: usize = 6;
+const TRACKED_NEIGHBORS_MAX: usize = 6;
 
 /// A tracked neighbor.
 #[derive(Debug, Clone, Copy)]
 pub struct TrackedNeighbor {
     /// Own front point - the neighbor's front point, m.
     pub z: Vec2,
+    /// Class of the neighbor, an index into the classes of the brief.
+    pub class: u8,
     /// Estimated velocity in `map`, m/s, and 0 while it is unknown.
     pub velocity: Vec2,
     /// Time for which the neighbor has been at rest, s.
-    pub still_s: f64,
+    pub rest_time_s: f64,
     /// Current position, and position at the last detected motion, m, in `map`.
     position: Vec2,
-    anchor: Vec2,
+    last_motion_position: Vec2,
 }
 
 /// Constants of one step between two samples.
 #[derive(Debug, Clone, Copy)]
-struct Step {
+struct UpdateConstants {
     /// Time between the two samples, s.
     dt: f64,
     /// Reciprocal of the time between the two samples, 1/s.
-    rate: f64,
+    reciprocal_dt: f64,
     /// Weight of the new velocity in the smoothed velocity.
-    share: f64,
+    smoothing_weight: f64,
     v_max: f64,
     /// Squared distance from an earlier position within which a robot is identified as the same, m^2.
-    same2: f64,
+    same_robot_distance_squared: f64,
     /// Squared distance from the anchor within which a robot counts as being at rest, m^2.
-    still2: f64,
+    rest_distance_squared: f64,
 }
 
 impl TrackedNeighbor {
     /// Creates a neighbor that is sensed for the first time.
-    fn new(z: Vec2, at: Vec2) -> TrackedNeighbor {
-        TrackedNeighbor { z, velocity: Vec2::zeros(), still_s: 0.0, position: at, anchor: at }
+    fn new(z: Vec2, at: Vec2, class: u8) -> TrackedNeighbor {
+        TrackedNeighbor {
+            z,
+            class,
+            velocity: Vec2::zeros(),
+            rest_time_s: 0.0,
+            position: at,
+            last_motion_position: at,
+        }
     }
 
     /// Returns the neighbor updated to a new position.
-    fn update_position(self, z: Vec2, at: Vec2, step: &Step) -> TrackedNeighbor {
-        let now = (at - self.position) * step.rate;
-        let velocity = self.velocity + (now - self.velocity) * step.share;
-        let (anchor, still_s) = match (at - self.anchor).norm_squared() < step.still2 {
-            true => (self.anchor, self.still_s + step.dt),
-            false => (at, 0.0),
-        };
-        TrackedNeighbor { z, velocity: clip(velocity, step.v_max), still_s, position: at, anchor }
+    fn update_position(self, z: Vec2, at: Vec2, step: &UpdateConstants) -> TrackedNeighbor {
+        let now = (at - self.position) * step.reciprocal_dt;
+        let velocity = self.velocity + (now - self.velocity) * step.smoothing_weight;
+        let (anchor, still_s) =
+            match (at - self.last_motion_position).norm_squared() < step.rest_distance_squared {
+                true => (self.last_motion_position, self.rest_time_s + step.dt),
+                false => (at, 0.0),
+            };
+        TrackedNeighbor {
+            z,
+            velocity: clip(velocity, step.v_max),
+            rest_time_s: still_s,
+            position: at,
+            last_motion_position: anchor,
+            ..self
+        }
     }
 }
 
 /// Tracker of the neighbors in range, from sample to sample.
 #[derive(Debug)]
 pub struct NeighborTracker {
-    smooth_s: f64,
+    smoothing_time_s: f64,
     stamp_ns: Option<u64>,
     /// Step between the last two samples.
-    step: Step,
+    update_constants: UpdateConstants,
     neighbors: Vec<TrackedNeighbor>,
     previous_neighbors: Vec<TrackedNeighbor>,
 }
 
 impl NeighborTracker {
     /// Creates a tracker without neighbors.
-    pub fn new(at: &Conditions<'_>) -> NeighborTracker {
-        let (d, error) = (at.avoidance.distance_min_m, at.distance_error_m());
-        let v_max = at.speed_m_s();
+    pub fn new(at: &MethodConditions<'_>) -> NeighborTracker {
+        // Of a team the smallest distance: another robot may be as close to a third one.
+        let distances = at.avoidance.classes.iter().map(|class| class.distance_min_m);
+        let d = distances.reduce(f64::min).unwrap_or(at.avoidance.distance_min_m);
+        let error = at.distance_error_max_m();
+        let v_max = at.others_speed_max_m_s();
         let (same, still) = (0.25 * d, (REST_RADIUS_FRACTION * d).max(3.0 * error));
         NeighborTracker {
-            smooth_s: SMOOTH_S.max(SMOOTH_ERRORS * error / v_max),
+            smoothing_time_s: SMOOTHING_TIME_S_MIN
+                .max(SMOOTHING_DISTANCE_PER_ERROR * error / v_max),
             stamp_ns: None,
-            step: Step {
+            update_constants: UpdateConstants {
                 dt: 0.0,
-                rate: f64::INFINITY,
-                share: 0.0,
+                reciprocal_dt: f64::INFINITY,
+                smoothing_weight: 0.0,
                 v_max,
-                same2: same * same,
-                still2: still * still,
+                same_robot_distance_squared: same * same,
+                rest_distance_squared: still * still,
             },
             neighbors: Vec::new(),
             previous_neighbors: Vec::new(),
@@ -105,7 +126,8 @@ impl NeighborTracker {
 
     /// Updates the tracker with a sample. A repeated call with the same sample has no effect.
     pub fn observe(&mut self, sample: &Sample<'_>) {
-        let nearest = &sample.away[..sample.away.len().min(TRACKED_MAX)];
+        let nearest =
+            &sample.neighbor_vectors[..sample.neighbor_vectors.len().min(TRACKED_NEIGHBORS_MAX)];
         let first = self.neighbors.first().map(|neighbor| &neighbor.z);
         let same = first == nearest.first() && self.neighbors.len() == nearest.len();
         if same && self.stamp_ns == Some(sample.stamp_ns) {
@@ -113,32 +135,41 @@ impl NeighborTracker {
         }
         let earlier_ns = self.stamp_ns.replace(sample.stamp_ns).unwrap_or(sample.stamp_ns);
         let dt = sample.stamp_ns.saturating_sub(earlier_ns) as f64 / 1e9;
-        if self.step.dt != dt {
-            let share = dt / (dt + self.smooth_s);
-            self.step = Step { dt, rate: 1.0 / dt, share, ..self.step };
+        if self.update_constants.dt != dt {
+            let share = dt / (dt + self.smoothing_time_s);
+            self.update_constants = UpdateConstants {
+                dt,
+                reciprocal_dt: 1.0 / dt,
+                smoothing_weight: share,
+                ..self.update_constants
+            };
         }
-        let step = &self.step;
-        if portable_math::square(step.v_max * dt) >= step.same2 || dt == 0.0 {
+        let step = &self.update_constants;
+        if portable_math::square(step.v_max * dt) >= step.same_robot_distance_squared || dt == 0.0 {
             self.neighbors.clear();
         }
         std::mem::swap(&mut self.neighbors, &mut self.previous_neighbors);
         self.neighbors.clear();
         self.neighbors.extend(nearest.iter().enumerate().map(|(place, &z)| {
             let at = sample.front_point - z;
-            let same =
-                |neighbor: &&TrackedNeighbor| (neighbor.position - at).norm_squared() < step.same2;
+            let same = |neighbor: &&TrackedNeighbor| {
+                (neighbor.position - at).norm_squared() < step.same_robot_distance_squared
+            };
             // The order of the list rarely changes, so the same index is tried first.
             let known = self.previous_neighbors.get(place).filter(same);
+            let class = sample.neighbor_classes.get(place).copied().unwrap_or_default();
             match known.or_else(|| self.previous_neighbors.iter().find(same)) {
-                Some(neighbor) => neighbor.update_position(z, at, step),
-                None => TrackedNeighbor::new(z, at),
+                Some(neighbor) => {
+                    TrackedNeighbor { class, ..neighbor.update_position(z, at, step) }
+                }
+                None => TrackedNeighbor::new(z, at, class),
             }
         }));
     }
 
     /// Returns the time between the last two samples, s.
     pub fn dt(&self) -> f64 {
-        self.step.dt
+        self.update_constants.dt
     }
 
     /// Returns the tracked neighbors, nearest first.
@@ -156,11 +187,15 @@ mod tests {
     fn tracker(sensing_error_m: f64) -> NeighborTracker {
         let mut brief = brief();
         brief.avoidance.sensing_error_m = sensing_error_m;
-        NeighborTracker::new(&Conditions::for_robot(&brief))
+        NeighborTracker::new(&MethodConditions::for_robot(&brief))
     }
 
     /// Moves the robot along x at 0.1 m/s and reports others at `places`, in `map`, every 10 ms.
-    fn watch(tracker: &mut NeighborTracker, steps: u64, places: impl Fn(u64, f64) -> Vec<Vec2>) {
+    fn track_moving_neighbors(
+        tracker: &mut NeighborTracker,
+        steps: u64,
+        places: impl Fn(u64, f64) -> Vec<Vec2>,
+    ) {
         for step in 0..steps {
             let t_s = 0.01 * step as f64;
             let front_point = Vec2::new(0.1 * t_s, 0.0);
@@ -173,14 +208,17 @@ mod tests {
     fn velocities_are_tracked_in_any_list_order() {
         let mut tracker = tracker(0.0);
         let (still, goes) = (Vec2::new(1.0, 0.2), Vec2::new(0.0, -0.4));
-        watch(&mut tracker, 101, |step, t_s| {
+        track_moving_neighbors(&mut tracker, 101, |step, t_s| {
             let two = [still, Vec2::new(1.0, 0.0) + t_s * goes];
             if step % 3 == 0 { two.to_vec() } else { vec![two[1], two[0]] }
         });
         let [moves, stays] = tracker.neighbors() else { panic!("two are near") };
         assert!((moves.velocity - goes).norm() < 1e-6, "{moves:?}");
-        assert!(moves.still_s < 0.05, "{moves:?}");
-        assert!(stays.velocity.norm() < 1e-9 && (stays.still_s - 1.0).abs() < 1e-9, "{stays:?}");
+        assert!(moves.rest_time_s < 0.05, "{moves:?}");
+        assert!(
+            stays.velocity.norm() < 1e-9 && (stays.rest_time_s - 1.0).abs() < 1e-9,
+            "{stays:?}"
+        );
     }
 
     #[test]
@@ -190,14 +228,14 @@ mod tests {
             let first = Vec2::new(1.0, 0.3 * t_s);
             if step < 20 { vec![first] } else { vec![first, Vec2::new(0.5, 0.3 * t_s)] }
         };
-        watch(&mut tracker, 21, one);
+        track_moving_neighbors(&mut tracker, 21, one);
         let [known, new] = tracker.neighbors() else { panic!("two are near") };
-        assert!(known.velocity.y > 0.2 && new.velocity == Vec2::zeros() && new.still_s == 0.0);
+        assert!(known.velocity.y > 0.2 && new.velocity == Vec2::zeros() && new.rest_time_s == 0.0);
         // At v_max a robot moves by d/4 in 100 ms: after 99 ms a neighbor is recognized, after 100 ms it is
         // not.
         for (gap_ns, is_known) in [(99_999_999, true), (100_000_000, false)] {
             let mut tracker = super::tests::tracker(0.0);
-            watch(&mut tracker, 21, |_, t_s| vec![Vec2::new(1.0, 0.3 * t_s)]);
+            track_moving_neighbors(&mut tracker, 21, |_, t_s| vec![Vec2::new(1.0, 0.3 * t_s)]);
             let away = [Vec2::new(-0.98, -0.06)];
             let front_point = Vec2::new(0.02, 0.0);
             tracker.observe(&Sample { front_point, ..sample(200_000_000 + gap_ns, 0.0, &away) });
@@ -209,7 +247,7 @@ mod tests {
     fn only_the_six_nearest_neighbors_are_tracked() {
         let mut tracker = tracker(0.0);
         let row = |count: u32| (1..=count).map(|j| Vec2::new(0.3 * f64::from(j), 0.0)).collect();
-        watch(&mut tracker, 1, |_, _| row(8));
+        track_moving_neighbors(&mut tracker, 1, |_, _| row(8));
         let watched: Vec<f64> = tracker.neighbors().iter().map(|neighbor| -neighbor.z.x).collect();
         let nearest: Vec<f64> = row(6).iter().map(|at: &Vec2| at.x).collect();
         assert_eq!(watched, nearest);
@@ -218,11 +256,11 @@ mod tests {
     #[test]
     fn sensing_errors_do_not_look_like_motion() {
         let mut tracker = tracker(0.01);
-        watch(&mut tracker, 500, |step, _| {
+        track_moving_neighbors(&mut tracker, 500, |step, _| {
             let error = if step % 2 == 0 { 0.01 } else { -0.01 };
             vec![Vec2::new(1.0 + error, 0.5)]
         });
         let [stays] = tracker.neighbors() else { panic!("one is near") };
-        assert!(stays.velocity.norm() < 0.06 && stays.still_s > 4.9, "{stays:?}");
+        assert!(stays.velocity.norm() < 0.06 && stays.rest_time_s > 4.9, "{stays:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! Method without avoidance: the robot executes the nominal velocity (gamma) unchanged. (17)
 
 use formation::Vec2;
-use formation::front_point::twist_for;
+use formation::front_point::twist_for_front_velocity;
 use formation::pose::Twist;
 use protocol::avoidance::AvoidanceDescription;
 
@@ -12,17 +12,17 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "none",
         source: "(17)",
-        ..AvoidanceDescription::INERT
+        ..AvoidanceDescription::NO_AVOIDANCE
     },
     build: |brief, _| {
         let steering = Steering::new(brief);
         let period_s = brief.period_ns as f64 / 1e9;
-        Box::new(NominalOnly { ell: brief.front_point_m, steering, period_s })
+        Box::new(NoAvoidance { ell: brief.front_point_m, steering, period_s })
     },
 };
 
 /// Method that ignores all neighbors.
-struct NominalOnly {
+struct NoAvoidance {
     /// Distance of the front point from the axle (ell), m.
     ell: f64,
     steering: Steering,
@@ -30,11 +30,11 @@ struct NominalOnly {
     period_s: f64,
 }
 
-impl Avoidance for NominalOnly {
+impl Avoidance for NoAvoidance {
     fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
         match self.steering.drive().turns_freely() {
             true => self.steering.displacement_to_twist(heading_rad, gamma * self.period_s),
-            false => twist_for(heading_rad, self.ell, gamma), // (17)
+            false => twist_for_front_velocity(heading_rad, self.ell, gamma), // (17)
         }
     }
 
@@ -45,7 +45,7 @@ impl Avoidance for NominalOnly {
         }
     }
 
-    fn restrain(&mut self, _: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
+    fn restrict_twist(&mut self, _: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
         wanted
     }
 }

@@ -23,40 +23,40 @@
 
 use formation::Vec2;
 use formation::front_point::front_velocity;
-use protocol::avoidance::{AvoidanceDescription, Conditions, Gain, Senses};
+use protocol::avoidance::{AvoidanceDescription, Gain, MethodConditions, RequiredSensing};
 
-use super::cone::{ROUNDING_M, direction};
-use super::holonomic::{HOLONOMIC, Holonomic, Velocity};
+use super::cone::{ROUNDING_MARGIN_M, direction};
+use super::holonomic::{HOLONOMIC_DESCRIPTION, Holonomic, VelocityMethod};
 use super::polygon::HalfPlane;
-use super::program::nearest_permitted;
+use super::program::nearest_permitted_velocity;
 use super::{AvoidanceRow, Sample};
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "orca",
         source: "van den Berg et al. 2011",
-        promises: "d for the next `horizon_s` if its linear program is feasible; does not resolve \
+        guarantee_text: "d for the next `horizon_s` if its linear program is feasible; does not resolve \
                    exact symmetry",
-        assumes: "every robot uses it, senses positions and velocities exactly and moves at once as \
+        assumptions_text: "every robot uses it, senses positions and velocities exactly and moves at once as \
                   chosen; no delay, no inertia",
-        senses: Senses::Velocities,
+        required_sensing: RequiredSensing::PositionsAndVelocities,
         sensing_radius_m,
-        gains: &[Gain::required(
+        gains: &[Gain::new(
             "horizon_s",
             "tau, time for which the chosen velocities keep the distance d, in \
                                               seconds; with a larger tau robots avoid each other earlier",
         )],
-        ..HOLONOMIC
+        ..HOLONOMIC_DESCRIPTION
     },
     build: |brief, gains| {
         let orca = Orca {
-            d: brief.avoidance.distance_min_m + ROUNDING_M,
-            clearance: brief.avoidance.clearance_m + ROUNDING_M,
+            distance_min: brief.avoidance.distance_min_m + ROUNDING_MARGIN_M,
+            clearance: brief.avoidance.clearance_m + ROUNDING_MARGIN_M,
             v_max: brief.avoidance.speed_max_m_s,
             ell: brief.front_point_m,
             period: brief.period_ns as f64 / 1e9,
-            tau: gains.get("horizon_s"),
-            sides: Vec::new(),
+            time_horizon: gains.get("horizon_s"),
+            half_planes: Vec::new(),
         };
         Box::new(Holonomic::new(brief, orca))
     },
@@ -64,46 +64,51 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
 
 /// Returns the radius, m, beyond which no robot can come closer than d within tau, d + 2 v_max tau, or the
 /// corresponding radius of walls if it is larger.
-fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
-    let way = at.speed_m_s() * at.avoidance.gains.get("horizon_s").copied().unwrap_or(0.0);
+fn sensing_radius_m(at: &MethodConditions<'_>) -> f64 {
+    let way = at.speed_max_m_s() * at.avoidance.gains.get("horizon_s").copied().unwrap_or(0.0);
     let robots = at.avoidance.distance_min_m + 2.0 * way;
-    robots.max(at.avoidance.clearance_m + way) + at.distance_error_m()
+    robots.max(at.avoidance.clearance_m + way) + at.distance_error_max_m()
 }
 
 /// ORCA method of one robot.
 struct Orca {
-    d: f64,
+    distance_min: f64,
     clearance: f64,
     v_max: f64,
     ell: f64,
     /// Control period (T), s.
     period: f64,
-    tau: f64,
-    sides: Vec<HalfPlane>,
+    time_horizon: f64,
+    half_planes: Vec<HalfPlane>,
 }
 
-impl Velocity for Orca {
-    fn velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
+impl VelocityMethod for Orca {
+    fn choose_velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
         let own = front_velocity(sample.heading_rad, self.ell, sample.twist);
         let near = sample.neighbor_motions()?;
-        let mut sides = std::mem::take(&mut self.sides);
+        let mut sides = std::mem::take(&mut self.half_planes);
         sides.clear();
-        sides.extend(sample.walls.iter().map(|z| self.wall_half_plane(*z)));
+        sides.extend(sample.wall_vectors.iter().map(|z| self.wall_half_plane(*z)));
         sides.extend(near.map(|(z, other)| {
-            let (u, n) = self.smallest_change(-z, own - other);
-            HalfPlane { normal: n, bound: -n.dot(&(own + 0.5 * u)) }
+            let (u, n) = self.smallest_velocity_change(-z, own - other);
+            HalfPlane { normal: n, boundary_distance: -n.dot(&(own + 0.5 * u)) }
         }));
-        self.sides = sides;
-        Some(nearest_permitted(gamma, self.v_max, &self.sides, sample.walls.len()))
+        self.half_planes = sides;
+        Some(nearest_permitted_velocity(
+            gamma,
+            self.v_max,
+            &self.half_planes,
+            sample.wall_vectors.len(),
+        ))
     }
 }
 
 impl Orca {
     /// Returns u and n.
-    fn smallest_change(&self, p: Vec2, v: Vec2) -> (Vec2, Vec2) {
-        let (r, d) = (p.norm(), self.d);
+    fn smallest_velocity_change(&self, p: Vec2, v: Vec2) -> (Vec2, Vec2) {
+        let (r, d) = (p.norm(), self.distance_min);
         // A robot that is already too close must leave VO within one period.
-        let within = if r > d { self.tau } else { self.period };
+        let within = if r > d { self.time_horizon } else { self.period };
         let w = v - p / within;
         let (across, ahead) = (p.x * w.y - p.y * w.x, p.dot(&w));
         if r <= d || (ahead < 0.0 && ahead * ahead > d * d * w.norm_squared()) {
@@ -122,8 +127,8 @@ impl Orca {
     /// Returns the half-plane that keeps the clearance from a convex part with nearest point -z for tau.
     fn wall_half_plane(&self, z: Vec2) -> HalfPlane {
         let slack = z.norm() - self.clearance;
-        let within = if slack > 0.0 { self.tau } else { self.period };
-        HalfPlane { normal: direction(z), bound: slack / within }
+        let within = if slack > 0.0 { self.time_horizon } else { self.period };
+        HalfPlane { normal: direction(z), boundary_distance: slack / within }
     }
 }
 

@@ -8,24 +8,24 @@ pub struct HalfPlane {
     /// Inward unit normal.
     pub normal: Vec2,
     /// Distance of the boundary line behind 0.
-    pub bound: f64,
+    pub boundary_distance: f64,
 }
 
 /// Maximum violation of a half-plane by the result because of rounding, m/s. Over one hour it accumulates to
-/// less than the nanometer of [`ROUNDING_M`](super::cone::ROUNDING_M).
-pub const TOLERANCE: f64 = 1e-13;
+/// less than the nanometer of [`ROUNDING_MARGIN_M`](super::cone::ROUNDING_M).
+pub const VIOLATION_TOLERANCE_M_S: f64 = 1e-13;
 /// Maximum sine of the angle between lines that are treated as parallel.
-pub const PARALLEL: f64 = 1e-12;
+pub const PARALLEL_SINE_MAX: f64 = 1e-12;
 
 impl HalfPlane {
     /// Returns the violation of the half-plane by `u`, m/s, which is negative inside.
     pub fn violation_m_s(&self, u: Vec2) -> f64 {
-        -self.bound - self.normal.dot(&u)
+        -self.boundary_distance - self.normal.dot(&u)
     }
 
     /// Returns the point of the boundary line nearest to 0, and the direction of the line.
-    pub fn line(&self) -> (Vec2, Vec2) {
-        (-self.bound * self.normal, Vec2::new(-self.normal.y, self.normal.x))
+    pub fn boundary_line(&self) -> (Vec2, Vec2) {
+        (-self.boundary_distance * self.normal, Vec2::new(-self.normal.y, self.normal.x))
     }
 
     /// Returns the part of the boundary line between two positions that satisfies `others`, as positions along
@@ -37,11 +37,11 @@ impl HalfPlane {
         [mut low, mut high]: [f64; 2],
         tolerance: f64,
     ) -> Option<[f64; 2]> {
-        let (foot, along) = self.line();
+        let (foot, along) = self.boundary_line();
         for other in others {
             let slope = other.normal.dot(&along);
             let missing = other.violation_m_s(foot);
-            if slope.abs() < PARALLEL {
+            if slope.abs() < PARALLEL_SINE_MAX {
                 if missing > tolerance {
                     return None;
                 }
@@ -64,7 +64,7 @@ pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     let mut best = target;
     for (done, side) in sides.iter().enumerate() {
         if side.violation_m_s(best) > 0.0 {
-            best = nearest_on_line(target, side, &sides[..done]);
+            best = nearest_point_on_line(target, side, &sides[..done]);
         }
     }
     if best == target {
@@ -73,18 +73,18 @@ pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     Some(scale_into_polygon(best, sides))
 }
 
-/// Returns the largest factor, at most 1, with which `target` satisfies all `sides`: the nearest point of the polygon on
-/// the ray of `target` from 0.
-pub fn nearest_on_ray(target: Vec2, sides: &[HalfPlane]) -> f64 {
+/// Returns the largest factor, at most 1, with which `target` satisfies all `sides`: the nearest point of the polygon
+/// on the ray of `target` from 0.
+pub fn scale_factor_on_ray(target: Vec2, sides: &[HalfPlane]) -> f64 {
     let violated = sides.iter().filter(|side| side.violation_m_s(target) > 0.0);
-    violated.map(|side| side.bound / -side.normal.dot(&target)).fold(1.0, f64::min)
+    violated.map(|side| side.boundary_distance / -side.normal.dot(&target)).fold(1.0, f64::min)
 }
 
 /// Returns `point`, scaled towards 0 if it violates a side by more than the tolerance. The polygon contains 0.
 fn scale_into_polygon(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
     for side in sides {
-        if side.violation_m_s(point) > TOLERANCE {
-            point *= side.bound / -side.normal.dot(&point);
+        if side.violation_m_s(point) > VIOLATION_TOLERANCE_M_S {
+            point *= side.boundary_distance / -side.normal.dot(&point);
         }
     }
     point
@@ -92,10 +92,10 @@ fn scale_into_polygon(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
 
 /// Returns the point nearest to `target` on the line of `side` that satisfies `others`, or 0 if rounding leaves
 /// nothing of the line.
-fn nearest_on_line(target: Vec2, side: &HalfPlane, others: &[HalfPlane]) -> Vec2 {
-    let (foot, along) = side.line();
+fn nearest_point_on_line(target: Vec2, side: &HalfPlane, others: &[HalfPlane]) -> Vec2 {
+    let (foot, along) = side.boundary_line();
     let whole = [f64::NEG_INFINITY, f64::INFINITY];
-    let Some([low, high]) = side.clip_boundary_line(others, whole, TOLERANCE) else {
+    let Some([low, high]) = side.clip_boundary_line(others, whole, VIOLATION_TOLERANCE_M_S) else {
         return Vec2::zeros();
     };
     foot + along * along.dot(&target).clamp(low, high)
@@ -109,7 +109,7 @@ mod tests {
     use proptest::prelude::*;
 
     /// Computes the slow reference: the nearest of all feasible foot points and corners, the target and 0.
-    fn by_enumeration(target: Vec2, sides: &[HalfPlane]) -> Vec2 {
+    fn nearest_point_by_enumeration(target: Vec2, sides: &[HalfPlane]) -> Vec2 {
         let mut candidates = vec![target, Vec2::zeros()];
         for (i, a) in sides.iter().enumerate() {
             candidates.push(target + a.normal * a.violation_m_s(target));
@@ -117,8 +117,10 @@ mod tests {
                 let det = a.normal.x * b.normal.y - a.normal.y * b.normal.x;
                 if det.abs() > 1e-12 {
                     candidates.push(Vec2::new(
-                        (-a.bound * b.normal.y + b.bound * a.normal.y) / det,
-                        (-b.bound * a.normal.x + a.bound * b.normal.x) / det,
+                        (-a.boundary_distance * b.normal.y + b.boundary_distance * a.normal.y)
+                            / det,
+                        (-b.boundary_distance * a.normal.x + a.boundary_distance * b.normal.x)
+                            / det,
                     ));
                 }
             }
@@ -132,10 +134,10 @@ mod tests {
             .expect("0 is feasible")
     }
 
-    fn sides() -> impl Strategy<Value = Vec<HalfPlane>> {
+    fn half_planes() -> impl Strategy<Value = Vec<HalfPlane>> {
         let side =
             (-3.2..3.2f64, prop_oneof![Just(0.0), 0.0..1.0f64]).prop_map(|(angle, bound)| {
-                HalfPlane { normal: Vec2::new(angle.cos(), angle.sin()), bound }
+                HalfPlane { normal: Vec2::new(angle.cos(), angle.sin()), boundary_distance: bound }
             });
         proptest::collection::vec(side, 0..20)
     }
@@ -145,7 +147,7 @@ mod tests {
         let angle = prop_oneof![-3.2..3.2f64, (0..4).prop_map(|q| f64::from(q) * FRAC_PI_2)];
         let side = (angle, 0.0..1.0f64).prop_map(|(angle, bound)| {
             let normal = Vec2::new(angle.cos(), angle.sin());
-            HalfPlane { normal, bound }
+            HalfPlane { normal, boundary_distance: bound }
         });
         proptest::collection::vec(side, 1..6)
     }
@@ -154,15 +156,15 @@ mod tests {
         /// The result is the longest feasible part of the segment from 0 to the point.
         #[test]
         fn infeasible_point_is_scaled_to_the_boundary(
-            x in -2.0..2.0f64, y in -2.0..2.0f64, sides in sides(),
+            x in -2.0..2.0f64, y in -2.0..2.0f64, sides in half_planes(),
         ) {
             let point = Vec2::new(x, y);
-            let share = |side: &HalfPlane| side.bound / (-side.normal.dot(&point)).max(0.0);
+            let share = |side: &HalfPlane| side.boundary_distance / (-side.normal.dot(&point)).max(0.0);
             let allowed = sides.iter().map(share).fold(1.0, f64::min);
             let found = scale_into_polygon(point, &sides);
             prop_assert!((found - allowed * point).norm() < 1e-12, "{found:?}");
             prop_assert!(allowed < 1.0 || found == point);
-            prop_assert!(sides.iter().all(|side| side.violation_m_s(found) <= TOLERANCE));
+            prop_assert!(sides.iter().all(|side| side.violation_m_s(found) <= VIOLATION_TOLERANCE_M_S));
         }
 
         /// The result is the nearest feasible candidate among foot point and corners on the line, or 0 if there
@@ -174,7 +176,7 @@ mod tests {
             let target = Vec2::new(x, y);
             let (side, others) = sides.split_last().unwrap();
             let along = Vec2::new(-side.normal.y, side.normal.x);
-            let foot = -side.bound * side.normal;
+            let foot = -side.boundary_distance * side.normal;
             let mut candidates = vec![foot + along * along.dot(&target)];
             for other in others {
                 let slope = other.normal.dot(&along);
@@ -189,7 +191,7 @@ mod tests {
             let nearest = allowed.min_by(|a, b| {
                 (a - target).norm().total_cmp(&(b - target).norm())
             });
-            let found = nearest_on_line(target, side, others);
+            let found = nearest_point_on_line(target, side, others);
             prop_assert!((found - nearest.unwrap_or_default()).norm() < 1e-6, "{found:?}");
         }
     }
@@ -197,15 +199,15 @@ mod tests {
     proptest! {
         #[test]
         fn nearest_on_ray_is_the_longest_feasible_part(
-            x in -2.0..2.0f64, y in -2.0..2.0f64, sides in sides(),
+            x in -2.0..2.0f64, y in -2.0..2.0f64, sides in half_planes(),
         ) {
             let target = Vec2::new(x, y);
-            let found = nearest_on_ray(target, &sides);
+            let found = scale_factor_on_ray(target, &sides);
             prop_assert!((0.0..=1.0).contains(&found));
             let excess = |part: f64| {
                 sides.iter().map(|side| side.violation_m_s(part * target)).fold(f64::MIN, f64::max)
             };
-            prop_assert!(sides.is_empty() || excess(found) <= TOLERANCE);
+            prop_assert!(sides.is_empty() || excess(found) <= VIOLATION_TOLERANCE_M_S);
             prop_assert!(found == 1.0 || excess(found * (1.0 + 1e-9) + 1e-9) > 0.0);
         }
     }
@@ -214,14 +216,14 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(2000))]
         #[test]
         fn nearest_point_agrees_with_enumeration_and_is_feasible(
-            x in -2.0..2.0f64, y in -2.0..2.0f64, sides in sides(),
+            x in -2.0..2.0f64, y in -2.0..2.0f64, sides in half_planes(),
         ) {
             let target = Vec2::new(x, y);
             let found = nearest_point(target, &sides).unwrap_or(target);
             for side in &sides {
-                prop_assert!(side.violation_m_s(found) <= TOLERANCE);
+                prop_assert!(side.violation_m_s(found) <= VIOLATION_TOLERANCE_M_S);
             }
-            let reference = by_enumeration(target, &sides);
+            let reference = nearest_point_by_enumeration(target, &sides);
             let (ours, theirs) = ((found - target).norm(), (reference - target).norm());
             prop_assert!((ours - theirs).abs() < 1e-6, "{ours} vs {theirs}");
         }

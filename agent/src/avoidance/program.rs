@@ -8,64 +8,74 @@
 use formation::Vec2;
 
 use super::clip;
-use super::polygon::{HalfPlane, PARALLEL};
+use super::polygon::{HalfPlane, PARALLEL_SINE_MAX};
 
 /// Objective of the optimization.
 #[derive(Debug, Clone, Copy)]
-enum Aim {
+enum Objective {
     /// Minimum distance from this point.
-    Near(Vec2),
+    NearestTo(Vec2),
     /// Maximum extent in this direction.
-    Far(Vec2),
+    FarthestAlong(Vec2),
 }
 
 /// Returns the velocity nearest to `target` that is at most `reach` and satisfies all `sides`. If there is
 /// none, returns the velocity with the smallest maximum violation. The first `rigid` sides are not relaxed, as
 /// long as they have a common point.
-pub fn nearest_permitted(target: Vec2, reach: f64, sides: &[HalfPlane], rigid: usize) -> Vec2 {
-    match best_point(Aim::Near(target), reach, sides) {
+pub fn nearest_permitted_velocity(
+    target: Vec2,
+    reach: f64,
+    sides: &[HalfPlane],
+    rigid: usize,
+) -> Vec2 {
+    match best_point(Objective::NearestTo(target), reach, sides) {
         Ok(found) => found,
         Err((failed, so_far)) => {
             let rigid = if failed < rigid { 0 } else { rigid };
-            least_missed(reach, sides, rigid, failed, so_far)
+            least_violating_point(reach, sides, rigid, failed, so_far)
         }
     }
 }
 
 /// Returns the best point within `reach` of 0 that satisfies all `sides`. The error is the index of the first
 /// side that leaves nothing, and the best point for the sides before it.
-fn best_point(aim: Aim, reach: f64, sides: &[HalfPlane]) -> Result<Vec2, (usize, Vec2)> {
+fn best_point(aim: Objective, reach: f64, sides: &[HalfPlane]) -> Result<Vec2, (usize, Vec2)> {
     let mut best = match aim {
-        Aim::Near(target) => clip(target, reach),
-        Aim::Far(direction) => reach * direction,
+        Objective::NearestTo(target) => clip(target, reach),
+        Objective::FarthestAlong(direction) => reach * direction,
     };
     for (done, side) in sides.iter().enumerate() {
         if side.violation_m_s(best) > 0.0 {
-            best = best_on_line(aim, reach, side, &sides[..done]).ok_or((done, best))?;
+            best = best_point_on_line(aim, reach, side, &sides[..done]).ok_or((done, best))?;
         }
     }
     Ok(best)
 }
 
 /// Returns the best point on the line of `side` within `reach` of 0 that satisfies `others`, or `None`.
-fn best_on_line(aim: Aim, reach: f64, side: &HalfPlane, others: &[HalfPlane]) -> Option<Vec2> {
-    let (foot, along) = side.line();
-    let half = (reach * reach - side.bound * side.bound).sqrt();
+fn best_point_on_line(
+    aim: Objective,
+    reach: f64,
+    side: &HalfPlane,
+    others: &[HalfPlane],
+) -> Option<Vec2> {
+    let (foot, along) = side.boundary_line();
+    let half = (reach * reach - side.boundary_distance * side.boundary_distance).sqrt();
     if half.is_nan() {
         return None; // the line does not reach the disc
     }
     let [low, high] = side.clip_boundary_line(others, [-half, half], 0.0)?;
     let at = match aim {
-        Aim::Near(target) => along.dot(&target).clamp(low, high),
-        Aim::Far(direction) if along.dot(&direction) > 0.0 => high,
-        Aim::Far(_) => low,
+        Objective::NearestTo(target) => along.dot(&target).clamp(low, high),
+        Objective::FarthestAlong(direction) if along.dot(&direction) > 0.0 => high,
+        Objective::FarthestAlong(_) => low,
     };
     Some(foot + at * along)
 }
 
 /// Returns the point within `reach` of 0 with the smallest maximum violation of `sides` that satisfies the
 /// first `rigid` ones. `so_far` is the best point for the sides before `failed`, and satisfies them.
-fn least_missed(
+fn least_violating_point(
     reach: f64,
     sides: &[HalfPlane],
     rigid: usize,
@@ -84,13 +94,13 @@ fn least_missed(
         for other in &sides[rigid..done] {
             let normal = other.normal - side.normal;
             let length = normal.norm();
-            if length > PARALLEL {
-                let bound = (other.bound - side.bound) / length;
-                program.push(HalfPlane { normal: normal / length, bound });
+            if length > PARALLEL_SINE_MAX {
+                let bound = (other.boundary_distance - side.boundary_distance) / length;
+                program.push(HalfPlane { normal: normal / length, boundary_distance: bound });
             }
         }
         // Rounding may make the feasible set empty. The previous point is kept then.
-        found = best_point(Aim::Far(side.normal), reach, &program).unwrap_or(found);
+        found = best_point(Objective::FarthestAlong(side.normal), reach, &program).unwrap_or(found);
         missed = side.violation_m_s(found);
     }
     found
@@ -103,29 +113,29 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn sides() -> impl Strategy<Value = Vec<HalfPlane>> {
+    fn half_planes() -> impl Strategy<Value = Vec<HalfPlane>> {
         let bound = prop_oneof![Just(0.0), -0.5..1.0f64];
         let side = (-3.2..3.2f64, bound).prop_map(|(angle, bound)| HalfPlane {
             normal: Vec2::new(angle.cos(), angle.sin()),
-            bound,
+            boundary_distance: bound,
         });
         proptest::collection::vec(side, 0..9)
     }
 
     /// Returns the maximum violation, or 0 if every side is satisfied.
-    fn missed(u: Vec2, sides: &[HalfPlane]) -> f64 {
+    fn max_violation(u: Vec2, sides: &[HalfPlane]) -> f64 {
         sides.iter().map(|side| side.violation_m_s(u)).fold(0.0, f64::max)
     }
 
     /// Computes the slow reference: the best of corners, foot points, intersections of lines with the disc, and the
     /// target.
-    fn candidates(target: Vec2, reach: f64, lines: &[HalfPlane]) -> Vec<Vec2> {
+    fn candidate_points(target: Vec2, reach: f64, lines: &[HalfPlane]) -> Vec<Vec2> {
         let mut points = vec![clip(target, reach)];
         for (i, a) in lines.iter().enumerate() {
-            let foot = -a.bound * a.normal;
+            let foot = -a.boundary_distance * a.normal;
             let along = Vec2::new(-a.normal.y, a.normal.x);
             points.push(foot + along.dot(&target) * along);
-            let half = (reach * reach - a.bound * a.bound).sqrt();
+            let half = (reach * reach - a.boundary_distance * a.boundary_distance).sqrt();
             points.extend([foot + half * along, foot - half * along]);
             points.extend([reach * a.normal, -reach * a.normal]);
             for b in &lines[..i] {
@@ -144,53 +154,55 @@ mod tests {
 
         #[test]
         fn result_is_nearest_permitted_or_least_violating(
-            x in -2.0..2.0f64, y in -2.0..2.0f64, reach in 0.1..1.5f64, sides in sides(),
+            x in -2.0..2.0f64, y in -2.0..2.0f64, reach in 0.1..1.5f64, sides in half_planes(),
         ) {
             let target = Vec2::new(x, y);
-            let found = nearest_permitted(target, reach, &sides, 0);
+            let found = nearest_permitted_velocity(target, reach, &sides, 0);
             prop_assert!(found.norm() <= reach + 1e-9);
-            let points = candidates(target, reach, &sides);
-            let permitted = points.iter().filter(|u| missed(**u, &sides) <= 1e-10);
+            let points = candidate_points(target, reach, &sides);
+            let permitted = points.iter().filter(|u| max_violation(**u, &sides) <= 1e-10);
             let nearest = permitted.map(|u| (u - target).norm()).reduce(f64::min);
             if let Some(nearest) = nearest {
-                prop_assert!(missed(found, &sides) < 1e-7, "{found:?}");
+                prop_assert!(max_violation(found, &sides) < 1e-7, "{found:?}");
                 prop_assert!((found - target).norm() < nearest + 1e-6, "{found:?}, {nearest}");
             } else {
                 // No point of a fine grid of the disc has a smaller violation.
-                let least = missed(found, &sides);
+                let least = max_violation(found, &sides);
                 for k in 0..4000 {
                     let (angle, share) = (f64::from(k) * 0.618_034 * TAU, f64::from(k) / 3999.0);
                     let u = reach * share.sqrt() * Vec2::new(angle.cos(), angle.sin());
-                    prop_assert!(least <= missed(u, &sides) + 1e-9, "{found:?}: {least}, {u:?}");
+                    prop_assert!(least <= max_violation(u, &sides) + 1e-9, "{found:?}: {least}, {u:?}");
                 }
             }
         }
 
         #[test]
         fn rigid_sides_are_not_relaxed_while_feasible(
-            walls in proptest::collection::vec((-3.2..3.2f64, 0.0..0.5f64), 1..4), others in sides(),
+            walls in proptest::collection::vec((-3.2..3.2f64, 0.0..0.5f64), 1..4), others in half_planes(),
         ) {
-            let wall = |(angle, bound): (f64, f64)| HalfPlane {
+            let wall = |(angle, boundary_distance): (f64, f64)| HalfPlane {
                 normal: Vec2::new(angle.cos(), angle.sin()),
-                bound,
+                boundary_distance,
             };
             let rigid = walls.len();
             let sides: Vec<HalfPlane> = walls.into_iter().map(wall).chain(others).collect();
-            let found = nearest_permitted(Vec2::new(0.7, 0.1), 1.0, &sides, rigid);
-            prop_assert!(missed(found, &sides[..rigid]) < 1e-9, "{found:?}");
+            let found = nearest_permitted_velocity(Vec2::new(0.7, 0.1), 1.0, &sides, rigid);
+            prop_assert!(max_violation(found, &sides[..rigid]) < 1e-9, "{found:?}");
         }
     }
 
     #[test]
     fn three_infeasible_sides_are_relaxed_equally() {
-        let side =
-            |angle: f64| HalfPlane { normal: Vec2::new(angle.cos(), angle.sin()), bound: -0.3 };
+        let side = |angle: f64| HalfPlane {
+            normal: Vec2::new(angle.cos(), angle.sin()),
+            boundary_distance: -0.3,
+        };
         let sides = [0.1, 0.1 + TAU / 3.0, 0.1 - TAU / 3.0].map(side);
-        let found = nearest_permitted(Vec2::new(1.0, 0.0), 1.0, &sides, 0);
+        let found = nearest_permitted_velocity(Vec2::new(1.0, 0.0), 1.0, &sides, 0);
         assert!(found.norm() < 1e-12, "{found:?}");
         // An unreachable rigid side is relaxed as well.
-        let beyond = HalfPlane { normal: Vec2::new(1.0, 0.0), bound: -1.5 };
-        let found = nearest_permitted(Vec2::zeros(), 1.0, &[beyond], 1);
+        let beyond = HalfPlane { normal: Vec2::new(1.0, 0.0), boundary_distance: -1.5 };
+        let found = nearest_permitted_velocity(Vec2::zeros(), 1.0, &[beyond], 1);
         assert!((found - Vec2::new(1.0, 0.0)).norm() < 1e-12, "{found:?}");
     }
 }

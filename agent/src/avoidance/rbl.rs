@@ -38,156 +38,163 @@ use std::f64::consts::FRAC_PI_2;
 use formation::Vec2;
 use formation::front_point::rotate;
 use formation::portable_math;
-use protocol::avoidance::{AvoidanceDescription, Conditions, Gain};
+use protocol::avoidance::{AvoidanceDescription, Gain, MethodConditions};
 
-use super::cone::{ROUNDING_M, direction};
-use super::holonomic::{HOLONOMIC, Holonomic, Velocity, advise_rate};
+use super::cone::{ROUNDING_MARGIN_M, direction};
+use super::holonomic::{HOLONOMIC_DESCRIPTION, Holonomic, VelocityMethod, advise_rate};
 use super::polygon::HalfPlane;
 use super::{AvoidanceRow, Sample, clip};
 
 /// Distance within which a robot counts as being at c, in d (d_1 and d_3 of the paper).
-const AT_CENTROID: f64 = 0.25;
+const CENTROID_REACHED_DISTANCE: f64 = 0.25;
 /// Distance beyond which the two centroids count as far apart, in d (d_2 and d_4 of the paper).
-const FAR_APART: f64 = 1.0;
+const CENTROIDS_APART_DISTANCE: f64 = 1.0;
 /// Rate of decrease of beta, in d per second, and its minimum, in d.
-const SPREAD_FALL_PER_S: f64 = 2.5;
+const SPREAD_DECREASE_PER_S: f64 = 2.5;
 const SPREAD_MIN: f64 = 0.1875;
 /// Rate at which beta returns to its nominal value, 1/s.
 const SPREAD_RETURN_PER_S: f64 = 1.0;
 /// Rotation speed of the goal, rad/s.
-const TURN_RAD_S: f64 = 1.0;
+const GOAL_ROTATION_RAD_S: f64 = 1.0;
 /// Number of grid points along r_s.
-const GRID_POINTS: i32 = 12;
+const GRID_POINTS_PER_RADIUS: i32 = 12;
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "rbl",
         source: "arXiv 2310.19511",
-        promises: "d, if `approach_per_s` times the period is at most 1/2, and arrival near the goals; \
+        guarantee_text: "d, if `approach_per_s` times the period is at most 1/2, and arrival near the goals; \
                    a robot stays off its goal while others are near it",
-        assumes: "every robot uses it, senses positions exactly and moves at once as chosen; no delay, \
+        assumptions_text: "every robot uses it, senses positions exactly and moves at once as chosen; no delay, \
                   no inertia; goals farther apart than cells",
         sensing_radius_m,
         gains: &[
-            Gain::required(
+            Gain::new(
                 "cell_radius_m",
                 "r_s, maximum radius of the cell around a robot, in which its next \
                                              position lies, in m",
             ),
-            Gain::required(
+            Gain::new(
                 "spread_m",
                 "beta, length over which the weights of the points of the cell decrease \
                                         with the distance from the goal, in m",
             ),
-            Gain::required(
+            Gain::new(
                 "approach_per_s",
                 "k, rate at which a robot approaches the weighted centroid of its \
                                               cell, in 1/s",
             ),
         ],
         // Two robots that each use up the whole slack come closer than d.
-        advice: |at| advise_rate(at, "approach_per_s", 0.5),
-        ..HOLONOMIC
+        find_warning: |at| advise_rate(at, "approach_per_s", 0.5),
+        ..HOLONOMIC_DESCRIPTION
     },
     build: |brief, gains| {
         let (d, r_s) = (brief.avoidance.distance_min_m, gains.get("cell_radius_m"));
         let spread = gains.get("spread_m");
         let rbl = Rbl {
-            d: d + ROUNDING_M,
-            clearance: brief.avoidance.clearance_m + ROUNDING_M,
+            distance_min: d + ROUNDING_MARGIN_M,
+            clearance: brief.avoidance.clearance_m + ROUNDING_MARGIN_M,
             v_max: brief.avoidance.speed_max_m_s,
             period: brief.period_ns as f64 / 1e9,
-            k: gains.get("approach_per_s"),
-            spread_wanted: spread,
+            approach_rate: gains.get("approach_per_s"),
+            nominal_spread: spread,
             spread,
-            theta: 0.0,
-            disc: grid(r_s),
-            cell: Vec::new(),
-            sides: Vec::new(),
+            goal_rotation_rad: 0.0,
+            disc_points: disc_grid_points(r_s),
+            cell_points: Vec::new(),
+            half_planes: Vec::new(),
         };
         Box::new(Holonomic::new(brief, rbl))
     },
 };
 
 /// Returns the distance, m, beyond which the cell of no other robot, and no wall, touches the robot's cell.
-fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
+fn sensing_radius_m(at: &MethodConditions<'_>) -> f64 {
     let Some(r_s) = at.avoidance.gains.get("cell_radius_m") else { return 0.0 };
     let others = (2.0 * r_s).max(r_s + at.avoidance.distance_min_m);
-    others.max(r_s + at.avoidance.clearance_m) + at.distance_error_m()
+    others.max(r_s + at.avoidance.clearance_m) + at.distance_error_max_m()
 }
 
 /// Returns the grid points of a disc around the robot, relative to it, m.
-fn grid(r_s: f64) -> Vec<Vec2> {
-    let step = r_s / f64::from(GRID_POINTS);
+fn disc_grid_points(r_s: f64) -> Vec<Vec2> {
+    let step = r_s / f64::from(GRID_POINTS_PER_RADIUS);
     let row = |i: i32| {
-        (-GRID_POINTS..=GRID_POINTS).map(move |j| step * Vec2::new(f64::from(i), f64::from(j)))
+        (-GRID_POINTS_PER_RADIUS..=GRID_POINTS_PER_RADIUS)
+            .map(move |j| step * Vec2::new(f64::from(i), f64::from(j)))
     };
-    (-GRID_POINTS..=GRID_POINTS).flat_map(row).filter(|q| q.norm() <= r_s).collect()
+    (-GRID_POINTS_PER_RADIUS..=GRID_POINTS_PER_RADIUS)
+        .flat_map(row)
+        .filter(|q| q.norm() <= r_s)
+        .collect()
 }
 
 /// RBL method of one robot.
 struct Rbl {
-    d: f64,
+    distance_min: f64,
     clearance: f64,
     v_max: f64,
     /// Control period (T), s.
     period: f64,
     /// Approach rate (k), 1/s.
-    k: f64,
+    approach_rate: f64,
     /// Nominal and current beta, m.
-    spread_wanted: f64,
+    nominal_spread: f64,
     spread: f64,
-    theta: f64,
-    disc: Vec<Vec2>,
-    cell: Vec<Vec2>,
-    sides: Vec<HalfPlane>,
+    goal_rotation_rad: f64,
+    disc_points: Vec<Vec2>,
+    cell_points: Vec<Vec2>,
+    half_planes: Vec<HalfPlane>,
 }
 
-impl Velocity for Rbl {
-    fn velocity(&mut self, sample: &Sample<'_>, _: Vec2) -> Option<Vec2> {
+impl VelocityMethod for Rbl {
+    fn choose_velocity(&mut self, sample: &Sample<'_>, _: Vec2) -> Option<Vec2> {
         let goal = -sample.error.unwrap_or_default();
-        let turned = rotate(-self.theta, goal);
-        self.collect_cell(sample);
+        let turned = rotate(-self.goal_rotation_rad, goal);
+        self.collect_cell_points(sample);
         let beta = self.spread;
-        let c = centroid(&self.cell, turned, beta);
-        let c_0 = centroid(&self.disc, turned, beta);
-        let blocked = (c - c_0).norm() > FAR_APART * self.d && c.norm() < AT_CENTROID * self.d;
+        let c = centroid(&self.cell_points, turned, beta);
+        let c_0 = centroid(&self.disc_points, turned, beta);
+        let blocked = (c - c_0).norm() > CENTROIDS_APART_DISTANCE * self.distance_min
+            && c.norm() < CENTROID_REACHED_DISTANCE * self.distance_min;
         let rate = match blocked {
-            true => -SPREAD_FALL_PER_S * self.d, // (8)
-            false => SPREAD_RETURN_PER_S * (self.spread_wanted - beta),
+            true => -SPREAD_DECREASE_PER_S * self.distance_min, // (8)
+            false => SPREAD_RETURN_PER_S * (self.nominal_spread - beta),
         };
-        let least = (SPREAD_MIN * self.d).min(self.spread_wanted);
+        let least = (SPREAD_MIN * self.distance_min).min(self.nominal_spread);
         self.spread = (beta + self.period * rate).max(least);
-        let turn = TURN_RAD_S * self.period;
-        self.theta = match blocked {
-            true => (self.theta + turn).min(FRAC_PI_2), // (9)
-            false => (self.theta - turn).max(0.0),
+        let turn = GOAL_ROTATION_RAD_S * self.period;
+        self.goal_rotation_rad = match blocked {
+            true => (self.goal_rotation_rad + turn).min(FRAC_PI_2), // (9)
+            false => (self.goal_rotation_rad - turn).max(0.0),
         };
-        if self.theta == FRAC_PI_2 && centroid(&self.cell, goal, beta).norm() > c.norm() {
-            self.theta = 0.0; // (10)
+        if self.goal_rotation_rad == FRAC_PI_2
+            && centroid(&self.cell_points, goal, beta).norm() > c.norm()
+        {
+            self.goal_rotation_rad = 0.0; // (10)
         }
-        Some(clip(self.k * c, self.v_max))
+        Some(clip(self.approach_rate * c, self.v_max))
     }
 }
 
 impl Rbl {
     /// Collects the grid points of the disc that belong to the cell.
-    fn collect_cell(&mut self, sample: &Sample<'_>) {
-        let (d, clearance) = (self.d, self.clearance);
-        let others = sample.away.iter().map(|z| {
+    fn collect_cell_points(&mut self, sample: &Sample<'_>) {
+        let (d, clearance) = (self.distance_min, self.clearance);
+        let others = sample.neighbor_vectors.iter().map(|z| {
             let r = z.norm();
-            HalfPlane { normal: direction(*z), bound: (0.5 * r).min(r - d) }
+            HalfPlane { normal: direction(*z), boundary_distance: (0.5 * r).min(r - d) }
         });
         let walls = sample
-            .walls
+            .wall_vectors
             .iter()
-            .map(|z| HalfPlane { normal: direction(*z), bound: z.norm() - clearance });
-        self.sides.clear();
-        self.sides.extend(others.chain(walls));
-        let sides = &self.sides;
+            .map(|z| HalfPlane { normal: direction(*z), boundary_distance: z.norm() - clearance });
+        self.half_planes.clear();
+        self.half_planes.extend(others.chain(walls));
+        let sides = &self.half_planes;
         let within = |q: &&Vec2| sides.iter().all(|side| side.violation_m_s(**q) <= 0.0);
-        self.cell.clear();
-        self.cell.extend(self.disc.iter().filter(within));
+        self.cell_points.clear();
+        self.cell_points.extend(self.disc_points.iter().filter(within));
     }
 }
 

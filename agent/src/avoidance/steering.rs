@@ -14,8 +14,8 @@
 //! Where g is slower than 1 % of the speed limit its direction is noise, and the robot turns less. At its goal a robot
 //! turns in place to its final heading, if it has one: y = 0, so no half-plane of the guard limits it.
 //!
-//! An omnidirectional robot moves exactly by the displacement, and turns to its final heading on the way: y = R(-theta -
-//! w T/2) g / sinc(w T/2).
+//! An omnidirectional robot moves exactly by the displacement, and turns to its final heading on the way: y = R(-theta
+//! - w T/2) g / sinc(w T/2).
 //!
 //! An addition to the chapter, which names the control of the axle midpoint as future work.
 
@@ -29,11 +29,12 @@ use formation::pose::{Twist, wrap_angle};
 use formation::unicycle::sinc;
 use protocol::brief::AgentBrief;
 
+use super::car_steering::{CarSteering, DesiredCarMotion};
 use super::{Sample, exact_hold};
 
 /// Gain k of the direction error, 1/s, and its maximum as a fraction of 1/T.
 const DIRECTION_GAIN_PER_S: f64 = 10.0;
-const DIRECTION_GAIN_PERIODS: f64 = 0.5;
+const DIRECTION_GAIN_PERIODS_MAX: f64 = 0.5;
 /// Angle beyond a right angle at which the gear changes, rad.
 const GEAR_HYSTERESIS_RAD: f64 = 0.3;
 /// Time constant of the smoothed turn rate of g, s.
@@ -41,11 +42,11 @@ const TURN_SMOOTHING_S: f64 = 0.02;
 /// Maximum step of the angle of g that counts as a turn and not as a jump, rad.
 const TURN_STEP_RAD_MAX: f64 = 0.35;
 /// Speed below which the direction of g counts less, as a fraction of the speed limit.
-const SLOW_SHARE: f64 = 0.01;
+const SLOW_SPEED_FRACTION: f64 = 0.01;
 /// Distance from the goal at which a robot begins to turn to its final heading, as a fraction of d, and the factor by
 /// which it may then be pushed off before it drives again.
-const ARRIVED_FRACTION: f64 = 0.005;
-const ARRIVED_HYSTERESIS: f64 = 2.0;
+const ARRIVAL_DISTANCE_FRACTION: f64 = 0.005;
+const ARRIVAL_HYSTERESIS_FACTOR: f64 = 2.0;
 
 /// Steering of one robot.
 pub struct Steering {
@@ -53,23 +54,25 @@ pub struct Steering {
     /// Control period (T), s.
     period_s: f64,
     /// Speed below which the direction of g counts less, m/s.
-    slow_m_s: f64,
-    gain_per_s: f64,
+    slow_speed_m_s: f64,
+    direction_gain_per_s: f64,
     /// Maximum turn acceleration (a_w), rad/s^2; infinite without inertia.
-    turn_acceleration_rad_s2: f64,
+    turn_acceleration_max_rad_s2: f64,
     /// `true` if the robot drives forward only, as a leader whose heading is that of its path.
-    forward_only: bool,
+    drives_forward_only: bool,
     final_heading_rad: Option<f64>,
     /// Distance from the goal within which the robot turns to its final heading, m.
-    arrived_m: f64,
+    arrival_distance_m: f64,
     /// `true` while the robot turns to its final heading.
-    turns_in_place: bool,
+    is_turning_in_place: bool,
     /// `true` in reverse gear.
-    reverse: bool,
+    is_in_reverse: bool,
     /// Stamp, ns, and angle of g at the previous sample, rad.
     previous_direction: Option<(u64, f64)>,
     /// Smoothed turn rate of g (w_g), rad/s.
-    turn_rad_s: f64,
+    direction_turn_rate_rad_s: f64,
+    /// Gear of a car. Unused by other drives.
+    car_steering: CarSteering,
 }
 
 impl Steering {
@@ -79,18 +82,19 @@ impl Steering {
         Steering {
             drive: brief.drive(),
             period_s,
-            slow_m_s: if v_max.is_finite() { SLOW_SHARE * v_max } else { 0.0 },
-            gain_per_s: DIRECTION_GAIN_PER_S.min(DIRECTION_GAIN_PERIODS / period_s),
-            turn_acceleration_rad_s2: brief
+            slow_speed_m_s: if v_max.is_finite() { SLOW_SPEED_FRACTION * v_max } else { 0.0 },
+            direction_gain_per_s: DIRECTION_GAIN_PER_S.min(DIRECTION_GAIN_PERIODS_MAX / period_s),
+            turn_acceleration_max_rad_s2: brief
                 .limits
                 .map_or(f64::INFINITY, |limits| limits.turn_acceleration_rad_s2),
-            forward_only: brief.lead.as_ref().is_some_and(|lead| !lead.keep_heading),
+            drives_forward_only: brief.lead.as_ref().is_some_and(|lead| !lead.keep_heading),
             final_heading_rad: brief.goal_heading_rad,
-            arrived_m: ARRIVED_FRACTION * brief.avoidance.distance_min_m,
-            turns_in_place: false,
-            reverse: false,
+            arrival_distance_m: ARRIVAL_DISTANCE_FRACTION * brief.avoidance.distance_min_m,
+            is_turning_in_place: false,
+            is_in_reverse: false,
             previous_direction: None,
-            turn_rad_s: 0.0,
+            direction_turn_rate_rad_s: 0.0,
+            car_steering: CarSteering::default(),
         }
     }
 
@@ -104,8 +108,14 @@ impl Steering {
     pub fn displacement_to_twist(&self, heading_rad: f64, displacement: Vec2) -> Twist {
         let u = displacement / self.period_s; // g
         match (self.drive.kind, self.drive.turns_freely()) {
-            (DriveKind::Omni, _) => self.slide(heading_rad, u),
-            (DriveKind::Differential, true) => self.towards(heading_rad, u, 0.0, self.reverse),
+            (DriveKind::Omni, _) => self.omnidirectional_twist(heading_rad, u),
+            (DriveKind::Differential, true) => {
+                self.twist_towards(heading_rad, u, 0.0, self.is_in_reverse)
+            }
+            (DriveKind::Ackermann, _) => {
+                let twist = self.twist_towards(heading_rad, u, 0.0, self.is_in_reverse);
+                self.drive.along_curve(twist, twist.v_m_s)
+            }
             (DriveKind::Differential, false) => {
                 exact_hold(heading_rad, self.drive.ell_m, displacement, self.period_s)
             }
@@ -113,19 +123,20 @@ impl Steering {
     }
 
     /// Returns the twist of an omnidirectional robot that moves by u T within one period.
-    fn slide(&self, heading_rad: f64, u: Vec2) -> Twist {
+    fn omnidirectional_twist(&self, heading_rad: f64, u: Vec2) -> Twist {
         let most = self.drive.turn_rate_max_rad_s;
         let turn =
             |final_rad: f64| self.heading_correction_rate(wrap_angle(final_rad - heading_rad));
         let w_rad_s = self.final_heading_rad.map_or(0.0, turn).clamp(-most, most);
         let half_turn = 0.5 * w_rad_s * self.period_s;
-        self.drive.twist(rotate(-heading_rad - half_turn, u) / sinc(half_turn), w_rad_s)
+        self.drive
+            .twist_for_velocity(rotate(-heading_rad - half_turn, u) / sinc(half_turn), w_rad_s)
     }
 
     /// Returns the twist that moves the controlled point by `displacement`, m, within one period, in answer to
     /// `sample`. `gamma` is the nominal velocity, m/s: a robot that avoids another does not turn to its final heading.
     pub fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2, displacement: Vec2) -> Twist {
-        let heading_rad = sample.heading_effect_rad;
+        let heading_rad = sample.heading_at_effect_rad;
         if !self.drive.moves_along_heading() {
             return self.displacement_to_twist(heading_rad, displacement);
         }
@@ -138,18 +149,29 @@ impl Steering {
             return Twist::ZERO;
         }
         let angle_rad = portable_math::atan2(u.y, u.x);
-        self.observe_turn(sample.stamp_ns, angle_rad);
-        let off_rad = wrap_angle(angle_rad - heading_rad - if self.reverse { PI } else { 0.0 });
-        if self.forward_only {
-            self.reverse = false;
-        } else if off_rad.abs() > FRAC_PI_2 + GEAR_HYSTERESIS_RAD {
-            self.reverse = !self.reverse;
+        self.update_direction_turn_rate(sample.stamp_ns, angle_rad);
+        if self.drive.is_car() {
+            let desired = DesiredCarMotion {
+                velocity: u,
+                direction_gain_per_s: self.direction_gain_per_s,
+                direction_turn_rate_rad_s: self.direction_turn_rate_rad_s,
+                slow_speed_m_s: self.slow_speed_m_s,
+                drives_forward_only: self.drives_forward_only,
+            };
+            return self.car_steering.steer(self.drive, sample, &desired);
         }
-        self.towards(heading_rad, u, self.turn_rad_s, self.reverse)
+        let off_rad =
+            wrap_angle(angle_rad - heading_rad - if self.is_in_reverse { PI } else { 0.0 });
+        if self.drives_forward_only {
+            self.is_in_reverse = false;
+        } else if off_rad.abs() > FRAC_PI_2 + GEAR_HYSTERESIS_RAD {
+            self.is_in_reverse = !self.is_in_reverse;
+        }
+        self.twist_towards(heading_rad, u, self.direction_turn_rate_rad_s, self.is_in_reverse)
     }
 
     /// Returns the twist towards `u` in this gear, if the direction of `u` turns at `turn_rad_s`.
-    fn towards(&self, heading_rad: f64, u: Vec2, turn_rad_s: f64, reverse: bool) -> Twist {
+    fn twist_towards(&self, heading_rad: f64, u: Vec2, turn_rad_s: f64, reverse: bool) -> Twist {
         let speed = u.norm();
         if speed == 0.0 {
             return Twist::ZERO;
@@ -157,7 +179,7 @@ impl Steering {
         let (gear, ahead) = if reverse { (-1.0, -u) } else { (1.0, u) };
         let off_rad = wrap_angle(portable_math::atan2(ahead.y, ahead.x) - heading_rad);
         let half_s = 0.5 * self.period_s;
-        let weight = if speed < self.slow_m_s { speed / self.slow_m_s } else { 1.0 };
+        let weight = if speed < self.slow_speed_m_s { speed / self.slow_speed_m_s } else { 1.0 };
         let correction = self.heading_correction_rate(off_rad - turn_rad_s * half_s);
         let most = self.drive.turn_rate_max_rad_s;
         let w_rad_s = (weight * (correction + turn_rad_s)).clamp(-most, most);
@@ -167,25 +189,26 @@ impl Steering {
 
     /// Returns the turn rate that corrects a heading error, rad/s, from which the robot can stop turning in time.
     fn heading_correction_rate(&self, off_rad: f64) -> f64 {
-        let turn = self.gain_per_s * off_rad;
-        if self.turn_acceleration_rad_s2 == f64::INFINITY {
+        let turn = self.direction_gain_per_s * off_rad;
+        if self.turn_acceleration_max_rad_s2 == f64::INFINITY {
             return turn;
         }
-        let stoppable = (self.turn_acceleration_rad_s2 * off_rad.abs()).sqrt();
+        let stoppable = (self.turn_acceleration_max_rad_s2 * off_rad.abs()).sqrt();
         turn.clamp(-stoppable, stoppable)
     }
 
     /// Updates the turn rate of g with its angle at a new sample.
-    fn observe_turn(&mut self, stamp_ns: u64, angle_rad: f64) {
+    fn update_direction_turn_rate(&mut self, stamp_ns: u64, angle_rad: f64) {
         let before = self.previous_direction.replace((stamp_ns, angle_rad));
         let Some((then_ns, was_rad)) = before else {
-            self.turn_rad_s = 0.0;
+            self.direction_turn_rate_rad_s = 0.0;
             return;
         };
         let dt = stamp_ns.saturating_sub(then_ns) as f64 / 1e9;
         let step_rad = wrap_angle(angle_rad - was_rad);
         if dt > 0.0 && step_rad.abs() <= TURN_STEP_RAD_MAX {
-            self.turn_rad_s += (step_rad / dt - self.turn_rad_s) * (dt / (dt + TURN_SMOOTHING_S));
+            self.direction_turn_rate_rad_s +=
+                (step_rad / dt - self.direction_turn_rate_rad_s) * (dt / (dt + TURN_SMOOTHING_S));
         }
     }
 
@@ -193,15 +216,17 @@ impl Steering {
     fn turn_in_place(&mut self, sample: &Sample<'_>, gamma: Vec2, u: Vec2) -> Option<Twist> {
         let final_rad = self.final_heading_rad?;
         let off_m = sample.error?.norm();
-        let within = if self.turns_in_place { ARRIVED_HYSTERESIS } else { 1.0 } * self.arrived_m;
-        let free = (u - gamma).norm() <= self.slow_m_s || u.norm() <= self.slow_m_s;
-        self.turns_in_place = off_m < within && free;
-        if !self.turns_in_place {
+        let within = if self.is_turning_in_place { ARRIVAL_HYSTERESIS_FACTOR } else { 1.0 }
+            * self.arrival_distance_m;
+        let free = (u - gamma).norm() <= self.slow_speed_m_s || u.norm() <= self.slow_speed_m_s;
+        self.is_turning_in_place = off_m < within && free;
+        if !self.is_turning_in_place {
             return None;
         }
         self.previous_direction = None;
         let most = self.drive.turn_rate_max_rad_s;
-        let turn = self.heading_correction_rate(wrap_angle(final_rad - sample.heading_effect_rad));
+        let turn =
+            self.heading_correction_rate(wrap_angle(final_rad - sample.heading_at_effect_rad));
         Some(Twist::new(0.0, turn.clamp(-most, most)))
     }
 }
@@ -211,13 +236,13 @@ mod tests {
     use super::super::guard::tests::brief;
     use super::*;
     use formation::pose::Pose;
-    use formation::unicycle::arc;
+    use formation::unicycle::integrate_arc;
     use proptest::prelude::*;
 
-    const T: f64 = 0.01;
+    const PERIOD_S: f64 = 0.01;
 
     /// Returns the steering of a robot at its axle midpoint: w_max = 4 rad/s, v_max = 0.5 m/s, T = 10 ms.
-    fn axle(change: impl FnOnce(&mut AgentBrief)) -> Steering {
+    fn axle_steering(change: impl FnOnce(&mut AgentBrief)) -> Steering {
         let mut brief = brief();
         (brief.front_point_m, brief.turn_rate_max_rad_s) = (0.0, Some(4.0));
         change(&mut brief);
@@ -227,11 +252,16 @@ mod tests {
     fn sample(step: u64, pose: Pose, error: Vec2) -> Sample<'static> {
         let stamp_ns = step * 10_000_000;
         let heading_effect_rad = pose.heading_rad;
-        Sample { stamp_ns, heading_effect_rad, error: Some(error), ..Sample::default() }
+        Sample {
+            stamp_ns,
+            heading_at_effect_rad: heading_effect_rad,
+            error: Some(error),
+            ..Sample::default()
+        }
     }
 
     /// Drives for `steps` periods with the wanted velocity `g(t, position)`. Returns the poses.
-    fn drive(
+    fn simulate_drive(
         steering: &mut Steering,
         start: Pose,
         steps: u64,
@@ -241,10 +271,10 @@ mod tests {
         let mut path = vec![pose];
         for step in 0..steps {
             let at = Vec2::new(pose.x_m, pose.y_m);
-            let u = g(step as f64 * T, at);
-            let twist = steering.steer(&sample(step, pose, at), u, u * T);
+            let u = g(step as f64 * PERIOD_S, at);
+            let twist = steering.steer(&sample(step, pose, at), u, u * PERIOD_S);
             assert!(twist.w_rad_s.abs() <= 4.0 && twist.v_m_s.abs() <= u.norm() + 1e-15);
-            pose = arc(pose, twist, T);
+            pose = integrate_arc(pose, twist, PERIOD_S);
             path.push(pose);
         }
         path
@@ -255,23 +285,26 @@ mod tests {
         // m(t) on a circle of 0.5 m at 0.3 m/s, with g = m' - 2 (alpha - m).
         let m = |t: f64| 0.5 * Vec2::new((0.6 * t).cos(), (0.6 * t).sin());
         let rate = |t: f64| 0.3 * Vec2::new(-(0.6 * t).sin(), (0.6 * t).cos());
-        let mut steering = axle(|_| {});
+        let mut steering = axle_steering(|_| {});
         let start = Pose { x_m: 0.3, y_m: -0.2, heading_rad: 0.0 };
-        let path = drive(&mut steering, start, 2000, |t, at| rate(t + 0.5 * T) - 2.0 * (at - m(t)));
-        let error = |k: usize| (Vec2::new(path[k].x_m, path[k].y_m) - m(k as f64 * T)).norm();
+        let path = simulate_drive(&mut steering, start, 2000, |t, at| {
+            rate(t + 0.5 * PERIOD_S) - 2.0 * (at - m(t))
+        });
+        let error =
+            |k: usize| (Vec2::new(path[k].x_m, path[k].y_m) - m(k as f64 * PERIOD_S)).norm();
         let worst = (1500..=2000).map(error).fold(0.0, f64::max);
         assert!(worst < 2e-5, "{worst}");
     }
 
     #[test]
     fn goal_behind_an_axle_is_reached_in_reverse_gear() {
-        let mut steering = axle(|_| {});
+        let mut steering = axle_steering(|_| {});
         let start = Pose { x_m: 0.4, y_m: 0.05, heading_rad: 0.0 };
-        let path = drive(&mut steering, start, 1000, |_, at| -at);
+        let path = simulate_drive(&mut steering, start, 1000, |_, at| -at);
         assert!(path.iter().all(|pose| pose.heading_rad.abs() < 1.0), "it does not turn around");
         let end = path.last().unwrap();
         assert!(end.x_m.hypot(end.y_m) < 1e-4, "{end:?}");
-        let mut leader = axle(|brief| {
+        let mut leader = axle_steering(|brief| {
             let lead = protocol::brief::LeadBrief {
                 scale: formation::scale::Scale::CONSTANT_ONE,
                 trajectory: formation::trajectory::Trajectory::Still { center_m: [0.0, 0.0] },
@@ -279,16 +312,16 @@ mod tests {
             };
             brief.lead = Some(lead);
         });
-        let path = drive(&mut leader, start, 1000, |_, at| -at);
+        let path = simulate_drive(&mut leader, start, 1000, |_, at| -at);
         assert!(path.iter().any(|pose| pose.heading_rad.abs() > 2.5), "a leader turns around");
     }
 
     #[test]
     fn robot_at_its_goal_turns_in_place_to_its_final_heading() {
         for accelerates in [false, true] {
-            let mut steering = axle(|brief| {
+            let mut steering = axle_steering(|brief| {
                 brief.goal_heading_rad = Some(-2.0);
-                brief.limits = accelerates.then_some(protocol::brief::LimitsBrief {
+                brief.limits = accelerates.then_some(protocol::brief::AccelerationLimitsBrief {
                     acceleration_m_s2: 1.0,
                     turn_acceleration_rad_s2: 2.0,
                     braking_time_s: 0.5,
@@ -296,7 +329,7 @@ mod tests {
                 });
             });
             let start = Pose { x_m: 0.2, y_m: 0.1, heading_rad: 0.5 };
-            let path = drive(&mut steering, start, 1500, |_, at| -at);
+            let path = simulate_drive(&mut steering, start, 1500, |_, at| -at);
             let end = path.last().unwrap();
             assert!(end.x_m.hypot(end.y_m) < 2e-3, "{end:?}");
             assert!(wrap_angle(end.heading_rad + 2.0).abs() < 1e-3, "{end:?}");
@@ -309,16 +342,16 @@ mod tests {
             heading_rad in -3.1..3.1f64, final_rad in -3.1..3.1f64, course in -3.1..3.1f64,
             speed in 0.0..0.4f64,
         ) {
-            let mut steering = axle(|brief| {
+            let mut steering = axle_steering(|brief| {
                 brief.drive_kind = DriveKind::Omni;
                 brief.goal_heading_rad = Some(final_rad);
             });
             let mut pose = Pose { x_m: 0.3, y_m: -0.7, heading_rad };
             let u = speed * Vec2::new(course.cos(), course.sin());
             for step in 0..200 {
-                let end = arc(pose, steering.steer(&sample(step, pose, u), u, u * T), T);
+                let end = integrate_arc(pose, steering.steer(&sample(step, pose, u), u, u * PERIOD_S), PERIOD_S);
                 let moved = Vec2::new(end.x_m - pose.x_m, end.y_m - pose.y_m);
-                prop_assert!((moved - u * T).norm() < 1e-12, "{moved:?}");
+                prop_assert!((moved - u * PERIOD_S).norm() < 1e-12, "{moved:?}");
                 pose = end;
             }
             prop_assert!(wrap_angle(pose.heading_rad - final_rad).abs() < 1e-3, "{pose:?}");
@@ -327,10 +360,10 @@ mod tests {
 
     #[test]
     fn robot_that_avoids_another_does_not_turn_in_place() {
-        let mut steering = axle(|brief| brief.goal_heading_rad = Some(2.0));
+        let mut steering = axle_steering(|brief| brief.goal_heading_rad = Some(2.0));
         let pose = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 };
         let at = sample(0, pose, Vec2::zeros());
-        let aside = Vec2::new(0.2, 0.0) * T;
+        let aside = Vec2::new(0.2, 0.0) * PERIOD_S;
         assert_eq!(steering.steer(&at, Vec2::zeros(), Vec2::zeros()).v_m_s, 0.0);
         assert!((steering.steer(&at, Vec2::zeros(), aside).v_m_s - 0.2).abs() < 1e-12);
     }
@@ -341,12 +374,12 @@ mod tests {
         fn aligned_axle_moves_by_the_displacement(
             heading_rad in -3.1..3.1f64, speed in -0.4..0.4f64,
         ) {
-            let mut steering = axle(|_| {});
+            let mut steering = axle_steering(|_| {});
             let pose = Pose { x_m: 0.3, y_m: -0.7, heading_rad };
             let u = speed * Vec2::new(heading_rad.cos(), heading_rad.sin());
-            let end = arc(pose, steering.steer(&sample(0, pose, u), u, u * T), T);
+            let end = integrate_arc(pose, steering.steer(&sample(0, pose, u), u, u * PERIOD_S), PERIOD_S);
             let moved = Vec2::new(end.x_m - pose.x_m, end.y_m - pose.y_m);
-            prop_assert!((moved - u * T).norm() < 1e-12, "{moved:?}");
+            prop_assert!((moved - u * PERIOD_S).norm() < 1e-12, "{moved:?}");
         }
     }
 }

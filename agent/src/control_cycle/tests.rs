@@ -5,65 +5,65 @@ use std::convert::Infallible;
 use formation::Vec2;
 use protocol::brief::Pace;
 use protocol::fault::{SlowFault, Span};
-use protocol::law_message::MessageFormat;
-use protocol::message::{Contact, LatencyRow};
+use protocol::law_message::{Broadcast, MessageFormat};
+use protocol::message::{Beacon, LatencyRow, ReceptionState};
 
 use super::*;
 use crate::controller::Parts;
 use crate::laws::{Law, SignalValues, Situation};
-use crate::testing::{MS, START_NS, beacon, brief, odometry};
+use crate::testing::{NS_PER_MS, START_NS, beacon, brief, odometry};
 
 /// Creates the robot of the brief with these changes.
-fn robot(change: impl FnOnce(&mut AgentBrief)) -> ControlCycle {
+fn control_cycle_with(change: impl FnOnce(&mut AgentBrief)) -> ControlCycle {
     let mut brief = brief();
     change(&mut brief);
     let controller = Controller::new(&brief, 3).unwrap();
     ControlCycle::new(brief, controller, START_NS)
 }
 
-fn lockstep(brief: &mut AgentBrief) {
+fn set_lockstep(brief: &mut AgentBrief) {
     brief.pace = Pace::Lockstep;
 }
 
 /// Makes a robot need `delay_ns` for each answer.
-fn slow(brief: &mut AgentBrief, delay_ns: u64) {
-    brief.slow = vec![SlowFault { span: Span { from_ns: 0, until_ns: Span::END_NS }, delay_ns }];
+fn set_answer_delay(brief: &mut AgentBrief, delay_ns: u64) {
+    brief.slow =
+        vec![SlowFault { span: Span { from_ns: 0, until_ns: Span::UNBOUNDED_END_NS }, delay_ns }];
 }
 
 impl ControlCycle {
     /// Runs its cycle `at_ms` milliseconds after the start, with the sample of `sample_ms` and beacons from r5
     /// with the stamps `beacons_ms`. The first is received at the start of the cycle, each further one 1 ms
     /// later.
-    fn run_at(&mut self, at_ms: u64, sample_ms: Option<u64>, beacons_ms: &[u64]) -> Outbox {
-        self.run_since(0, at_ms, sample_ms, beacons_ms).0
+    fn run_cycle_at(&mut self, at_ms: u64, sample_ms: Option<u64>, beacons_ms: &[u64]) -> Outbox {
+        self.run_cycle_of_participant(0, at_ms, sample_ms, beacons_ms).0
     }
 
     /// Runs the cycle of a participant since `member_since`. Also returns the number of beacons received.
-    fn run_since(
+    fn run_cycle_of_participant(
         &mut self,
         member_since: u64,
         at_ms: u64,
         sample_ms: Option<u64>,
         beacons_ms: &[u64],
     ) -> (Outbox, usize) {
-        let (taken_ns, mut count) = (START_NS + at_ms * MS, 0);
+        let (taken_ns, mut count) = (START_NS + at_ms * NS_PER_MS, 0);
         let sample = sample_ms.map(odometry);
         let beacons = (0..).zip(beacons_ms).map(|(i, &t_ms)| {
             count += 1;
-            let beacon = Beacon { sent_ns: taken_ns - MS, ..beacon(t_ms) };
-            Ok::<_, Infallible>(Delivery {
-                place: 0,
-                beacon,
-                message: None,
-                received_ns: taken_ns + i * MS,
+            let beacon = Beacon { sent_ns: taken_ns - NS_PER_MS, ..beacon(t_ms) };
+            Ok::<_, Infallible>(ReceivedBeacon {
+                sender_index: 0,
+                broadcast: Broadcast::from(beacon),
+                received_ns: taken_ns + i * NS_PER_MS,
             })
         });
         let inbox = Inbox {
             received_ns: taken_ns,
             odometry: sample.as_ref(),
-            member_since,
+            participant_since_tick: member_since,
             beacons,
-            cuts: &[],
+            link_faults: &[],
             goal: None,
         };
         let Ok(outbox) = self.run(inbox);
@@ -71,147 +71,172 @@ impl ControlCycle {
     }
 
     /// Returns the measurements of this stage: sender and duration, ms.
-    fn measured_ms(&self, stage: Stage) -> Vec<(u32, u64)> {
-        let rows = self.measured.batch().1.iter().filter(|row| row.stage == stage as u32);
-        rows.map(|LatencyRow { from, value_ns, .. }| (*from, value_ns / MS)).collect()
+    fn measurements_ms(&self, stage: Stage) -> Vec<(u32, u64)> {
+        let rows = self.measurements.batch().1.iter().filter(|row| row.stage == stage as u32);
+        rows.map(|LatencyRow { from, value_ns, .. }| (*from, value_ns / NS_PER_MS)).collect()
     }
 
-    fn wakes_ms(&mut self, due_ms: u64, thawed_ms: u64) -> Woken {
-        let wake = Wake { due_ns: START_NS + due_ms * MS, lateness_ns: 2 * MS };
-        self.wake(&wake, START_NS + thawed_ms * MS)
+    fn wake_up_at_ms(&mut self, due_ms: u64, thawed_ms: u64) -> WakeUpClass {
+        let wake = WakeUp { due_ns: START_NS + due_ms * NS_PER_MS, lateness_ns: 2 * NS_PER_MS };
+        self.record_wake_up(&wake, START_NS + thawed_ms * NS_PER_MS)
     }
 
-    fn sent_ms(&mut self, sent_ms: u64) {
-        self.record_sent(START_NS + sent_ms * MS);
+    fn record_sent_ms(&mut self, sent_ms: u64) {
+        self.record_sent(START_NS + sent_ms * NS_PER_MS);
     }
 }
 
 #[test]
 fn first_sample_has_no_beacons_and_leaves_them_queued() {
-    let mut robot_1 = robot(|_| ());
-    assert_eq!(robot_1.run_since(0, 0, None, &[0]).1, 0, "it has not started");
-    assert_eq!(robot_1.run_since(0, 1, Some(0), &[0]).1, 0);
-    assert_eq!(robot_1.run_since(0, 11, None, &[0]).1, 1, "without a sample it hears as well");
-    robot_1.run_at(20, Some(20), &[10]);
-    assert_eq!(robot_1.status().1.next().unwrap().contact, Contact::Fresh as u64);
+    let mut robot_1 = control_cycle_with(|_| ());
+    assert_eq!(robot_1.run_cycle_of_participant(0, 0, None, &[0]).1, 0, "it has not started");
+    assert_eq!(robot_1.run_cycle_of_participant(0, 1, Some(0), &[0]).1, 0);
+    assert_eq!(
+        robot_1.run_cycle_of_participant(0, 11, None, &[0]).1,
+        1,
+        "without a sample it hears as well"
+    );
+    robot_1.run_cycle_at(20, Some(20), &[10]);
+    assert_eq!(robot_1.status().1.next().unwrap().contact, ReceptionState::Fresh as u64);
 
-    let mut robot_2 = robot(lockstep);
+    let mut robot_2 = control_cycle_with(set_lockstep);
     let heard = [(0, 0), (0, 1), (2, 2), (2, 3)].map(|(since, tick)| {
-        robot_2.run_since(since, tick, Some(tick), &[tick.saturating_sub(1)]).1
+        robot_2.run_cycle_of_participant(since, tick, Some(tick), &[tick.saturating_sub(1)]).1
     });
     assert_eq!(heard, [0, 1, 0, 1], "nor does it when it goes on after a freeze");
 }
 
 #[test]
 fn odometry_older_than_command_timeout_is_not_answered() {
-    let mut robot_1 = robot(|_| ());
-    assert!(robot_1.run_at(25, Some(0), &[]).answer.is_none() && !robot_1.controller.has_started());
+    let mut robot_1 = control_cycle_with(|_| ());
+    assert!(
+        robot_1.run_cycle_at(25, Some(0), &[]).answer.is_none()
+            && !robot_1.controller.has_started()
+    );
     let answers = [(24, 0), (30, 10)].map(|(at_ms, sample_ms)| {
-        let command = robot_1.run_at(at_ms, Some(sample_ms), &[]).answer.expect("in time").command;
+        let command =
+            robot_1.run_cycle_at(at_ms, Some(sample_ms), &[]).answer.expect("in time").command;
         (command.sequence, command.incarnation)
     });
     assert_eq!(answers, [(1, 3), (2, 3)]);
     // Receiving the beacons takes 5 ms.
-    assert!(robot_1.run_at(40, Some(20), &[1, 2, 3, 4, 5, 6]).answer.is_none());
+    assert!(robot_1.run_cycle_at(40, Some(20), &[1, 2, 3, 4, 5, 6]).answer.is_none());
     assert_eq!(
         robot_1.law_output(),
         LawOutput::Velocity(formation::Vec2::zeros()),
         "the law is not asked"
     );
-    assert!(robot_1.run_at(50, Some(50), &[]).answer.is_some());
-    assert!(robot_1.run_at(60, None, &[]).answer.is_none(), "one answer to each");
+    assert!(robot_1.run_cycle_at(50, Some(50), &[]).answer.is_some());
+    assert!(robot_1.run_cycle_at(60, None, &[]).answer.is_none(), "one answer to each");
     assert_eq!(robot_1.status().0.odometry_old, 2);
     // In lockstep the reference time is the stamp of the sample.
-    assert!(robot(lockstep).run_at(1000, Some(0), &[]).answer.is_some());
+    assert!(control_cycle_with(set_lockstep).run_cycle_at(1000, Some(0), &[]).answer.is_some());
 }
 
 #[test]
 fn answer_delayed_by_a_period_expires_only_in_lockstep() {
     for (pace, delay_ns, answers) in [
-        (Pace::Lockstep, 10 * MS - 1, true),
-        (Pace::Lockstep, 10 * MS, false),
-        (Pace::Realtime, 10 * MS, true),
+        (Pace::Lockstep, 10 * NS_PER_MS - 1, true),
+        (Pace::Lockstep, 10 * NS_PER_MS, false),
+        (Pace::Realtime, 10 * NS_PER_MS, true),
     ] {
-        let mut robot = robot(|brief| {
+        let mut robot = control_cycle_with(|brief| {
             brief.pace = pace;
-            slow(brief, delay_ns);
+            set_answer_delay(brief, delay_ns);
         });
-        let answer = robot.run_at(0, Some(0), &[]).answer;
+        let answer = robot.run_cycle_at(0, Some(0), &[]).answer;
         assert_eq!(answer.map(|answer| answer.delay_ns), answers.then_some(delay_ns), "{pace:?}");
     }
 }
 
 #[test]
 fn wake_up_after_freeze_or_slowness_is_held() {
-    let mut robot_1 = robot(|brief| slow(brief, 5 * MS));
-    assert_eq!(robot_1.wakes_ms(0, 9), Woken::Starting);
-    robot_1.run_at(0, Some(0), &[]);
-    robot_1.sent_ms(5);
-    assert_eq!(robot_1.wakes_ms(4, 0), Woken::Held, "it was slow until 5 ms");
-    assert_eq!(robot_1.wakes_ms(5, 0), Woken::Counted { missed: false });
-    assert_eq!(robot_1.wakes_ms(9, 10), Woken::Held, "it was frozen until 10 ms");
-    assert_eq!(robot_1.wakes_ms(10, 10), Woken::Counted { missed: false });
-    robot_1.run_at(10, Some(10), &[]);
-    let counts = [Stage::Held, Stage::Wake].map(|stage| robot_1.measured_ms(stage));
+    let mut robot_1 = control_cycle_with(|brief| set_answer_delay(brief, 5 * NS_PER_MS));
+    assert_eq!(robot_1.wake_up_at_ms(0, 9), WakeUpClass::Starting);
+    robot_1.run_cycle_at(0, Some(0), &[]);
+    robot_1.record_sent_ms(5);
+    assert_eq!(robot_1.wake_up_at_ms(4, 0), WakeUpClass::DelayedByFault, "it was slow until 5 ms");
+    assert_eq!(robot_1.wake_up_at_ms(5, 0), WakeUpClass::Counted { missed_deadline: false });
+    assert_eq!(
+        robot_1.wake_up_at_ms(9, 10),
+        WakeUpClass::DelayedByFault,
+        "it was frozen until 10 ms"
+    );
+    assert_eq!(robot_1.wake_up_at_ms(10, 10), WakeUpClass::Counted { missed_deadline: false });
+    robot_1.run_cycle_at(10, Some(10), &[]);
+    let counts = [Stage::PlannedDelay, Stage::Wake].map(|stage| robot_1.measurements_ms(stage));
     assert_eq!(counts, [[(0, 2); 2], [(0, 2); 2]]);
-    let mut quick = robot(|_| ());
-    quick.wakes_ms(0, 0);
-    quick.run_at(0, Some(0), &[]);
-    quick.sent_ms(5);
-    assert_eq!(quick.wakes_ms(4, 0), Woken::Counted { missed: false }, "not on purpose");
+    let mut quick = control_cycle_with(|_| ());
+    quick.wake_up_at_ms(0, 0);
+    quick.run_cycle_at(0, Some(0), &[]);
+    quick.record_sent_ms(5);
+    assert_eq!(
+        quick.wake_up_at_ms(4, 0),
+        WakeUpClass::Counted { missed_deadline: false },
+        "not on purpose"
+    );
 }
 
 #[test]
 fn late_answer_misses_a_deadline_per_period() {
-    let mut robot_1 = robot(|_| ());
-    robot_1.run_at(0, Some(0), &[]);
+    let mut robot_1 = control_cycle_with(|_| ());
+    robot_1.run_cycle_at(0, Some(0), &[]);
     let mut misses = Vec::new();
     for (due_ms, sent_ms, missed) in
         [(0, 9, false), (10, 20, false), (20, 47, true), (50, 61, true)]
     {
-        assert_eq!(robot_1.wakes_ms(due_ms, 0), Woken::Counted { missed }, "{due_ms} ms");
-        robot_1.run_at(due_ms + 3, Some(due_ms), &[]);
-        robot_1.sent_ms(sent_ms);
+        assert_eq!(
+            robot_1.wake_up_at_ms(due_ms, 0),
+            WakeUpClass::Counted { missed_deadline: missed },
+            "{due_ms} ms"
+        );
+        robot_1.run_cycle_at(due_ms + 3, Some(due_ms), &[]);
+        robot_1.record_sent_ms(sent_ms);
         misses.push(robot_1.status().0.deadline_misses);
     }
     assert_eq!(misses, [0, 1, 3, 4]);
-    let missed = [60, 70].map(|due_ms| robot_1.wakes_ms(due_ms, 0));
+    let missed = [60, 70].map(|due_ms| robot_1.wake_up_at_ms(due_ms, 0));
     assert_eq!(
         missed,
-        [true, false].map(|missed| Woken::Counted { missed }),
+        [true, false].map(|missed| WakeUpClass::Counted { missed_deadline: missed }),
         "it is reported once"
     );
-    let mut robot_2 = robot(lockstep);
-    robot_2.run_at(0, Some(0), &[]);
-    robot_2.sent_ms(99);
+    let mut robot_2 = control_cycle_with(set_lockstep);
+    robot_2.run_cycle_at(0, Some(0), &[]);
+    robot_2.record_sent_ms(99);
     assert_eq!(robot_2.status().0.deadline_misses, 0, "in lockstep there is no deadline");
 }
 
 #[test]
 fn late_wake_ups_are_recorded_with_the_next_sample() {
-    let mut robot_1 = robot(|_| ());
-    robot_1.run_at(0, Some(0), &[]);
-    let wake = Wake { due_ns: START_NS, lateness_ns: 7 * MS };
-    for count in 1..=WAKES_MAX {
-        robot_1.run_at(1, None, &[]);
-        assert_eq!(robot_1.measured_ms(Stage::Wake).len(), 0, "{count}");
-        robot_1.wake(&wake, 0);
+    let mut robot_1 = control_cycle_with(|_| ());
+    robot_1.run_cycle_at(0, Some(0), &[]);
+    let wake = WakeUp { due_ns: START_NS, lateness_ns: 7 * NS_PER_MS };
+    for count in 1..=STORED_WAKE_UPS_MAX {
+        robot_1.run_cycle_at(1, None, &[]);
+        assert_eq!(robot_1.measurements_ms(Stage::Wake).len(), 0, "{count}");
+        robot_1.record_wake_up(&wake, 0);
     }
-    robot_1.run_at(1, None, &[]);
-    assert_eq!(robot_1.measured_ms(Stage::Wake).len(), WAKES_MAX, "a plant in trouble");
-    robot_1.record_lateness(&wake, Cause::Core);
-    robot_1.run_at(10, Some(10), &[]);
-    assert_eq!(robot_1.measured_ms(Stage::LateCore), [(0, 7)]);
+    robot_1.run_cycle_at(1, None, &[]);
+    assert_eq!(
+        robot_1.measurements_ms(Stage::Wake).len(),
+        STORED_WAKE_UPS_MAX,
+        "a plant in trouble"
+    );
+    robot_1.record_lateness(&wake, LatenessCause::Core);
+    robot_1.run_cycle_at(10, Some(10), &[]);
+    assert_eq!(robot_1.measurements_ms(Stage::LateCore), [(0, 7)]);
 }
 
 #[test]
 fn news_is_reported_at_once_and_status_every_100_ms() {
     for pace in [Pace::Realtime, Pace::Lockstep] {
-        let mut robot = robot(|brief| {
+        let mut robot = control_cycle_with(|brief| {
             brief.pace = pace;
             brief.neighbors.truncate(1);
         });
-        let mut report = |at_ms, beacons: &[u64]| robot.run_at(at_ms, Some(at_ms), beacons).report;
+        let mut report =
+            |at_ms, beacons: &[u64]| robot.run_cycle_at(at_ms, Some(at_ms), beacons).status_is_due;
         assert!(!report(0, &[]) && !report(99, &[]));
         assert!(report(100, &[98]), "r5 is heard");
         assert!(!report(110, &[]));
@@ -232,21 +257,21 @@ fn news_is_reported_at_once_and_status_every_100_ms() {
 fn silent_plant_ends_the_agent_after_30_s_of_its_own_time() {
     let silent_until = |robot: &mut ControlCycle, step_ms: u64| {
         let mut at_ms = 1000;
-        robot.run_at(at_ms, Some(at_ms), &[]);
+        robot.run_cycle_at(at_ms, Some(at_ms), &[]);
         loop {
             at_ms += step_ms;
-            if robot.run_at(at_ms, None, &[]).plant_silent {
+            if robot.run_cycle_at(at_ms, None, &[]).is_plant_silent {
                 return at_ms - 1000;
             }
         }
     };
-    let mut quick = robot(|_| ());
+    let mut quick = control_cycle_with(|_| ());
     assert_eq!(silent_until(&mut quick, 100), 30_100);
     assert_eq!(silent_until(&mut quick, 100), 30_100, "a sample is a sign");
     // A gap of 10 s counts as 1 s.
     assert_eq!(silent_until(&mut quick, 10_000), 310_000);
     // With a period of 2 s, it counts as two periods.
-    let mut slow = robot(|brief| brief.period_ns = 2000 * MS);
+    let mut slow = control_cycle_with(|brief| brief.period_ns = 2000 * NS_PER_MS);
     assert_eq!(silent_until(&mut slow, 10_000), 80_000);
 }
 
@@ -254,29 +279,29 @@ fn silent_plant_ends_the_agent_after_30_s_of_its_own_time() {
 fn durations_are_recorded_and_sent_in_time() {
     for pace in [Pace::Realtime, Pace::Lockstep] {
         let is_realtime = pace == Pace::Realtime;
-        let mut robot = robot(|brief| brief.pace = pace);
-        robot.run_at(0, Some(0), &[]);
-        robot.run_at(10, Some(10), &[0]);
-        robot.sent_ms(13);
-        assert_eq!(robot.measured_ms(Stage::Compute), [(0, 3)]);
+        let mut robot = control_cycle_with(|brief| brief.pace = pace);
+        robot.run_cycle_at(0, Some(0), &[]);
+        robot.run_cycle_at(10, Some(10), &[0]);
+        robot.record_sent_ms(13);
+        assert_eq!(robot.measurements_ms(Stage::Compute), [(0, 3)]);
         // Age of the beacon of r5 when it was used.
-        assert_eq!(robot.measured_ms(Stage::BeaconAge), [(5, 10)]);
+        assert_eq!(robot.measurements_ms(Stage::BeaconAge), [(5, 10)]);
         // Sent 1 ms before it was received.
-        let delivered = robot.measured_ms(Stage::BeaconDelivery);
+        let delivered = robot.measurements_ms(Stage::BeaconDelivery);
         assert_eq!(delivered, Vec::from_iter(is_realtime.then_some((5, 1))));
-        assert_eq!(robot.measured_ms(Stage::Odometry).len(), 2);
+        assert_eq!(robot.measurements_ms(Stage::Odometry).len(), 2);
         assert!(!robot.batch_is_due() || is_realtime);
-        let (header, rows) = robot.batch().batch();
+        let (header, rows) = robot.measurement_batch().batch();
         // The batch contains four age sums for each of two robots.
         assert_eq!((header.incarnation, rows.len()), (3, 2 + 2 + 8 + usize::from(is_realtime)));
-        robot.batch().clear(START_NS + 10 * MS);
-        robot.run_at(109, Some(109), &[]);
+        robot.measurement_batch().begin_next_batch(START_NS + 10 * NS_PER_MS);
+        robot.run_cycle_at(109, Some(109), &[]);
         assert!(!robot.batch_is_due());
-        robot.run_at(110, Some(110), &[]);
+        robot.run_cycle_at(110, Some(110), &[]);
         assert_eq!(robot.batch_is_due(), is_realtime, "after a tenth of a second");
-        while !robot.measured.is_half_full() {
-            robot.run_at(120, Some(120), &[]);
-            robot.sent_ms(120);
+        while !robot.measurements.is_half_full() {
+            robot.run_cycle_at(120, Some(120), &[]);
+            robot.record_sent_ms(120);
         }
         assert!(robot.batch_is_due());
     }
@@ -284,26 +309,29 @@ fn durations_are_recorded_and_sent_in_time() {
 
 #[test]
 fn link_faults_and_goals_reach_the_controller() {
-    let mut robot = robot(|brief| {
+    let mut robot = control_cycle_with(|brief| {
         brief.law = "goal-unit".into();
         brief.goal_m = Some([9.0, 0.0]);
     });
-    robot.run_at(0, Some(0), &[]);
+    robot.run_cycle_at(0, Some(0), &[]);
     let mut turn = |cut, goal, at_ms| {
-        let beacon =
-            |place| Delivery { place, beacon: beacon(at_ms), message: None, received_ns: 0 };
+        let beacon = |place| ReceivedBeacon {
+            sender_index: place,
+            broadcast: Broadcast::from(beacon(at_ms)),
+            received_ns: 0,
+        };
         let inbox = Inbox {
-            received_ns: START_NS + at_ms * MS,
+            received_ns: START_NS + at_ms * NS_PER_MS,
             odometry: Some(&odometry(at_ms)),
-            member_since: 0,
+            participant_since_tick: 0,
             beacons: [0, 1].map(|place| Ok::<_, Infallible>(beacon(place))),
             // r7 is not an in-neighbor.
-            cuts: &[5, 7].map(|robot| LinkFaultByHand { robot, cut }),
+            link_faults: &[5, 7].map(|robot| LinkFaultByHand { robot, cut }),
             goal,
         };
         let Ok(_) = robot.run(inbox);
         let (header, neighbors) = robot.status();
-        let heard = neighbors.map(|neighbor| neighbor.contact == Contact::Fresh as u64);
+        let heard = neighbors.map(|neighbor| neighbor.contact == ReceptionState::Fresh as u64);
         (heard.collect::<Vec<_>>(), header.goal().is_some())
     };
     let goal = Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 };
@@ -313,24 +341,24 @@ fn link_faults_and_goals_reach_the_controller() {
 
 #[test]
 fn error_of_a_queue_ends_the_cycle() {
-    let mut robot = robot(|_| ());
-    robot.run_at(0, Some(0), &[]);
+    let mut robot = control_cycle_with(|_| ());
+    robot.run_cycle_at(0, Some(0), &[]);
     let sample = odometry(10);
     let inbox = Inbox {
         received_ns: START_NS,
         odometry: Some(&sample),
-        member_since: 0,
-        beacons: [Err("no beacon")],
-        cuts: &[],
+        participant_since_tick: 0,
+        beacons: [Err::<ReceivedBeacon, _>("no beacon")],
+        link_faults: &[],
         goal: None,
     };
     assert_eq!(robot.run(inbox).unwrap_err(), "no beacon");
 }
 
 /// A law that records its number of calls at each third sample.
-struct Recording(u64);
+struct SignalRecordingLaw(u64);
 
-impl Law for Recording {
+impl Law for SignalRecordingLaw {
     fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
         self.0 += 1;
         Vec2::zeros()
@@ -355,30 +383,34 @@ fn recorded_signals_are_reported_with_their_sample_only() {
             pace: Pace::Lockstep,
             ..brief()
         };
-        let parts = Parts::with_law(&goal, Box::new(Recording(0))).unwrap();
+        let parts = Parts::with_law(&goal, Box::new(SignalRecordingLaw(0))).unwrap();
         let controller = Controller::with_parts(&goal, 0, parts);
         let mut robot = ControlCycle::new(goal, controller, START_NS);
         for (call, tick) in [0, 10, 20, 30, 40].into_iter().enumerate() {
-            let outbox = robot.run_at(tick, Some(tick), &[]);
+            let outbox = robot.run_cycle_at(tick, Some(tick), &[]);
             let found: Vec<(usize, f64)> = robot.status().0.signals().iter().collect();
             let records = declared && call % 3 == 0;
             assert_eq!(found, if records { vec![(0, call as f64 + 1.0)] } else { vec![] });
-            assert_eq!(outbox.report, records, "{call}");
+            assert_eq!(outbox.status_is_due, records, "{call}");
         }
     }
 }
 
 /// A law that sends a message at each even, and withholds its beacon at each odd sample.
-struct Alternating(u8);
+struct AlternatingMessageLaw(u8);
 
-impl Law for Alternating {
+impl Law for AlternatingMessageLaw {
     fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
         self.0 += 1;
         Vec2::zeros()
     }
 
-    fn outgoing(&mut self) -> Outgoing {
-        if self.0 % 2 == 1 { Outgoing::Message([self.0][..].into()) } else { Outgoing::Withheld }
+    fn send_decision(&mut self) -> SendDecision {
+        if self.0 % 2 == 1 {
+            SendDecision::Message([self.0][..].into())
+        } else {
+            SendDecision::Withheld
+        }
     }
 }
 
@@ -393,14 +425,14 @@ fn sent_and_withheld_beacons_are_counted_and_reported_each_tick() {
         pace: Pace::Lockstep,
         ..brief()
     };
-    let parts = Parts::with_law(&goal, Box::new(Alternating(0))).unwrap();
+    let parts = Parts::with_law(&goal, Box::new(AlternatingMessageLaw(0))).unwrap();
     let controller = Controller::with_parts(&goal, 0, parts);
     let mut robot = ControlCycle::new(goal, controller, START_NS);
     let mut hash = 0;
     for (tick, beacons, messages) in [(0, 1, 1), (10, 1, 1), (20, 2, 2), (30, 2, 2)] {
-        let outbox = robot.run_at(tick, Some(tick), &[]);
+        let outbox = robot.run_cycle_at(tick, Some(tick), &[]);
         let (header, _) = robot.status();
-        assert!(outbox.report);
+        assert!(outbox.status_is_due);
         assert_eq!((header.beacons_sent, header.messages_sent), (beacons, messages));
         let broadcast = outbox.answer.unwrap().outgoing_broadcast();
         assert_eq!(broadcast.is_some(), tick % 20 == 0, "{tick}");

@@ -7,16 +7,16 @@ use std::sync::Arc;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::AgentBrief;
 use protocol::clock;
-use protocol::latency::Recorder;
+use protocol::latency::LatencyRecorder;
 use protocol::latency_port::LatencyPort;
-use protocol::law_message::Outgoing;
+use protocol::law_message::{Broadcast, SendDecision};
 use protocol::message::{
     Beacon, Command, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader,
 };
 use protocol::process::Failure;
 use protocol::service::{self, Node, Publisher, Sample, ServiceError, Subscriber, send_slice};
 
-use crate::control_cycle::Delivery;
+use crate::control_cycle::ReceivedBeacon;
 use crate::controller::Answer;
 use crate::neighborhood::Neighborhood;
 
@@ -27,10 +27,10 @@ pub struct Ports {
     /// The in-neighbors, then the spares.
     senders: Vec<Sender>,
     /// Link faults set interactively, if the brief permits them.
-    faults: Option<Subscriber<[LinkFaultByHand]>>,
+    link_faults: Option<Subscriber<[LinkFaultByHand]>>,
     /// Goals from external clients, if the brief permits them.
     goal: Option<Subscriber<Goal>>,
-    status: Publisher<[NeighborStatus], StatusHeader>,
+    status: Publisher<[u8], StatusHeader>,
     /// Port for latency measurements.
     pub latency: LatencyPort,
     beacon: Publisher<[u8], Beacon>,
@@ -45,45 +45,51 @@ type BeaconAndMessage = (Beacon, Option<Arc<[u8]>>);
 struct Sender {
     name: String,
     /// Slot of the robot in the barrier.
-    slot: usize,
+    barrier_slot: usize,
     /// Receiver of the beacons. For a spare it exists only while the spare is open.
-    port: Option<Subscriber<[u8], Beacon>>,
+    beacon_port: Option<Subscriber<[u8], Beacon>>,
     /// Whether the sender's law sends messages, so that more than its newest beacon matters.
     has_messages: bool,
     /// Tick up to which the beacons of a spare do not count.
-    opened_at: Option<u64>,
+    opened_at_tick: Option<u64>,
 }
 
 impl Ports {
     /// Opens the services that the brief names, and one for the `measured` latencies.
-    pub fn open(brief: &AgentBrief, measured: &Recorder) -> Result<Ports, Failure> {
-        let node = service::node(&format!("agent-{}", brief.name))?;
+    pub fn open(brief: &AgentBrief, measured: &LatencyRecorder) -> Result<Ports, Failure> {
+        let node = service::create_node(&format!("agent-{}", brief.name))?;
         let own = brief.name.as_str();
         let senders = brief.senders().enumerate().map(|(place, sender)| {
             let is_received = place < brief.neighbors.len();
-            let port = is_received.then(|| receiver(&node, &sender.name)).transpose()?;
+            let port = is_received.then(|| open_beacon_port(&node, &sender.name)).transpose()?;
             let (name, slot) = (sender.name.clone(), sender.index - 1);
             let has_messages = sender.message.is_some();
-            Ok(Sender { name, slot, port, has_messages, opened_at: None })
+            Ok(Sender {
+                name,
+                barrier_slot: slot,
+                beacon_port: port,
+                has_messages,
+                opened_at_tick: None,
+            })
         });
         let senders = senders.collect::<Result<_, ServiceError>>()?;
         Ok(Ports {
-            odometry: service::odometry(own).open(&node)?.subscriber()?,
+            odometry: service::odometry_topic(own).open(&node)?.subscriber()?,
             senders,
-            faults: match brief.links_by_hand {
-                true => Some(service::faults(own).open(&node)?.subscriber()?),
+            link_faults: match brief.links_by_hand {
+                true => Some(service::link_faults_topic(own).open(&node)?.subscriber()?),
                 false => None,
             },
             goal: match brief.goals_from_outside {
-                true => Some(service::goal(own).open(&node)?.subscriber()?),
+                true => Some(service::goal_topic(own).open(&node)?.subscriber()?),
                 false => None,
             },
-            status: service::status(own).open(&node)?.publisher(brief.senders().count())?,
-            latency: LatencyPort::new(&service::latency(own).open(&node)?, measured)?,
-            beacon: service::beacon(own)
+            status: service::status_topic(own).open(&node)?.publisher(status_bytes_max(brief))?,
+            latency: LatencyPort::new(&service::latency_topic(own).open(&node)?, measured)?,
+            beacon: service::beacon_topic(own)
                 .open(&node)?
                 .publisher(brief.message.as_ref().map_or(0, |format| format.bytes_max))?,
-            command: service::command(own).open(&node)?.publisher()?,
+            command: service::command_topic(own).open(&node)?.publisher()?,
             node,
         })
     }
@@ -91,10 +97,11 @@ impl Ports {
     /// Opens the beacon ports of the spares in use, and closes the ports of all other spares.
     pub fn update_spare_ports(&mut self, neighborhood: &Neighborhood) -> Result<(), Failure> {
         for (place, opened_at) in neighborhood.spares() {
-            let Sender { name, port, opened_at: was, .. } = &mut self.senders[place];
+            let Sender { name, beacon_port: port, opened_at_tick: was, .. } =
+                &mut self.senders[place];
             if *was != opened_at {
                 *was = opened_at;
-                *port = opened_at.map(|_| receiver(&self.node, name)).transpose()?;
+                *port = opened_at.map(|_| open_beacon_port(&self.node, name)).transpose()?;
             }
         }
         Ok(())
@@ -105,7 +112,7 @@ impl Ports {
     /// # Errors
     /// This process lacks descriptors or memory for a connection.
     pub fn connect(&self) -> Result<(), Failure> {
-        (self.senders.iter().filter_map(|sender| sender.port.as_ref()))
+        (self.senders.iter().filter_map(|sender| sender.beacon_port.as_ref()))
             .map(|port| port.update_connections())
             .chain([self.odometry.update_connections()])
             .chain([self.beacon.update_connections(), self.command.update_connections()])
@@ -113,33 +120,33 @@ impl Ports {
     }
 
     /// Returns the next odometry sample in the queue, without copying it because it is large.
-    pub fn odometry(&self) -> Result<Option<Sample<Odometry>>, Failure> {
+    pub fn receive_odometry(&self) -> Result<Option<Sample<Odometry>>, Failure> {
         self.odometry.receive().map_err(|cause| port_error("receive odometry", cause))
     }
 
     /// Returns the number of senders whose beacons can be received.
-    pub fn senders(&self) -> usize {
+    pub fn sender_count(&self) -> usize {
         self.senders.len()
     }
 
     /// Returns the name of the sender with index `place` in the order of the brief, and its slot in the
     /// barrier.
-    pub fn sender(&self, place: usize) -> (&str, usize) {
-        let Sender { name, slot, .. } = &self.senders[place];
+    pub fn sender_name_and_slot(&self, place: usize) -> (&str, usize) {
+        let Sender { name, barrier_slot: slot, .. } = &self.senders[place];
         (name, *slot)
     }
 
     /// Returns whether the beacon that the sender with index `place` sends at this lockstep tick is in the
     /// queue.
     pub fn has_beacon_of_tick(&self, place: usize, tick: u64) -> bool {
-        let Sender { port, opened_at, .. } = &self.senders[place];
+        let Sender { beacon_port: port, opened_at_tick: opened_at, .. } = &self.senders[place];
         port.is_some() && opened_at.is_none_or(|opened_at| tick > opened_at)
     }
 
     /// Returns the next beacon in the queue of the sender with index `place`, with its message if it carries one, or
     /// `None` if there is none or the port is closed.
-    pub fn beacon(&self, place: usize) -> Result<Option<BeaconAndMessage>, Failure> {
-        let Some(port) = &self.senders[place].port else { return Ok(None) };
+    pub fn receive_beacon(&self, place: usize) -> Result<Option<BeaconAndMessage>, Failure> {
+        let Some(port) = &self.senders[place].beacon_port else { return Ok(None) };
         let sample = port.receive().map_err(|cause| port_error("receive beacon", cause))?;
         Ok(sample.map(|sample| {
             let message = sample.payload();
@@ -149,13 +156,14 @@ impl Ports {
 
     /// Returns the newest beacon of each sender (real time only), and the queued ones before it if they may carry
     /// messages. Each one is received when the iterator reaches it.
-    pub fn newest_beacons(&self) -> impl Iterator<Item = Result<Delivery, Failure>> {
-        let delivery = |place, (beacon, message)| {
-            let taken_ns = clock::now_ns();
-            Delivery { place, beacon, message, received_ns: taken_ns }
+    pub fn receive_newest_beacons(&self) -> impl Iterator<Item = Result<ReceivedBeacon, Failure>> {
+        let delivery = |place, (beacon, message)| ReceivedBeacon {
+            sender_index: place,
+            broadcast: Broadcast { beacon, message },
+            received_ns: clock::now_ns(),
         };
         (0..self.senders.len()).flat_map(move |place| {
-            let next = move || self.beacon(place).transpose();
+            let next = move || self.receive_beacon(place).transpose();
             let behind = std::iter::from_fn(move || {
                 let has_messages = self.senders[place].has_messages;
                 if has_messages { next() } else { None }
@@ -165,8 +173,8 @@ impl Ports {
     }
 
     /// Returns the newest list of links cut and restored interactively, or `None` if there is no new one.
-    pub fn cuts(&self) -> Result<Option<Sample<[LinkFaultByHand]>>, Failure> {
-        let Some(faults) = &self.faults else { return Ok(None) };
+    pub fn receive_link_faults(&self) -> Result<Option<Sample<[LinkFaultByHand]>>, Failure> {
+        let Some(faults) = &self.link_faults else { return Ok(None) };
         let mut newest = None;
         while let Some(sample) =
             faults.receive().map_err(|cause| port_error("receive faults", cause))?
@@ -177,18 +185,18 @@ impl Ports {
     }
 
     /// Returns the newest goal from an external client, or `None` if there is no new one.
-    pub fn goal(&self) -> Result<Option<Goal>, Failure> {
-        self.goal.as_ref().map_or(Ok(None), |goal| receive(goal, "receive goal"))
+    pub fn receive_goal(&self) -> Result<Option<Goal>, Failure> {
+        self.goal.as_ref().map_or(Ok(None), |goal| receive_message(goal, "receive goal"))
     }
 
     /// Sends an answer, the beacon first because other robots wait for it.
-    pub fn send(&self, answer: &Answer, sent_ns: u64) -> Result<(), Failure> {
+    pub fn send_answer(&self, answer: &Answer, sent_ns: u64) -> Result<(), Failure> {
         let beacon = Beacon { sent_ns, ..answer.beacon };
         let command = Command { sent_ns, ..answer.command };
-        let message: Option<&[u8]> = match &answer.outgoing {
-            Outgoing::Beacon => Some(&[]),
-            Outgoing::Message(bytes) => Some(bytes),
-            Outgoing::Withheld => None,
+        let message: Option<&[u8]> = match &answer.send_decision {
+            SendDecision::Beacon => Some(&[]),
+            SendDecision::Message(bytes) => Some(bytes),
+            SendDecision::Withheld => None,
         };
         if let Some(message) = message {
             send_slice(&self.beacon, beacon, message.len(), |i| message[i])
@@ -198,25 +206,33 @@ impl Ports {
         Ok(())
     }
 
-    /// Sends the status of the robot to the supervisor.
-    pub fn report(
+    /// Sends the status of the robot to the supervisor, with the recorded message of the control law; empty if there is
+    /// none.
+    pub fn send_status(
         &self,
         header: StatusHeader,
-        mut neighbors: impl ExactSizeIterator<Item = NeighborStatus>,
+        neighbors: impl ExactSizeIterator<Item = NeighborStatus>,
+        message: &[u8],
     ) -> Result<(), Failure> {
-        let length = neighbors.len();
-        let next = |_| neighbors.next().expect("as many rows as announced");
-        let sent = send_slice(&self.status, header, length, next);
+        let payload = StatusHeader::encode_payload(neighbors, message);
+        let sent = send_slice(&self.status, header, payload.len(), |i| payload[i]);
         sent.map(drop).map_err(|cause| port_error("send status", cause))
     }
 }
 
-/// Opens a receiver of the beacons of `robot`.
-fn receiver(node: &Node, robot: &str) -> Result<Subscriber<[u8], Beacon>, ServiceError> {
-    service::beacon(robot).open(node)?.subscriber()
+/// Returns the maximum length of a status after its header, bytes.
+fn status_bytes_max(brief: &AgentBrief) -> usize {
+    let recorded = brief.message.as_ref().filter(|_| brief.records_messages);
+    let message_bytes_max = recorded.map_or(0, |format| format.bytes_max);
+    StatusHeader::payload_bytes_max(brief.senders().count(), message_bytes_max)
 }
 
-fn receive<M>(from: &Subscriber<M>, what: &str) -> Result<Option<M>, Failure>
+/// Opens a receiver of the beacons of `robot`.
+fn open_beacon_port(node: &Node, robot: &str) -> Result<Subscriber<[u8], Beacon>, ServiceError> {
+    service::beacon_topic(robot).open(node)?.subscriber()
+}
+
+fn receive_message<M>(from: &Subscriber<M>, what: &str) -> Result<Option<M>, Failure>
 where
     M: Copy + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend,
 {

@@ -7,7 +7,7 @@ use formation::pose::Twist;
 use protocol::fault::{LinkFault, LinkFaultKind, Span};
 
 use super::*;
-use crate::testing::{MS, START_NS, beacon, brief, odometry};
+use crate::testing::{NS_PER_MS, START_NS, beacon, brief, odometry};
 
 fn answer_at(controller: &mut Controller, t_ms: u64) -> Answer {
     let odometry = odometry(t_ms);
@@ -16,7 +16,7 @@ fn answer_at(controller: &mut Controller, t_ms: u64) -> Answer {
 
 #[test]
 fn beacon_age_is_one_period_in_lockstep_two_in_real_time() {
-    let age = |pace, late_ns| age_periods(&AgentBrief { pace, late_ns, ..brief() });
+    let age = |pace, late_ns| beacon_age_periods(&AgentBrief { pace, late_ns, ..brief() });
     assert_eq!([Pace::Lockstep, Pace::Realtime].map(|pace| age(pace, 0)), [1.0, 2.0]);
     let late_ns = 3 * brief().period_ns;
     assert_eq!([Pace::Lockstep, Pace::Realtime].map(|pace| age(pace, late_ns)), [4.0, 5.0]);
@@ -24,8 +24,8 @@ fn beacon_age_is_one_period_in_lockstep_two_in_real_time() {
 
 #[test]
 fn delayed_odometry_is_answered_once_and_in_order() {
-    let kind = LinkFaultKind::Delay { delay_ns: 15 * MS, jitter_ns: 0 };
-    let span = Span { from_ns: 0, until_ns: 50 * MS };
+    let kind = LinkFaultKind::Delay { delay_ns: 15 * NS_PER_MS, jitter_ns: 0 };
+    let span = Span { from_ns: 0, until_ns: 50 * NS_PER_MS };
     let mut late = brief();
     late.odometry_faults = vec![LinkFault { span, kind, seed: 1 }];
     let mut controller = Controller::new(&late, 0).unwrap();
@@ -36,7 +36,7 @@ fn delayed_odometry_is_answered_once_and_in_order() {
         said.push(answer.map(|answer| {
             assert_eq!((answer.command.tick, answer.beacon.tick), (t_ms, t_ms));
             assert_eq!(answer.command.stamp_ns, answer.beacon.stamp_ns);
-            (answer.command.stamp_ns - START_NS) / MS
+            (answer.command.stamp_ns - START_NS) / NS_PER_MS
         }));
     }
     // From 50 ms on there is no delay, and older samples are not answered any more.
@@ -65,7 +65,7 @@ fn heading_of_effect_is_predicted_by_the_turn_rate() {
             Twist::ZERO
         }
         fn steer(&mut self, sample: &Sample<'_>, _: Vec2) -> Twist {
-            *self.0.lock().unwrap() = [sample.heading_rad, sample.heading_effect_rad];
+            *self.0.lock().unwrap() = [sample.heading_rad, sample.heading_at_effect_rad];
             Twist::ZERO
         }
     }
@@ -75,7 +75,7 @@ fn heading_of_effect_is_predicted_by_the_turn_rate() {
     let parts = Parts { avoidance, ..Parts::from_brief(&brief).unwrap() };
     let mut controller = Controller::with_parts(&brief, 0, parts);
     let odometry = odometry(10);
-    controller.answer(&odometry, odometry.stamp_ns + 5 * MS);
+    controller.answer(&odometry, odometry.stamp_ns + 5 * NS_PER_MS);
     let [heading_rad, effect_rad] = *told.lock().unwrap();
     assert_eq!(heading_rad, 0.3);
     assert!((effect_rad - 0.31).abs() < 1e-12, "{effect_rad}");
@@ -84,8 +84,8 @@ fn heading_of_effect_is_predicted_by_the_turn_rate() {
 #[test]
 fn twist_of_a_controller_is_bounded_and_published() {
     const WANTED_TWIST: Twist = Twist::new(0.1, -0.4);
-    struct Driver;
-    impl Law for Driver {
+    struct FixedTwistLaw;
+    impl Law for FixedTwistLaw {
         fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
             unreachable!("the controller calls `output`")
         }
@@ -97,7 +97,7 @@ fn twist_of_a_controller_is_bounded_and_published() {
     brief.avoidance.kind = "guard".into();
     (brief.avoidance.speed_max_m_s, brief.avoidance.sensing_radius_m) = (0.5, 5.0);
     let alone = |near: &[[f64; 2]]| {
-        let parts = Parts { law: Box::new(Driver), ..Parts::from_brief(&brief).unwrap() };
+        let parts = Parts { law: Box::new(FixedTwistLaw), ..Parts::from_brief(&brief).unwrap() };
         let mut controller = Controller::with_parts(&brief, 0, parts);
         let mut sample = odometry(10);
         controller.answer(&sample, sample.stamp_ns);
@@ -134,7 +134,7 @@ fn separate_steps_equal_answer_and_no_target_means_stop() {
     let answer = apart.act(LawOutput::Velocity(wanted), START_NS).expect("it knows where it is");
     assert_eq!((answer.command.twist(), answer.beacon.velocity()), (Twist::ZERO, Vec2::zeros()));
 
-    let now_ns = START_NS + 10 * MS;
+    let now_ns = START_NS + 10 * NS_PER_MS;
     assert_eq!(whole.receive_beacon(0, &beacon(0), now_ns), Ok(()));
     assert_eq!(apart.receive_beacon(0, &beacon(0), now_ns), Ok(()));
     let answer = whole.answer(&odometry(10), now_ns).expect("it knows where it is");
@@ -148,8 +148,9 @@ fn separate_steps_equal_answer_and_no_target_means_stop() {
     assert_ne!(answer.beacon.velocity(), wanted);
 
     apart.sense(&odometry(20));
-    let other =
-        apart.act(LawOutput::Velocity(wanted), START_NS + 20 * MS).expect("it knows where it is");
+    let other = apart
+        .act(LawOutput::Velocity(wanted), START_NS + 20 * NS_PER_MS)
+        .expect("it knows where it is");
     assert_eq!(other.beacon.velocity(), wanted, "no method bounds it");
     apart.sense(&Odometry { pose_valid: 0, ..odometry(30) });
     assert!(
@@ -170,38 +171,38 @@ fn goal_robot_uses_a_newer_goal_from_the_next_sample() {
     let mut controller = Controller::new(&to_goal, 0).unwrap();
     // At 0 ms the front point is at 1 m + 0.1 cos 0.3 m, and the goal ahead.
     assert!(answer_at(&mut controller, 0).beacon.vx_m_s > 0.0 && sent_to(&controller).is_none());
-    controller.take_news();
+    controller.take_status_change();
     for implausible in [f64::NAN, f64::INFINITY, 1e300] {
-        controller.go_to(&goal(5, implausible));
+        controller.request_goal(&goal(5, implausible));
     }
     answer_at(&mut controller, 10);
-    assert!(!controller.take_news() && sent_to(&controller).is_none());
+    assert!(!controller.take_status_change() && sent_to(&controller).is_none());
     // Of two goals before the same sample, the newer one counts.
-    controller.go_to(&goal(7, -5.0));
-    controller.go_to(&goal(6, 5.0));
+    controller.request_goal(&goal(7, -5.0));
+    controller.request_goal(&goal(6, 5.0));
     assert!(answer_at(&mut controller, 20).beacon.vx_m_s < 0.0, "it turns back");
-    assert_eq!(sent_to(&controller), Some((20 * MS, [-5.0, 2.0])));
-    assert_eq!((controller.take_news(), controller.take_news()), (true, false));
+    assert_eq!(sent_to(&controller), Some((20 * NS_PER_MS, [-5.0, 2.0])));
+    assert_eq!((controller.take_status_change(), controller.take_status_change()), (true, false));
     // A repeated goal has no effect.
-    controller.go_to(&goal(7, -5.0));
+    controller.request_goal(&goal(7, -5.0));
     assert!(answer_at(&mut controller, 30).beacon.vx_m_s < 0.0);
     assert_eq!(
-        (controller.take_news(), sent_to(&controller)),
-        (false, Some((20 * MS, [-5.0, 2.0])))
+        (controller.take_status_change(), sent_to(&controller)),
+        (false, Some((20 * NS_PER_MS, [-5.0, 2.0])))
     );
-    controller.go_to(&goal(8, 5.0));
+    controller.request_goal(&goal(8, 5.0));
     assert!(answer_at(&mut controller, 40).beacon.vx_m_s > 0.0);
-    assert_eq!(sent_to(&controller), Some((40 * MS, [5.0, 2.0])));
+    assert_eq!(sent_to(&controller), Some((40 * NS_PER_MS, [5.0, 2.0])));
 }
 
 #[test]
 fn role_without_a_goal_ignores_goals() {
     let mut controller = Controller::new(&brief(), 0).unwrap();
     answer_at(&mut controller, 0);
-    controller.take_news();
-    controller.go_to(&Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 });
+    controller.take_status_change();
+    controller.request_goal(&Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 });
     answer_at(&mut controller, 10);
-    assert_eq!((controller.take_news(), controller.status().0.goal()), (false, None));
+    assert_eq!((controller.take_status_change(), controller.status().0.goal()), (false, None));
 }
 
 #[test]
@@ -209,8 +210,8 @@ fn follower_error_is_scaled_during_repair() {
     let mut contained = AgentBrief {
         law: "containment-tanh".into(),
         gains: [("k_c_m_s".into(), 2.0)].into(),
-        rank: Rank::Contained,
-        repair_after_ns: 50 * MS,
+        rank: YieldPriority::Contained,
+        repair_after_ns: 50 * NS_PER_MS,
         ..brief()
     };
     // r2 counts twice, in place of r5.
@@ -219,7 +220,7 @@ fn follower_error_is_scaled_during_repair() {
     controller.sense(&odometry(0));
     let seen = [0, 40, 90, 140, 190].map(|t_ms| {
         for place in usize::from(t_ms > 0)..2 {
-            controller.receive_beacon(place, &beacon(t_ms), START_NS + t_ms * MS).unwrap();
+            controller.receive_beacon(place, &beacon(t_ms), START_NS + t_ms * NS_PER_MS).unwrap();
         }
         let odometry = odometry(t_ms);
         controller.sense(&odometry);
@@ -233,9 +234,9 @@ fn follower_error_is_scaled_during_repair() {
 }
 
 /// A law that wants to be 2 m ahead in x, and moves there.
-struct Wanting(Option<Target>, bool);
+struct TargetAheadLaw(Option<Target>, bool);
 
-impl Law for Wanting {
+impl Law for TargetAheadLaw {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
         let seen = (situation.error, situation.desired_velocity);
         match self.1 {
@@ -257,8 +258,8 @@ impl Law for Wanting {
 #[test]
 fn law_of_a_free_robot_is_asked_at_once_and_names_the_target() {
     let parts = Parts {
-        role: roles::FREE.make(&brief()).unwrap(),
-        law: Box::new(Wanting(None, false)),
+        role: roles::FREE_ROLE.make(&brief()).unwrap(),
+        law: Box::new(TargetAheadLaw(None, false)),
         avoidance: avoidance::build(&brief()).unwrap(),
     };
     let mut controller = Controller::with_parts(&brief(), 0, parts);
@@ -269,7 +270,7 @@ fn law_of_a_free_robot_is_asked_at_once_and_names_the_target() {
     // The avoidance method goes by it.
     let error = controller.cycle_state.error.unwrap();
     assert!((error + Vec2::new(2.0, 0.0)).norm() < 1e-12, "{error:?}");
-    assert!(controller.take_news(), "the supervisor is told");
+    assert!(controller.take_status_change(), "the supervisor is told");
     // At the next sample the law sees its error relative to that target.
     answer_at(&mut controller, 10);
 }

@@ -5,34 +5,34 @@
 
 use formation::Vec2;
 
-use super::{FORMATION, Gains, Law, LawRow, Situation};
+use super::{FORMATION_ROLE, Gains, Law, LawRow, Situation};
 
 pub(super) const ROW: LawRow = LawRow {
     name: "formation-unit",
-    role: FORMATION,
+    role: FORMATION_ROLE,
     source: "(18)",
-    gains: &["speed_m_s"], // mu
+    gain_keys: &["speed_m_s"], // mu
     feed_forward: false,
     correction_max: Some("speed_m_s"),
-    message: None,
-    withholds: false,
+    message_format: None,
+    may_withhold_beacon: false,
     signals: &[],
-    build: |gains: &Gains<'_>| Box::new(FormationUnit { mu: gains.get("speed_m_s") }),
+    build: |gains: &Gains<'_>| Box::new(FormationUnit { speed_m_s: gains.get("speed_m_s") }),
 };
 
 struct FormationUnit {
     /// Constant speed of all robots, m/s (mu in the chapter).
-    mu: f64,
+    speed_m_s: f64,
 }
 
 impl Law for FormationUnit {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        compute_constant_speed(self.mu, situation)
+        constant_speed_velocity(self.speed_m_s, situation)
     }
 }
 
 /// Returns -mu e / |e|, m/s, linear in e inside the boundary layer.
-pub(super) fn compute_constant_speed(mu: f64, situation: &Situation<'_>) -> Vec2 {
+pub(super) fn constant_speed_velocity(mu: f64, situation: &Situation<'_>) -> Vec2 {
     let &Situation { error: e, period_s, age_periods, .. } = situation;
     let layer = 5.0 * mu * period_s * (1.0 + age_periods);
     -mu * e / e.norm().max(layer) // (18)
@@ -42,20 +42,20 @@ pub(super) fn compute_constant_speed(mu: f64, situation: &Situation<'_>) -> Vec2
 mod tests {
     use super::*;
 
-    fn gamma(error: Vec2) -> Vec2 {
-        FormationUnit { mu: 0.1 }.gamma(&Situation { error, ..Situation::ALONE })
+    fn nominal_velocity(error: Vec2) -> Vec2 {
+        FormationUnit { speed_m_s: 0.1 }.gamma(&Situation { error, ..Situation::WITHOUT_NEIGHBORS })
     }
 
     #[test]
     fn gamma_far_from_target_has_speed_mu_towards_it() {
-        assert!((gamma(Vec2::new(3.0, 4.0)) - Vec2::new(-0.06, -0.08)).norm() < 1e-15);
+        assert!((nominal_velocity(Vec2::new(3.0, 4.0)) - Vec2::new(-0.06, -0.08)).norm() < 1e-15);
     }
 
     #[test]
     fn gamma_in_boundary_layer_is_linear_and_continuous() {
         let layer = 0.005; // 5 mu T (1 + a)
-        assert!((gamma(Vec2::new(layer / 2.0, 0.0)).x + 0.05).abs() < 1e-15);
-        assert!((gamma(Vec2::new(layer, 0.0)).x + 0.1).abs() < 1e-15);
-        assert_eq!(gamma(Vec2::zeros()), Vec2::zeros());
+        assert!((nominal_velocity(Vec2::new(layer / 2.0, 0.0)).x + 0.05).abs() < 1e-15);
+        assert!((nominal_velocity(Vec2::new(layer, 0.0)).x + 0.1).abs() < 1e-15);
+        assert_eq!(nominal_velocity(Vec2::zeros()), Vec2::zeros());
     }
 }

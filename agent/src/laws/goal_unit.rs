@@ -4,29 +4,29 @@
 
 use formation::Vec2;
 
-use super::formation_unit::compute_constant_speed;
-use super::{GOAL, Gains, Law, LawRow, Situation};
+use super::formation_unit::constant_speed_velocity;
+use super::{GOAL_ROLE, Gains, Law, LawRow, Situation};
 
 pub(super) const ROW: LawRow = LawRow {
     name: "goal-unit",
-    role: GOAL,
+    role: GOAL_ROLE,
     source: "(18) with a fixed goal",
-    gains: &["speed_m_s"], // mu
+    gain_keys: &["speed_m_s"], // mu
     feed_forward: false,
     correction_max: Some("speed_m_s"),
-    message: None,
-    withholds: false,
+    message_format: None,
+    may_withhold_beacon: false,
     signals: &[],
-    build: |gains: &Gains<'_>| Box::new(GoalUnit { mu: gains.get("speed_m_s") }),
+    build: |gains: &Gains<'_>| Box::new(GoalUnit { speed_m_s: gains.get("speed_m_s") }),
 };
 
 struct GoalUnit {
     /// Constant speed, m/s (mu in the chapter).
-    mu: f64,
+    speed_m_s: f64,
 }
 
 impl Law for GoalUnit {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        compute_constant_speed(self.mu, situation) // (18)
+        constant_speed_velocity(self.speed_m_s, situation) // (18)
     }
 }

@@ -14,13 +14,13 @@ use formation::desired::Target;
 use formation::portable_math;
 use formation::pose::Twist;
 use protocol::law::LawDescription;
-pub use protocol::law_message::{MessageArray, MessageFormat, Outgoing, ReceivedMessage};
+pub use protocol::law_message::{MessageArray, MessageFormat, ReceivedMessage, SendDecision};
 pub use protocol::signals::SignalValues;
 
-pub use self::situation::{Heard, Situation};
+pub use self::situation::{NeighborEstimate, Situation};
 use crate::UnfitBrief;
 pub use crate::gains::Gains;
-use crate::roles::{CONTAINED, FORMATION, GOAL, LEADER, RoleRow};
+use crate::roles::{CONTAINED_ROLE, FORMATION_ROLE, GOAL_ROLE, LEADER_ROLE, RoleRow};
 
 /// A control law, which computes the nominal velocity (gamma) of the front point.
 pub trait Law: Send {
@@ -42,12 +42,12 @@ pub trait Law: Send {
 
     /// Returns what leaves to the out-neighbors with the answer just computed: the beacon, the beacon with a message,
     /// or nothing. Called once after each [`Law::output`]. A message must have the format that the row declares.
-    fn outgoing(&mut self) -> Outgoing {
-        Outgoing::Beacon
+    fn send_decision(&mut self) -> SendDecision {
+        SendDecision::Beacon
     }
 
-    /// Returns the signals that the law records with the answer just computed, in the order of the row's `signals`. Called
-    /// once after each [`Law::output`] if the row declares any.
+    /// Returns the signals that the law records with the answer just computed, in the order of the row's `signals`.
+    /// Called once after each [`Law::output`] if the row declares any.
     fn signals(&mut self) -> SignalValues {
         SignalValues::NONE
     }
@@ -71,16 +71,16 @@ pub struct LawRow {
     /// Equation number in the chapter.
     pub source: &'static str,
     /// Keys of the gains, with unit suffixes. All of them are required and must be positive.
-    pub gains: &'static [&'static str],
+    pub gain_keys: &'static [&'static str],
     /// `true` if the law uses alpha*', which is computed from the published velocities of the in-neighbors.
     pub feed_forward: bool,
     /// Key of the gain, in m/s, that bounds each component of the correction added to alpha*' (or to 0 without
     /// feed-forward): k in Lemma 1, mu in Proposition 2. `None` if no gain bounds it.
     pub correction_max: Option<&'static str>,
     /// Format of the messages that the law sends with its beacons; `None` if it sends none.
-    pub message: Option<&'static MessageFormat>,
-    /// Whether the law may withhold its beacon, see [`Law::outgoing`].
-    pub withholds: bool,
+    pub message_format: Option<&'static MessageFormat>,
+    /// Whether the law may withhold its beacon, see [`Law::send_decision`].
+    pub may_withhold_beacon: bool,
     /// Names of the signals that the law records, with the unit as suffix; at most [`SIGNALS_MAX`].
     ///
     /// [`SIGNALS_MAX`]: protocol::signals::SIGNALS_MAX
@@ -93,24 +93,28 @@ impl LawRow {
     /// Creates the law with these gains. Returns an error if a gain is missing, unknown or not positive.
     pub fn make(&self, gains: &BTreeMap<String, f64>) -> Result<Box<dyn Law>, UnfitBrief> {
         let of = format!("law {:?}", self.name);
-        Ok((self.build)(&Gains::check(gains, &of, self.gains.iter().copied())?))
+        Ok((self.build)(&Gains::check(gains, &of, self.gain_keys.iter().copied())?))
     }
 
     /// Returns the part of the row that is published to the supervisor.
     pub fn description(&self) -> LawDescription {
-        let &LawRow { name, role, source, gains, feed_forward, correction_max, .. } = self;
-        let (role, message, withholds) = (role.description, self.message, self.withholds);
+        let &LawRow { name, role, source, gain_keys: gains, feed_forward, correction_max, .. } =
+            self;
+        let (role, message, withholds) =
+            (role.description, self.message_format, self.may_withhold_beacon);
         let signals = self.signals;
         LawDescription {
             name,
             role,
             source,
-            gains,
+            gain_keys: gains,
             feed_forward,
             correction_max,
+            gain_ranges: &[],
+            queued_messages_max: 0,
             params: None,
-            message,
-            withholds,
+            message_format: message,
+            may_withhold_beacon: withholds,
             signals,
         }
     }
@@ -127,10 +131,17 @@ pub const LAWS: &[LawRow] = &[
     tanh::GOAL_TANH,
 ];
 
-/// Returns the row of the control law `name`, or an error that lists the known names.
-pub fn row(name: &str) -> Result<&'static LawRow, UnfitBrief> {
-    LAWS.iter().find(|row| row.name == name).ok_or_else(|| {
-        let known: Vec<_> = LAWS.iter().map(|row| row.name).collect();
+/// Returns the row of the built-in control law `name`, or an error that lists the known names.
+pub fn find_row(name: &str) -> Result<&'static LawRow, UnfitBrief> {
+    find_row_with(name, &[])
+}
+
+/// Returns the row of the control law `name` among the built-in ones and `added`, or an error that lists the known
+/// names.
+pub fn find_row_with<'a>(name: &str, added: &'a [LawRow]) -> Result<&'a LawRow, UnfitBrief> {
+    let rows = || LAWS.iter().chain(added);
+    rows().find(|row| row.name == name).ok_or_else(|| {
+        let known: Vec<_> = rows().map(|row| row.name).collect();
         UnfitBrief(format!("unknown law {name:?}, expected one of {}", known.join(", ")))
     })
 }

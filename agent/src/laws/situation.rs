@@ -4,7 +4,7 @@ use formation::Vec2;
 use formation::desired::Target;
 use formation::pose::{Pose, Twist};
 use protocol::law_message::ReceivedMessage;
-use protocol::message::Contact;
+use protocol::message::ReceptionState;
 
 /// State of the robot and its neighbors at one instant. Positions and velocities are in `map`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,15 +26,19 @@ pub struct Situation<'a> {
     /// Own twist in force at the sample.
     pub twist: Twist,
     /// Own front point - front point of each neighbor in range, m, nearest first.
-    pub away: &'a [Vec2],
+    pub neighbor_vectors: &'a [Vec2],
+    /// Whether the proximity sensor works; otherwise `away` is empty.
+    pub proximity_valid: bool,
+    /// Whether more robots were in range than `away` holds: the nearest ones.
+    pub neighbors_truncated: bool,
     /// The in-neighbors received at least once, in the order of the brief, including the lost ones.
-    pub heard: &'a [Heard],
+    pub neighbor_estimates: &'a [NeighborEstimate],
 }
 
 impl Situation<'static> {
     /// Situation at the origin and at t = 0, without neighbors. Tests of control laws override the fields they
     /// are about.
-    pub const ALONE: Situation<'static> = Situation {
+    pub const WITHOUT_NEIGHBORS: Situation<'static> = Situation {
         error: Vec2::new(0.0, 0.0),
         desired_velocity: Vec2::new(0.0, 0.0),
         period_s: 0.005,
@@ -43,14 +47,16 @@ impl Situation<'static> {
         pose: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
         front_point: Vec2::new(0.0, 0.0),
         twist: Twist::ZERO,
-        away: &[],
-        heard: &[],
+        neighbor_vectors: &[],
+        proximity_valid: true,
+        neighbors_truncated: false,
+        neighbor_estimates: &[],
     };
 }
 
 /// Estimate of one received robot.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Heard {
+pub struct NeighborEstimate {
     /// Index in the scenario, from 1.
     pub index: usize,
     /// Estimated front point (alpha_j), m: extrapolated to the stamp of the sample with the velocity below, for
@@ -64,10 +70,13 @@ pub struct Heard {
     /// Age of the newest beacon, s. In real time it is negative for a beacon newer than the sample.
     pub age_s: f64,
     /// Communication state: `Fresh`, `Stale` or `Lost`.
-    pub contact: Contact,
+    pub reception_state: ReceptionState,
     /// Incarnation of the sender of that beacon: the number of earlier starts of the robot's process. It increases
     /// when the neighbor restarts.
     pub incarnation: u64,
     /// Newest message of this incarnation of the neighbor's law; `None` if none was received.
     pub message: Option<ReceivedMessage>,
+    /// Messages that arrived since the last call of the law, oldest first: at most `message_queue` of the law, of which
+    /// the default is 0.
+    pub queued_messages: Vec<ReceivedMessage>,
 }

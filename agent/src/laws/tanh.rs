@@ -5,41 +5,45 @@
 //! alpha*'.
 
 use formation::Vec2;
-use protocol::law::LIARS_MAX;
+use protocol::law::LIARS_MAX_KEY;
 
-use super::{CONTAINED, FORMATION, GOAL, Gains, LEADER, Law, LawRow, RoleRow, Situation, tanh};
+use super::{
+    CONTAINED_ROLE, FORMATION_ROLE, GOAL_ROLE, Gains, LEADER_ROLE, Law, LawRow, RoleRow, Situation,
+    tanh,
+};
 
-pub(super) const LEADER_TANH: LawRow = row("leader-tanh", LEADER, "(28)", &["k_m_m_s"], |gains| {
-    new_saturated_law(gains.get("k_m_m_s"))
-});
+pub(super) const LEADER_TANH: LawRow =
+    tanh_row("leader-tanh", LEADER_ROLE, "(28)", &["k_m_m_s"], |gains| {
+        new_tanh_law(gains.get("k_m_m_s"))
+    });
 
 pub(super) const FORMATION_TANH: LawRow =
-    row("formation-tanh", FORMATION, "(28)", &["k_f_m_s"], |gains| {
-        new_saturated_law(gains.get("k_f_m_s"))
+    tanh_row("formation-tanh", FORMATION_ROLE, "(28)", &["k_f_m_s"], |gains| {
+        new_tanh_law(gains.get("k_f_m_s"))
     });
 
 /// Law of the W-MSR role, which additionally uses the gain `liars_max` (F), the number of values discarded on
 /// either side.
 pub(super) const FORMATION_ROBUST: LawRow = LawRow {
-    gains: &["k_f_m_s", LIARS_MAX],
-    ..row("formation-robust", FORMATION, "(28) with W-MSR", &["k_f_m_s"], |gains| {
-        new_saturated_law(gains.get("k_f_m_s"))
+    gain_keys: &["k_f_m_s", LIARS_MAX_KEY],
+    ..tanh_row("formation-robust", FORMATION_ROLE, "(28) with W-MSR", &["k_f_m_s"], |gains| {
+        new_tanh_law(gains.get("k_f_m_s"))
     })
 };
 
 pub(super) const CONTAINMENT_TANH: LawRow =
-    row("containment-tanh", CONTAINED, "(51)", &["k_c_m_s"], |gains| {
-        new_saturated_law(gains.get("k_c_m_s"))
+    tanh_row("containment-tanh", CONTAINED_ROLE, "(51)", &["k_c_m_s"], |gains| {
+        new_tanh_law(gains.get("k_c_m_s"))
     });
 
 pub(super) const GOAL_TANH: LawRow = LawRow {
     feed_forward: false,
-    ..row("goal-tanh", GOAL, "(28) with a fixed goal", &["k_g_m_s"], |gains| {
-        Box::new(Tanh { k: gains.get("k_g_m_s"), feed_forward: false })
+    ..tanh_row("goal-tanh", GOAL_ROLE, "(28) with a fixed goal", &["k_g_m_s"], |gains| {
+        Box::new(TanhLaw { gain: gains.get("k_g_m_s"), feed_forward: false })
     })
 };
 
-const fn row(
+const fn tanh_row(
     name: &'static str,
     role: RoleRow,
     source: &'static str,
@@ -51,30 +55,30 @@ const fn row(
         name,
         role,
         source,
-        gains,
+        gain_keys: gains,
         feed_forward: true,
         correction_max,
-        message: None,
-        withholds: false,
+        message_format: None,
+        may_withhold_beacon: false,
         signals: &[],
         build,
     }
 }
 
-fn new_saturated_law(k: f64) -> Box<dyn Law> {
-    Box::new(Tanh { k, feed_forward: true })
+fn new_tanh_law(k: f64) -> Box<dyn Law> {
+    Box::new(TanhLaw { gain: k, feed_forward: true })
 }
 
-struct Tanh {
+struct TanhLaw {
     /// Maximum correction along each axis, m/s (k in the chapter).
-    k: f64,
+    gain: f64,
     /// `true` if alpha*' is added.
     feed_forward: bool,
 }
 
-impl Law for Tanh {
+impl Law for TanhLaw {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        let correction = -self.k * tanh(situation.error);
+        let correction = -self.gain * tanh(situation.error);
         match self.feed_forward {
             true => correction + situation.desired_velocity, // (28) (51)
             false => correction,

@@ -13,22 +13,22 @@ pub struct ReceivedFrame {
     /// Position and motion of the frame at the stamp.
     pub frame: LeaderFrame,
     /// Time of reception, ns.
-    pub(super) heard_ns: u64,
+    pub(super) received_ns: u64,
 }
 
 /// Newest received frame of each rank, best rank first.
-pub(super) struct Frames {
-    heard: Vec<ReceivedFrame>,
+pub(super) struct ReceivedFrames {
+    received_frames: Vec<ReceivedFrame>,
     /// Frames of this rank and worse are ignored: a deputy follows only leaders of better rank.
-    worse_from: u64,
+    ignored_from_rank: u64,
     lost_after_ns: u64,
 }
 
-impl Frames {
-    pub(super) fn new(brief: &AgentBrief) -> Frames {
-        Frames {
-            heard: Vec::new(),
-            worse_from: brief.deputy.as_ref().map_or(u64::MAX, |deputy| deputy.rank),
+impl ReceivedFrames {
+    pub(super) fn new(brief: &AgentBrief) -> ReceivedFrames {
+        ReceivedFrames {
+            received_frames: Vec::new(),
+            ignored_from_rank: brief.deputy.as_ref().map_or(u64::MAX, |deputy| deputy.rank),
             lost_after_ns: brief.silence.lost_after_ns,
         }
     }
@@ -41,26 +41,29 @@ impl Frames {
         frame: LeaderFrame,
         heard_ns: u64,
     ) {
-        if rank >= self.worse_from {
+        if rank >= self.ignored_from_rank {
             return;
         }
-        let new = ReceivedFrame { rank, stamp_ns, frame, heard_ns };
-        match self.heard.binary_search_by_key(&rank, |heard| heard.rank) {
-            Ok(place) if stamp_ns > self.heard[place].stamp_ns => self.heard[place] = new,
+        let new = ReceivedFrame { rank, stamp_ns, frame, received_ns: heard_ns };
+        match self.received_frames.binary_search_by_key(&rank, |heard| heard.rank) {
+            Ok(place) if stamp_ns > self.received_frames[place].stamp_ns => {
+                self.received_frames[place] = new
+            }
             Ok(_) => {}
-            Err(place) => self.heard.insert(place, new),
+            Err(place) => self.received_frames.insert(place, new),
         }
     }
 
     /// Returns the newest frame of the main leader.
     pub(super) fn main_leader_frame(&self) -> Option<&ReceivedFrame> {
-        self.heard.first().filter(|heard| heard.rank == 0)
+        self.received_frames.first().filter(|heard| heard.rank == 0)
     }
 
     /// Returns the frame of the best rank that is not lost at `stamp_ns`, or the last received if all are lost.
-    pub(super) fn in_force(&self, stamp_ns: u64) -> Option<&ReceivedFrame> {
-        let silent_ns = |heard: &ReceivedFrame| stamp_ns.saturating_sub(heard.heard_ns);
-        let living = self.heard.iter().find(|heard| silent_ns(heard) <= self.lost_after_ns);
-        living.or_else(|| self.heard.iter().min_by_key(|heard| silent_ns(heard)))
+    pub(super) fn frame_in_force(&self, stamp_ns: u64) -> Option<&ReceivedFrame> {
+        let silent_ns = |heard: &ReceivedFrame| stamp_ns.saturating_sub(heard.received_ns);
+        let living =
+            self.received_frames.iter().find(|heard| silent_ns(heard) <= self.lost_after_ns);
+        living.or_else(|| self.received_frames.iter().min_by_key(|heard| silent_ns(heard)))
     }
 }

@@ -5,29 +5,35 @@
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
 
-use super::{Role, RoleInput, RoleRow, offsets};
-use crate::laws::situation::Heard;
+use super::{Role, RoleInput, RoleRow, offset_function};
+use crate::laws::situation::NeighborEstimate;
 
 /// Row of the follower role.
-pub const CONTAINED: RoleRow = RoleRow {
+pub const CONTAINED_ROLE: RoleRow = RoleRow {
     description: protocol::law::Role::CONTAINED,
-    build: |brief: &AgentBrief| Ok(Box::new(Contained { period_s: brief.period_ns as f64 / 1e9 })),
+    build: |brief: &AgentBrief| {
+        Ok(Box::new(ContainedRole { period_s: brief.period_ns as f64 / 1e9 }))
+    },
 };
 
-struct Contained {
+struct ContainedRole {
     /// Control period (T), s.
     period_s: f64,
 }
 
-impl Role for Contained {
-    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+impl Role for ContainedRole {
+    fn target(
+        &mut self,
+        moment: &RoleInput<'_>,
+        heard: &mut Vec<NeighborEstimate>,
+    ) -> Option<Target> {
         let RoleInput { stamp_ns, neighborhood, .. } = *moment;
-        if neighborhood.takes_place() {
+        if neighborhood.keeps_leader_slot() {
             let frame = neighborhood.frame_at(stamp_ns)?;
-            let later = frame.extrapolated(0.5 * self.period_s);
-            neighborhood.estimate_neighbors(stamp_ns, offsets(frame, later), heard);
+            let later = frame.extrapolate(0.5 * self.period_s);
+            neighborhood.estimate_neighbors(stamp_ns, offset_function(frame, later), heard);
         } else {
-            moment.recall_without_offsets(heard);
+            moment.estimate_without_offsets(heard);
         }
         neighborhood.desired_target(heard)
     }

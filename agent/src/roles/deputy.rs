@@ -8,27 +8,27 @@ use formation::desired::Target;
 use formation::drive::Drive;
 use formation::frame::LeaderFrame;
 use protocol::brief::{AgentBrief, DeputyBrief, LeadBrief};
-use protocol::message::Contact;
+use protocol::message::ReceptionState;
 
 use super::RoleInput;
-use super::nominal_frame::NominalFrame;
+use super::nominal_frame::NominalFrameGenerator;
 use crate::UnfitBrief;
 use crate::avoidance::{self, Avoidance};
 
 /// State of a deputy.
 pub(super) struct Deputy {
-    lead: LeadBrief,
+    lead_brief: LeadBrief,
     /// Slot relative to the main leader, at heading 0 and scale 1, m.
-    place: Vec2,
+    slot_offset: Vec2,
     /// Control period (T), s.
     period_s: f64,
     /// Avoidance method of a leader with the main leader's front point, which determines how it would follow
     /// m(t).
-    leaders: Box<dyn Avoidance>,
+    leader_avoidance: Box<dyn Avoidance>,
     /// Drive of the main leader.
-    drive: Drive,
+    leader_drive: Drive,
     /// Generator of the leader frame while this robot leads, and the frame at the newest sample.
-    own_frame: Option<(NominalFrame, TimedFrame)>,
+    own_frame: Option<(NominalFrameGenerator, TimedFrame)>,
 }
 
 /// A frame and its run time, s.
@@ -48,15 +48,16 @@ impl Deputy {
             front_point_m: deputy.front_point_m,
             drive_kind: deputy.drive_kind,
             turn_rate_max_rad_s: deputy.turn_rate_max_rad_s,
+            turning_radius_min_m: deputy.turning_radius_min_m,
             limits: deputy.limits,
             ..brief.clone()
         };
         Ok(Some(Deputy {
-            lead: lead.clone(),
-            place: place_m.into(),
+            lead_brief: lead.clone(),
+            slot_offset: place_m.into(),
             period_s: brief.period_ns as f64 / 1e9,
-            drive: leaders.drive(),
-            leaders: avoidance::build(&leaders)?,
+            leader_drive: leaders.drive(),
+            leader_avoidance: avoidance::build(&leaders)?,
             own_frame: None,
         }))
     }
@@ -65,37 +66,47 @@ impl Deputy {
     /// frame of a better rank is received, or if none ever was.
     pub(super) fn target(&self, moment: &RoleInput<'_>) -> Option<Target> {
         let TimedFrame { t_s, frame } = self.newest_known_frame(moment)?;
-        let (now, half_s) = (frame.extrapolated(moment.t_s - t_s), 0.5 * self.period_s);
-        let LeadBrief { trajectory, .. } = &self.lead;
-        let position = trajectory.target_at(moment.t_s).position + now.offset(self.place).position;
+        let (now, half_s) = (frame.extrapolate(moment.t_s - t_s), 0.5 * self.period_s);
+        let LeadBrief { trajectory, .. } = &self.lead_brief;
+        let position = trajectory.target_at(moment.t_s).position
+            + now.transform_offset(self.slot_offset).position;
         let velocity = trajectory.target_at(moment.t_s + half_s).velocity
-            + now.extrapolated(half_s).offset(self.place).velocity;
+            + now.extrapolate(half_s).transform_offset(self.slot_offset).velocity;
         Some(Target { position, velocity })
     }
 
     /// Returns the frame that this robot sends to others while it leads.
-    pub(super) fn frame(&mut self, moment: &RoleInput<'_>) -> Option<LeaderFrame> {
+    pub(super) fn frame_while_leading(&mut self, moment: &RoleInput<'_>) -> Option<LeaderFrame> {
         let Some(known) = self.newest_known_frame(moment) else {
             self.own_frame = None;
             return None;
         };
         let (mut nominal, _) = self.own_frame.take().unwrap_or_else(|| {
-            (NominalFrame::continue_from(self.period_s, self.drive, known.t_s, known.frame), known)
+            (
+                NominalFrameGenerator::continue_from(
+                    self.period_s,
+                    self.leader_drive,
+                    known.t_s,
+                    known.frame,
+                ),
+                known,
+            )
         });
         let heading_rad = known.frame.heading_rad;
-        let frame = nominal.advance(moment.t_s, heading_rad, &self.lead, &*self.leaders);
+        let frame =
+            nominal.advance(moment.t_s, heading_rad, &self.lead_brief, &*self.leader_avoidance);
         self.own_frame = Some((nominal, TimedFrame { t_s: moment.t_s, frame }));
         Some(frame)
     }
 
     /// Returns the newest known frame while it leads: its own, or the last received of a better rank.
     fn newest_known_frame(&self, moment: &RoleInput<'_>) -> Option<TimedFrame> {
-        if moment.neighborhood.frame_contact().contact != Contact::Lost {
+        if moment.neighborhood.leader_frame_reception().state != ReceptionState::Lost {
             return None;
         }
         self.own_frame.as_ref().map(|(_, known)| *known).or_else(|| {
-            let heard = moment.neighborhood.frame(moment.stamp_ns)?;
-            Some(TimedFrame { t_s: moment.t_of_s(heard.stamp_ns), frame: heard.frame })
+            let heard = moment.neighborhood.frame_in_force(moment.stamp_ns)?;
+            Some(TimedFrame { t_s: moment.run_time_s(heard.stamp_ns), frame: heard.frame })
         })
     }
 }

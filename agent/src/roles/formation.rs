@@ -8,15 +8,15 @@ use formation::scale::Scale;
 use protocol::brief::AgentBrief;
 
 use super::deputy::Deputy;
-use super::{Role, RoleInput, RoleRow, offsets};
+use super::{Role, RoleInput, RoleRow, offset_function};
 use crate::avoidance::Avoidance;
-use crate::laws::situation::Heard;
+use crate::laws::situation::NeighborEstimate;
 
 /// Row of the formation role.
-pub const FORMATION: RoleRow = RoleRow {
+pub const FORMATION_ROLE: RoleRow = RoleRow {
     description: protocol::law::Role::FORMATION,
     build: |brief: &AgentBrief| {
-        Ok(Box::new(Formation {
+        Ok(Box::new(FormationRole {
             has_leader: brief.led,
             scale: brief.scale.clone(),
             period_s: brief.period_ns as f64 / 1e9,
@@ -29,7 +29,7 @@ pub const FORMATION: RoleRow = RoleRow {
     },
 };
 
-struct Formation {
+struct FormationRole {
     /// `true` if offsets rotate and scale with a leader's frame.
     has_leader: bool,
     /// Scale delta(t) of a leaderless formation, which every robot evaluates from the run time.
@@ -50,24 +50,33 @@ struct WMsrFilter {
     desired_velocity: Vec2,
 }
 
-impl Role for Formation {
-    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+impl Role for FormationRole {
+    fn target(
+        &mut self,
+        moment: &RoleInput<'_>,
+        heard: &mut Vec<NeighborEstimate>,
+    ) -> Option<Target> {
         if let Some(target) = self.deputy.as_ref().and_then(|deputy| deputy.target(moment)) {
-            moment.recall_without_offsets(heard);
+            moment.estimate_without_offsets(heard);
             return Some(target);
         }
         let (now_s, later_s) = (moment.t_s, moment.t_s + 0.5 * self.period_s);
         let (frame, later) = match (self.has_leader, &self.scale) {
             (true, _) => {
                 let frame = moment.neighborhood.frame_at(moment.stamp_ns)?;
-                (frame, frame.extrapolated(0.5 * self.period_s))
+                (frame, frame.extrapolate(0.5 * self.period_s))
             }
-            (false, Some(scale)) => {
-                (LeaderFrame::leaderless(scale, now_s), LeaderFrame::leaderless(scale, later_s))
-            }
-            (false, None) => (LeaderFrame::STILL, LeaderFrame::STILL),
+            (false, Some(scale)) => (
+                LeaderFrame::for_leaderless_formation(scale, now_s),
+                LeaderFrame::for_leaderless_formation(scale, later_s),
+            ),
+            (false, None) => (LeaderFrame::IDENTITY, LeaderFrame::IDENTITY),
         };
-        moment.neighborhood.estimate_neighbors(moment.stamp_ns, offsets(frame, later), heard);
+        moment.neighborhood.estimate_neighbors(
+            moment.stamp_ns,
+            offset_function(frame, later),
+            heard,
+        );
         let Some(filter) = &mut self.w_msr else {
             return moment.neighborhood.desired_target(heard);
         };
@@ -75,12 +84,16 @@ impl Role for Formation {
             position: front_point(moment.pose, filter.front_point_m),
             velocity: filter.desired_velocity,
         };
-        let target = moment.neighborhood.desired_despite_liars(heard, own);
+        let target = moment.neighborhood.resilient_desired_target(heard, own);
         filter.desired_velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
         target
     }
 
-    fn frame(&mut self, moment: &RoleInput<'_>, _: &dyn Avoidance) -> Option<LeaderFrame> {
-        self.deputy.as_mut()?.frame(moment)
+    fn formation_frame(
+        &mut self,
+        moment: &RoleInput<'_>,
+        _: &dyn Avoidance,
+    ) -> Option<LeaderFrame> {
+        self.deputy.as_mut()?.frame_while_leading(moment)
     }
 }

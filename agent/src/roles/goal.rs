@@ -7,30 +7,34 @@ use protocol::brief::AgentBrief;
 
 use super::{Role, RoleInput, RoleRow};
 use crate::UnfitBrief;
-use crate::laws::situation::Heard;
+use crate::laws::situation::NeighborEstimate;
 
 /// Row of the goal role.
-pub const GOAL: RoleRow = RoleRow {
+pub const GOAL_ROLE: RoleRow = RoleRow {
     description: protocol::law::Role::GOAL,
     build: |brief: &AgentBrief| {
         let why = || format!("{} goes to a goal, but its brief has no goal_m", brief.name);
         let goal_m = brief.goal_m.ok_or_else(|| UnfitBrief(why()))?;
-        Ok(Box::new(Goal { goal: goal_m.into() }))
+        Ok(Box::new(GoalRole { goal: goal_m.into() }))
     },
 };
 
-struct Goal {
+struct GoalRole {
     /// Goal position in `map`, m.
     goal: Vec2,
 }
 
-impl Role for Goal {
-    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        moment.recall_without_offsets(heard);
+impl Role for GoalRole {
+    fn target(
+        &mut self,
+        moment: &RoleInput<'_>,
+        heard: &mut Vec<NeighborEstimate>,
+    ) -> Option<Target> {
+        moment.estimate_without_offsets(heard);
         Some(Target::at_rest(self.goal))
     }
 
-    fn go_to(&mut self, place: Vec2) -> bool {
+    fn set_goal(&mut self, place: Vec2) -> bool {
         self.goal = place;
         true
     }

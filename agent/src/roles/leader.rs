@@ -6,58 +6,75 @@ use formation::drive::Drive;
 use formation::frame::LeaderFrame;
 use protocol::brief::{AgentBrief, LeadBrief};
 
-use super::nominal_frame::NominalFrame;
+use super::nominal_frame::NominalFrameGenerator;
 use super::{Role, RoleInput, RoleRow};
 use crate::UnfitBrief;
 use crate::avoidance::Avoidance;
-use crate::laws::situation::Heard;
+use crate::laws::situation::NeighborEstimate;
 
 /// Row of the leader role.
-pub const LEADER: RoleRow = RoleRow {
+pub const LEADER_ROLE: RoleRow = RoleRow {
     description: protocol::law::Role::LEADER,
     build: |brief: &AgentBrief| {
         let why = || format!("{} leads, but its brief has no [lead] with a trajectory", brief.name);
-        Ok(Box::new(Leader {
-            lead: brief.lead.clone().ok_or_else(|| UnfitBrief(why()))?,
+        Ok(Box::new(LeaderRole {
+            lead_brief: brief.lead.clone().ok_or_else(|| UnfitBrief(why()))?,
             period_s: brief.period_ns as f64 / 1e9,
             has_deputies: !brief.spares.is_empty(),
             drive: brief.drive(),
-            frame: NominalFrame::new(brief.period_ns as f64 / 1e9, brief.drive()),
+            frame_generator: NominalFrameGenerator::new(
+                brief.period_ns as f64 / 1e9,
+                brief.drive(),
+            ),
         }))
     },
 };
 
-struct Leader {
-    lead: LeadBrief,
+struct LeaderRole {
+    lead_brief: LeadBrief,
     /// Control period (T), s.
     period_s: f64,
     /// Whether the leader has deputies. After a restart it receives from them before it leads again.
     has_deputies: bool,
     drive: Drive,
-    frame: NominalFrame,
+    frame_generator: NominalFrameGenerator,
 }
 
-impl Role for Leader {
-    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        moment.recall_without_offsets(heard);
-        let Target { position, .. } = self.lead.trajectory.target_at(moment.t_s);
+impl Role for LeaderRole {
+    fn target(
+        &mut self,
+        moment: &RoleInput<'_>,
+        heard: &mut Vec<NeighborEstimate>,
+    ) -> Option<Target> {
+        moment.estimate_without_offsets(heard);
+        let Target { position, .. } = self.lead_brief.trajectory.target_at(moment.t_s);
         let Target { velocity, .. } =
-            self.lead.trajectory.target_at(moment.t_s + 0.5 * self.period_s);
+            self.lead_brief.trajectory.target_at(moment.t_s + 0.5 * self.period_s);
         Some(Target { position, velocity })
     }
 
-    fn frame(&mut self, moment: &RoleInput<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
+    fn formation_frame(
+        &mut self,
+        moment: &RoleInput<'_>,
+        avoidance: &dyn Avoidance,
+    ) -> Option<LeaderFrame> {
         if moment.neighborhood.is_resuming_lead() {
             return None;
         }
         // A restarted leader continues the frame of its deputies.
         if self.has_deputies
-            && !self.frame.has_begun()
-            && let Some(heard) = moment.neighborhood.frame(moment.stamp_ns)
+            && !self.frame_generator.has_begun()
+            && let Some(heard) = moment.neighborhood.frame_in_force(moment.stamp_ns)
         {
-            let t_s = moment.t_of_s(heard.stamp_ns);
-            self.frame = NominalFrame::continue_from(self.period_s, self.drive, t_s, heard.frame);
+            let t_s = moment.run_time_s(heard.stamp_ns);
+            self.frame_generator =
+                NominalFrameGenerator::continue_from(self.period_s, self.drive, t_s, heard.frame);
         }
-        Some(self.frame.advance(moment.t_s, moment.pose.heading_rad, &self.lead, avoidance))
+        Some(self.frame_generator.advance(
+            moment.t_s,
+            moment.pose.heading_rad,
+            &self.lead_brief,
+            avoidance,
+        ))
     }
 }

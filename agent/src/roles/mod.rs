@@ -17,14 +17,14 @@ use ::formation::frame::LeaderFrame;
 use ::formation::pose::Pose;
 use protocol::brief::AgentBrief;
 
-pub use self::contained::CONTAINED;
-pub use self::formation::FORMATION;
-pub use self::free::FREE;
-pub use self::goal::GOAL;
-pub use self::leader::LEADER;
+pub use self::contained::CONTAINED_ROLE;
+pub use self::formation::FORMATION_ROLE;
+pub use self::free::FREE_ROLE;
+pub use self::goal::GOAL_ROLE;
+pub use self::leader::LEADER_ROLE;
 use crate::UnfitBrief;
 use crate::avoidance::Avoidance;
-use crate::laws::situation::Heard;
+use crate::laws::situation::NeighborEstimate;
 use crate::neighborhood::Neighborhood;
 
 /// Input of a role, from one odometry sample.
@@ -41,7 +41,7 @@ pub struct RoleInput<'a> {
 
 impl RoleInput<'_> {
     /// Fills `heard` for the control law of a role that uses no offsets.
-    fn recall_without_offsets(&self, heard: &mut Vec<Heard>) {
+    fn estimate_without_offsets(&self, heard: &mut Vec<NeighborEstimate>) {
         self.neighborhood.estimate_neighbors(
             self.stamp_ns,
             |_| Target::at_rest(Vec2::zeros()),
@@ -50,17 +50,18 @@ impl RoleInput<'_> {
     }
 
     /// Returns the run time at another stamp, s.
-    fn t_of_s(&self, stamp_ns: u64) -> f64 {
+    fn run_time_s(&self, stamp_ns: u64) -> f64 {
         self.t_s - (self.stamp_ns as i64 - stamp_ns as i64) as f64 / 1e9
     }
 }
 
 /// Returns a function that maps c_ji to C_ji(t) by the frame at a sample, and to C'_ji by the frame half a
 /// period later.
-fn offsets(frame: LeaderFrame, later: LeaderFrame) -> impl Fn(Vec2) -> Target {
+fn offset_function(frame: LeaderFrame, later: LeaderFrame) -> impl Fn(Vec2) -> Target {
+    let (frame, later) = (frame.offset_transform(), later.offset_transform());
     move |c_ji| Target {
-        position: frame.offset(c_ji).position,
-        velocity: later.offset(c_ji).velocity,
+        position: frame.apply(c_ji).position,
+        velocity: later.apply(c_ji).velocity,
     }
 }
 
@@ -68,11 +69,16 @@ fn offsets(frame: LeaderFrame, later: LeaderFrame) -> impl Fn(Vec2) -> Target {
 pub trait Role: Send {
     /// Returns alpha* at the sample, and alpha*' half a period later, because the answer acts for one period
     /// and the velocity at its middle is the best constant approximation. Returns `None` if the robot has no
-    /// desired position and has to stop. `heard` is filled for the control law, see [`Neighborhood::estimate_neighbors`].
-    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target>;
+    /// desired position and has to stop. `heard` is filled for the control law, see
+    /// [`Neighborhood::estimate_neighbors`].
+    fn target(
+        &mut self,
+        moment: &RoleInput<'_>,
+        heard: &mut Vec<NeighborEstimate>,
+    ) -> Option<Target>;
 
     /// Sends the robot to `place`, m, from now on. Returns whether it goes there. Only the goal role does.
-    fn go_to(&mut self, place: Vec2) -> bool {
+    fn set_goal(&mut self, place: Vec2) -> bool {
         let _ = place;
         false
     }
@@ -84,7 +90,11 @@ pub trait Role: Send {
 
     /// Returns the frame with which offsets rotate and scale, at the sample, if it is this robot's own.
     /// Otherwise the robot relays the frame that it receives.
-    fn frame(&mut self, moment: &RoleInput<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
+    fn formation_frame(
+        &mut self,
+        moment: &RoleInput<'_>,
+        avoidance: &dyn Avoidance,
+    ) -> Option<LeaderFrame> {
         let _ = (moment, avoidance);
         None
     }
@@ -108,10 +118,10 @@ impl RoleRow {
 }
 
 /// Table of all roles.
-pub const ROLES: &[RoleRow] = &[LEADER, FORMATION, CONTAINED, GOAL, FREE];
+pub const ROLES: &[RoleRow] = &[LEADER_ROLE, FORMATION_ROLE, CONTAINED_ROLE, GOAL_ROLE, FREE_ROLE];
 
 /// Returns the row of the role `name`, or an error that lists the known names.
-pub fn row(name: &str) -> Result<RoleRow, UnfitBrief> {
+pub fn find_row(name: &str) -> Result<RoleRow, UnfitBrief> {
     let found = ROLES.iter().find(|row| row.description.name == name);
     found.copied().ok_or_else(|| {
         let known: Vec<_> = ROLES.iter().map(|row| row.description.name).collect();

@@ -14,12 +14,12 @@
 //! Where m(t) stops and reverses, that leader turns around, and the formation with it. With `keep_heading` the nominal
 //! leader drives backwards instead, while m'(t) points behind it.
 //!
-//! Of all sensed values only the first heading is used. A leader that is controlled at its axle midpoint has the heading
-//! of m'(t), without memory. An addition to the chapter.
+//! Of all sensed values only the first heading is used. A leader that is controlled at its axle midpoint has the
+//! heading of m'(t), without memory. An addition to the chapter.
 
 use formation::drive::Drive;
 use formation::frame::LeaderFrame;
-use formation::front_point::drawing_velocity;
+use formation::front_point::towing_velocity;
 use formation::pose::wrap_angle;
 use formation::trajectory::Direction;
 use protocol::brief::LeadBrief;
@@ -28,34 +28,38 @@ use crate::avoidance::Avoidance;
 
 /// Maximum gap between samples, in periods. After a longer gap the nominal leader restarts from the robot's own
 /// heading, as after a restart, so that the work per sample is bounded.
-const GAP_PERIODS_MAX: f64 = 1000.0;
+const SAMPLE_GAP_PERIODS_MAX: f64 = 1000.0;
 
 /// Frame generator of an undisturbed leader.
-pub(super) struct NominalFrame {
+pub(super) struct NominalFrameGenerator {
     /// Control period (T), s.
     period_s: f64,
     /// `true` if the leader is controlled at its axle midpoint.
-    at_axle: bool,
-    nominal: Option<Nominal>,
+    is_axle_controlled: bool,
+    nominal_leader: Option<NominalLeader>,
 }
 
 /// State of the nominal leader at one instant.
 #[derive(Debug, Clone, Copy)]
-struct Nominal {
+struct NominalLeader {
     /// Time since the start of the run, s.
     t_s: f64,
     /// Heading at that time, rad.
     heading_rad: f64,
     /// Turn rate held for one period from that time, rad/s.
-    held_rad_s: f64,
+    turn_rate_rad_s: f64,
     /// Difference from the previously held turn rate per second, rad/s^2.
-    acceleration_rad_s2: f64,
+    turn_acceleration_rad_s2: f64,
 }
 
-impl NominalFrame {
+impl NominalFrameGenerator {
     /// Creates a generator that starts at the first sample, for a leader with this drive.
-    pub(super) fn new(period_s: f64, drive: Drive) -> NominalFrame {
-        NominalFrame { period_s, at_axle: drive.turns_freely(), nominal: None }
+    pub(super) fn new(period_s: f64, drive: Drive) -> NominalFrameGenerator {
+        NominalFrameGenerator {
+            period_s,
+            is_axle_controlled: drive.turns_freely(),
+            nominal_leader: None,
+        }
     }
 
     /// Creates a generator that continues `frame` from `t_s`, s since the start of the run.
@@ -64,17 +68,25 @@ impl NominalFrame {
         drive: Drive,
         t_s: f64,
         frame: LeaderFrame,
-    ) -> NominalFrame {
+    ) -> NominalFrameGenerator {
         let LeaderFrame { heading_rad, turn_rate_rad_s, turn_acceleration_rad_s2, .. } = frame;
         let held_rad_s = turn_rate_rad_s + 0.5 * period_s * turn_acceleration_rad_s2;
         let acceleration_rad_s2 = turn_acceleration_rad_s2;
-        let nominal = Nominal { t_s, heading_rad, held_rad_s, acceleration_rad_s2 };
-        NominalFrame { nominal: Some(nominal), ..NominalFrame::new(period_s, drive) }
+        let nominal = NominalLeader {
+            t_s,
+            heading_rad,
+            turn_rate_rad_s: held_rad_s,
+            turn_acceleration_rad_s2: acceleration_rad_s2,
+        };
+        NominalFrameGenerator {
+            nominal_leader: Some(nominal),
+            ..NominalFrameGenerator::new(period_s, drive)
+        }
     }
 
     /// Returns `true` once a frame was computed, or if it continues another one.
     pub(super) fn has_begun(&self) -> bool {
-        self.nominal.is_some()
+        self.nominal_leader.is_some()
     }
 
     /// Returns the frame at `t_s`, s since the start of the run. `heading_rad`, the robot's own heading, is
@@ -86,55 +98,67 @@ impl NominalFrame {
         lead: &LeadBrief,
         avoidance: &dyn Avoidance,
     ) -> LeaderFrame {
-        if self.at_axle {
+        if self.is_axle_controlled {
             return self.advance_at_axle(t_s, heading_rad, lead);
         }
         let (period_s, LeadBrief { trajectory, scale, keep_heading }) = (self.period_s, lead);
         let held = |t_s: f64, heading_rad: f64| {
             let velocity = trajectory.target_at(t_s + 0.5 * period_s).velocity;
-            let drawing = drawing_velocity(heading_rad, avoidance.admit(velocity), *keep_heading);
+            let drawing =
+                towing_velocity(heading_rad, avoidance.admit_velocity(velocity), *keep_heading);
             avoidance.velocity_to_twist(heading_rad, drawing).w_rad_s
         };
-        let begun = self.nominal.filter(|was| t_s - was.t_s <= GAP_PERIODS_MAX * period_s);
-        let mut now = begun.unwrap_or_else(|| Nominal {
+        let begun =
+            self.nominal_leader.filter(|was| t_s - was.t_s <= SAMPLE_GAP_PERIODS_MAX * period_s);
+        let mut now = begun.unwrap_or_else(|| NominalLeader {
             t_s,
             heading_rad,
-            held_rad_s: held(t_s, heading_rad),
-            acceleration_rad_s2: 0.0,
+            turn_rate_rad_s: held(t_s, heading_rad),
+            turn_acceleration_rad_s2: 0.0,
         });
         // Rounded to an integer number of periods, so that timer jitter has no effect.
         let periods = ((t_s - now.t_s) / period_s).round();
         for period in 1..=periods as u32 {
             let from_s = begun.unwrap_or(now).t_s;
-            let heading_rad = wrap_angle(now.heading_rad + now.held_rad_s * period_s);
+            let heading_rad = wrap_angle(now.heading_rad + now.turn_rate_rad_s * period_s);
             let t_s = from_s + f64::from(period) * period_s;
             let held_rad_s = held(t_s, heading_rad);
-            let acceleration_rad_s2 = (held_rad_s - now.held_rad_s) / period_s;
-            now = Nominal { t_s, heading_rad, held_rad_s, acceleration_rad_s2 };
+            let acceleration_rad_s2 = (held_rad_s - now.turn_rate_rad_s) / period_s;
+            now = NominalLeader {
+                t_s,
+                heading_rad,
+                turn_rate_rad_s: held_rad_s,
+                turn_acceleration_rad_s2: acceleration_rad_s2,
+            };
         }
-        self.nominal = Some(now);
+        self.nominal_leader = Some(now);
         let (scale, scale_rate_per_s) = scale.value_and_rate_at(t_s);
         let frame = LeaderFrame {
             heading_rad: now.heading_rad,
             // The turn rate held for a period is the rate at its middle.
-            turn_rate_rad_s: now.held_rad_s - 0.5 * period_s * now.acceleration_rad_s2,
-            turn_acceleration_rad_s2: now.acceleration_rad_s2,
+            turn_rate_rad_s: now.turn_rate_rad_s - 0.5 * period_s * now.turn_acceleration_rad_s2,
+            turn_acceleration_rad_s2: now.turn_acceleration_rad_s2,
             scale,
             scale_rate_per_s: 0.0,
         };
-        LeaderFrame { scale_rate_per_s, ..frame.extrapolated(t_s - now.t_s) }
+        LeaderFrame { scale_rate_per_s, ..frame.extrapolate(t_s - now.t_s) }
     }
 
-    /// Returns the frame at `t_s` of a leader whose heading is that of m'(t). `heading_rad` counts only where m(t) is at
-    /// rest, or chooses the gear, before the first frame.
+    /// Returns the frame at `t_s` of a leader whose heading is that of m'(t). `heading_rad` counts only where m(t) is
+    /// at rest, or chooses the gear, before the first frame.
     fn advance_at_axle(&mut self, t_s: f64, heading_rad: f64, lead: &LeadBrief) -> LeaderFrame {
         let LeadBrief { trajectory, scale, keep_heading } = lead;
-        let heading_rad = self.nominal.map_or(heading_rad, |was| was.heading_rad);
+        let heading_rad = self.nominal_leader.map_or(heading_rad, |was| was.heading_rad);
         let Direction { heading_rad, turn_rate_rad_s, turn_acceleration_rad_s2 } =
             trajectory.direction_at(t_s, self.period_s, heading_rad, *keep_heading);
         let held_rad_s = turn_rate_rad_s + 0.5 * self.period_s * turn_acceleration_rad_s2;
         let acceleration_rad_s2 = turn_acceleration_rad_s2;
-        self.nominal = Some(Nominal { t_s, heading_rad, held_rad_s, acceleration_rad_s2 });
+        self.nominal_leader = Some(NominalLeader {
+            t_s,
+            heading_rad,
+            turn_rate_rad_s: held_rad_s,
+            turn_acceleration_rad_s2: acceleration_rad_s2,
+        });
         let (scale, scale_rate_per_s) = scale.value_and_rate_at(t_s);
         LeaderFrame {
             heading_rad,
@@ -158,26 +182,30 @@ mod tests {
     use formation::pose::{Pose, Twist};
     use formation::scale::Scale;
     use formation::trajectory::Trajectory;
-    use formation::unicycle::arc;
+    use formation::unicycle::integrate_arc;
 
-    const T: f64 = 0.01;
+    const PERIOD_S: f64 = 0.01;
     const ELL: f64 = 0.15;
-    const FRONT_POINT_DRIVE: Drive =
-        Drive { kind: DriveKind::Differential, ell_m: ELL, turn_rate_max_rad_s: f64::INFINITY };
-    const AXLE: Drive = Drive { ell_m: 0.0, turn_rate_max_rad_s: 2.0, ..FRONT_POINT_DRIVE };
+    const FRONT_POINT_DRIVE: Drive = Drive {
+        kind: DriveKind::Differential,
+        ell_m: ELL,
+        turn_rate_max_rad_s: f64::INFINITY,
+        curvature_max_per_m: f64::INFINITY,
+    };
+    const AXLE_DRIVE: Drive = Drive { ell_m: 0.0, turn_rate_max_rad_s: 2.0, ..FRONT_POINT_DRIVE };
     /// Tolerance between frames of the same instant.
     const FRAME_TOLERANCE: f64 = 1e-9;
 
     /// Moves the front point by exactly gamma T, at most at 1 m/s.
-    struct Exact;
+    struct ExactAvoidance;
 
-    impl Avoidance for Exact {
-        fn admit(&self, gamma: Vec2) -> Vec2 {
+    impl Avoidance for ExactAvoidance {
+        fn admit_velocity(&self, gamma: Vec2) -> Vec2 {
             gamma / gamma.norm().max(1.0)
         }
 
         fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-            exact_hold(heading_rad, ELL, gamma * T, T)
+            exact_hold(heading_rad, ELL, gamma * PERIOD_S, PERIOD_S)
         }
 
         fn steer(&mut self, _: &Sample<'_>, _: Vec2) -> Twist {
@@ -190,42 +218,46 @@ mod tests {
     }
 
     fn frame_at(
-        frame: &mut NominalFrame,
+        frame: &mut NominalFrameGenerator,
         t_s: f64,
         heading_rad: f64,
         radius_m: f64,
     ) -> LeaderFrame {
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         let lead = LeadBrief { scale, trajectory: circle(radius_m), keep_heading: false };
-        frame.advance(t_s, heading_rad, &lead, &Exact)
+        frame.advance(t_s, heading_rad, &lead, &ExactAvoidance)
     }
 
-    fn tick(k: u32) -> f64 {
-        f64::from(k) * T
+    fn tick_time_s(k: u32) -> f64 {
+        f64::from(k) * PERIOD_S
     }
 
     #[test]
     fn nominal_frame_turns_like_an_undisturbed_leader() {
-        let mut frame = NominalFrame::new(T, FRONT_POINT_DRIVE);
+        let mut frame = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
         let mut body = Pose { x_m: 1.0, y_m: 0.0, heading_rad: 0.3 };
         for k in 0..500 {
-            let told = frame_at(&mut frame, tick(k), body.heading_rad, 1.0);
+            let told = frame_at(&mut frame, tick_time_s(k), body.heading_rad, 1.0);
             assert!(
                 wrap_angle(told.heading_rad - body.heading_rad).abs() < FRAME_TOLERANCE,
                 "tick {k}"
             );
-            let velocity = circle(1.0).target_at(tick(k) + 0.5 * T).velocity;
-            body = arc(body, Exact.velocity_to_twist(body.heading_rad, velocity), T);
+            let velocity = circle(1.0).target_at(tick_time_s(k) + 0.5 * PERIOD_S).velocity;
+            body = integrate_arc(
+                body,
+                ExactAvoidance.velocity_to_twist(body.heading_rad, velocity),
+                PERIOD_S,
+            );
         }
         assert!(front_point(body, ELL).norm() > 0.5, "it has moved");
     }
 
     #[test]
     fn frame_at_the_axle_has_the_direction_of_the_path() {
-        let mut frame = NominalFrame::new(T, AXLE);
+        let mut frame = NominalFrameGenerator::new(PERIOD_S, AXLE_DRIVE);
         for k in 0..300 {
-            let told = frame_at(&mut frame, tick(k), -2.0, 1.0);
-            let course = 0.2 * PI * tick(k) + 0.5 * PI;
+            let told = frame_at(&mut frame, tick_time_s(k), -2.0, 1.0);
+            let course = 0.2 * PI * tick_time_s(k) + 0.5 * PI;
             assert!(wrap_angle(told.heading_rad - course).abs() < FRAME_TOLERANCE, "tick {k}");
             assert!((told.turn_rate_rad_s - 0.2 * PI).abs() < 1e-6, "tick {k}");
         }
@@ -246,9 +278,12 @@ mod tests {
             keep_heading,
         };
         let heading_at_7_s = |keep_heading| {
-            let mut frame = NominalFrame::new(T, FRONT_POINT_DRIVE);
-            let heading =
-                |k| frame.advance(tick(k), 0.9, &to_and_fro(keep_heading), &Exact).heading_rad;
+            let mut frame = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
+            let heading = |k| {
+                frame
+                    .advance(tick_time_s(k), 0.9, &to_and_fro(keep_heading), &ExactAvoidance)
+                    .heading_rad
+            };
             (0..=700).map(heading).last().unwrap()
         };
         // Without `keep_heading` the heading is unstable behind the cusp, and has turned by pi some 4 s later.
@@ -259,25 +294,29 @@ mod tests {
 
     #[test]
     fn nominal_frame_uses_only_the_first_heading() {
-        let (mut one, mut other) =
-            (NominalFrame::new(T, FRONT_POINT_DRIVE), NominalFrame::new(T, FRONT_POINT_DRIVE));
+        let (mut one, mut other) = (
+            NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE),
+            NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE),
+        );
         for k in 0..300 {
             let pushed = if k == 0 { 0.3 } else { 0.3 + f64::from(k).sin() };
-            let (a, b) =
-                (frame_at(&mut one, tick(k), 0.3, 1.0), frame_at(&mut other, tick(k), pushed, 1.0));
+            let (a, b) = (
+                frame_at(&mut one, tick_time_s(k), 0.3, 1.0),
+                frame_at(&mut other, tick_time_s(k), pushed, 1.0),
+            );
             assert_eq!(a, b, "tick {k}");
         }
     }
 
     #[test]
     fn turn_rate_and_acceleration_are_heading_derivatives() {
-        let mut frame = NominalFrame::new(T, FRONT_POINT_DRIVE);
+        let mut frame = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
         let told: Vec<LeaderFrame> =
-            (0..200).map(|k| frame_at(&mut frame, tick(k), 2.0, 1.0)).collect();
+            (0..200).map(|k| frame_at(&mut frame, tick_time_s(k), 2.0, 1.0)).collect();
         for (k, three) in told.windows(3).enumerate() {
             let [before, now, after] = [0, 1, 2].map(|i| three[i].heading_rad);
-            let slope = wrap_angle(after - before) / (2.0 * T);
-            let bend = (wrap_angle(after - now) - wrap_angle(now - before)) / (T * T);
+            let slope = wrap_angle(after - before) / (2.0 * PERIOD_S);
+            let bend = (wrap_angle(after - now) - wrap_angle(now - before)) / (PERIOD_S * PERIOD_S);
             let (rate, acceleration) =
                 (three[1].turn_rate_rad_s, three[1].turn_acceleration_rad_s2);
             assert!((slope - rate).abs() < 1e-6, "tick {k}: {slope}, {rate}");
@@ -288,33 +327,33 @@ mod tests {
 
     #[test]
     fn jitter_and_gaps_keep_the_frame_and_a_long_gap_restarts_it() {
-        let mut regular = NominalFrame::new(T, FRONT_POINT_DRIVE);
+        let mut regular = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
         let told: Vec<LeaderFrame> =
-            (0..2000).map(|k| frame_at(&mut regular, tick(k), 0.3, 1.0)).collect();
-        let mut late = NominalFrame::new(T, FRONT_POINT_DRIVE);
+            (0..2000).map(|k| frame_at(&mut regular, tick_time_s(k), 0.3, 1.0)).collect();
+        let mut late = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
         frame_at(&mut late, 0.0, 0.3, 1.0);
         // Timer jitter of up to 0.4 T, and 3 s without a sample.
         for k in (1..400).chain(700..900) {
-            let off_s = 0.4 * T * f64::from(k).sin();
+            let off_s = 0.4 * PERIOD_S * f64::from(k).sin();
             let (found, expected) = (
-                frame_at(&mut late, tick(k) + off_s, 9.9, 1.0),
-                told[k as usize].extrapolated(off_s),
+                frame_at(&mut late, tick_time_s(k) + off_s, 9.9, 1.0),
+                told[k as usize].extrapolate(off_s),
             );
             let off_rad = wrap_angle(found.heading_rad - expected.heading_rad);
             assert!(off_rad.abs() < FRAME_TOLERANCE, "tick {k}: off by {off_rad}");
             assert!((found.scale - expected.scale).abs() < 1e-6, "the scale is that of now");
         }
-        let long_s = 9.0 + (GAP_PERIODS_MAX + 2.0) * T;
+        let long_s = 9.0 + (SAMPLE_GAP_PERIODS_MAX + 2.0) * PERIOD_S;
         let anew = frame_at(&mut late, long_s, 9.9, 1.0);
         assert_eq!((anew.heading_rad, anew.turn_acceleration_rad_s2), (9.9, 0.0));
     }
 
     #[test]
     fn scale_and_its_rate_match_the_instant() {
-        let mut frame = NominalFrame::new(T, FRONT_POINT_DRIVE);
+        let mut frame = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         for k in 0..100 {
-            let t_s = tick(k) + 0.3 * T * f64::from(k).sin();
+            let t_s = tick_time_s(k) + 0.3 * PERIOD_S * f64::from(k).sin();
             let told = frame_at(&mut frame, t_s, 0.3, 1.0);
             let off = told.scale - scale.value_and_rate_at(t_s).0;
             assert!(
@@ -328,10 +367,12 @@ mod tests {
     fn path_above_the_admitted_speed_limits_the_turn_rate() {
         // The path needs 2 pi 5 m in 10 s, 3.1 m/s, of which 1 m/s is admitted. A velocity perpendicular to the
         // heading turns the body at u / ell.
-        let mut frame = NominalFrame::new(T, FRONT_POINT_DRIVE);
+        let mut frame = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
         frame_at(&mut frame, 0.0, 0.0, 5.0);
-        let told = frame_at(&mut frame, T, 0.0, 5.0);
-        assert!(told.heading_rad < 1.01 * T / ELL && told.heading_rad > 0.9 * T / ELL);
+        let told = frame_at(&mut frame, PERIOD_S, 0.0, 5.0);
+        assert!(
+            told.heading_rad < 1.01 * PERIOD_S / ELL && told.heading_rad > 0.9 * PERIOD_S / ELL
+        );
         assert!(told.heading_rad < PI);
     }
 }

@@ -16,9 +16,9 @@ use rcgen::{
 use crate::fleet::Fleet;
 
 /// Name of the file with the authority's certificate.
-pub const AUTHORITY: &str = "ca.pem";
+pub const AUTHORITY_FILE: &str = "ca.pem";
 /// Maximum difference between the wall clocks of two hosts.
-const CLOCKS_DIFFER: Duration = Duration::from_secs(24 * 3600);
+const CLOCK_DIFFERENCE_MAX: Duration = Duration::from_secs(24 * 3600);
 
 /// Failure to create certificates.
 #[derive(Debug, thiserror::Error)]
@@ -43,9 +43,9 @@ pub enum CertificatesError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Validity {
     /// Start of the validity.
-    pub from: SystemTime,
+    pub not_before: SystemTime,
     /// End of the validity.
-    pub until: SystemTime,
+    pub not_after: SystemTime,
 }
 
 impl Validity {
@@ -53,7 +53,7 @@ impl Validity {
     pub fn for_days(days: u32) -> Validity {
         let now = SystemTime::now();
         let until = now + Duration::from_secs(u64::from(days) * 24 * 3600);
-        Validity { from: now - CLOCKS_DIFFER, until }
+        Validity { not_before: now - CLOCK_DIFFERENCE_MAX, not_after: until }
     }
 }
 
@@ -64,12 +64,12 @@ impl Authority {
     /// Creates an authority.
     pub fn new(valid: Validity) -> Result<Authority, CertificatesError> {
         let make = || {
-            let mut params = params("phalanx fleet", Vec::new(), valid)?;
+            let mut params = certificate_params("phalanx fleet", Vec::new(), valid)?;
             params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
             params.key_usages = vec![KeyUsagePurpose::KeyCertSign];
             CertifiedIssuer::self_signed(params, KeyPair::generate()?)
         };
-        make().map(Authority).map_err(sign("the authority"))
+        make().map(Authority).map_err(sign_error("the authority"))
     }
 
     /// Returns the authority's certificate, in PEM.
@@ -79,7 +79,7 @@ impl Authority {
 
     /// Returns certificate and private key of a host, in PEM. `name`: common name; `address`: `ADDRESS:PORT`
     /// under which other hosts reach it.
-    pub fn host(
+    pub fn issue_host_certificate(
         &self,
         name: &str,
         address: &str,
@@ -88,7 +88,7 @@ impl Authority {
         let reached = address.rsplit_once(':').map_or(address, |(host, _)| host);
         let reached = reached.trim_matches(['[', ']']);
         let make = || {
-            let mut params = params(name, vec![reached.to_owned()], valid)?;
+            let mut params = certificate_params(name, vec![reached.to_owned()], valid)?;
             params.use_authority_key_identifier_extension = true;
             params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
             // Of two hosts, one connects and the other listens.
@@ -97,35 +97,39 @@ impl Authority {
             let key = KeyPair::generate()?;
             Ok((params.signed_by(&key, &self.0)?.pem(), key.serialize_pem()))
         };
-        make().map_err(sign(name))
+        make().map_err(sign_error(name))
     }
 }
 
-fn params(
+fn certificate_params(
     name: &str,
     reached: Vec<String>,
     valid: Validity,
 ) -> Result<CertificateParams, rcgen::Error> {
     let mut params = CertificateParams::new(reached)?;
     params.distinguished_name.push(DnType::CommonName, name);
-    params.not_before = valid.from.into();
-    params.not_after = valid.until.into();
+    params.not_before = valid.not_before.into();
+    params.not_after = valid.not_after.into();
     Ok(params)
 }
 
-fn sign(name: &str) -> impl FnOnce(rcgen::Error) -> CertificatesError {
+fn sign_error(name: &str) -> impl FnOnce(rcgen::Error) -> CertificatesError {
     let name = name.to_owned();
     move |error| CertificatesError::Sign(name, error)
 }
 
 /// Creates the certificates of all hosts of a fleet in its folder: `ca.pem`, and for each host `HOST.pem` and
 /// `HOST.key`, which only its owner can read. Returns the written files.
-pub fn make(fleet: &Fleet, valid: Validity) -> Result<Vec<PathBuf>, CertificatesError> {
+pub fn create_certificates(
+    fleet: &Fleet,
+    valid: Validity,
+) -> Result<Vec<PathBuf>, CertificatesError> {
     let folder = fleet.certificates.as_ref().ok_or(CertificatesError::NoFolder)?;
     let authority = Authority::new(valid)?;
-    let mut files = vec![(folder.join(AUTHORITY), authority.certificate())];
+    let mut files = vec![(folder.join(AUTHORITY_FILE), authority.certificate())];
     for host in &fleet.hosts {
-        let (certificate, key) = authority.host(&host.name, &host.address, valid)?;
+        let (certificate, key) =
+            authority.issue_host_certificate(&host.name, &host.address, valid)?;
         files.push((folder.join(format!("{}.pem", host.name)), certificate));
         files.push((folder.join(format!("{}.key", host.name)), key));
     }
@@ -135,12 +139,12 @@ pub fn make(fleet: &Fleet, valid: Validity) -> Result<Vec<PathBuf>, Certificates
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(folder);
     made.map_err(|error| CertificatesError::Write(folder.clone(), error))?;
     for (path, text) in &files {
-        write(path, text)?;
+        write_private_file(path, text)?;
     }
     Ok(files.into_iter().map(|(path, _)| path).collect())
 }
 
-fn write(path: &Path, text: &str) -> Result<(), CertificatesError> {
+fn write_private_file(path: &Path, text: &str) -> Result<(), CertificatesError> {
     let opened = File::options().write(true).create_new(true).mode(0o600).open(path);
     let written = opened.and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|error| match error.kind() {
@@ -152,7 +156,7 @@ fn write(path: &Path, text: &str) -> Result<(), CertificatesError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fleet::read_text;
+    use crate::fleet::parse_text;
     use std::os::unix::fs::PermissionsExt as _;
 
     fn fleet(folder: &Path, certificates: &str) -> Fleet {
@@ -160,14 +164,14 @@ mod tests {
             "plant = \"a\"\n{certificates}\n[[host]]\nname = \"a\"\naddress = \"127.0.0.1:7447\"\n\
              [[host]]\nname = \"b\"\naddress = \"[::1]:7448\"\nrobots = [\"r1\"]\n"
         );
-        read_text(&folder.join("fleet.toml"), &text).unwrap()
+        parse_text(&folder.join("fleet.toml"), &text).unwrap()
     }
 
     #[test]
     fn host_key_file_is_readable_by_its_owner_only() {
         let folder = tempfile::tempdir().unwrap();
         let fleet = fleet(folder.path(), "certificates = \"keys\"");
-        let files = make(&fleet, Validity::for_days(30)).unwrap();
+        let files = create_certificates(&fleet, Validity::for_days(30)).unwrap();
         let names = files.iter().map(|path| path.strip_prefix(folder.path()).unwrap());
         let expected = ["ca.pem", "a.pem", "a.key", "b.pem", "b.key"];
         assert!(names.eq(expected.iter().map(|name| Path::new("keys").join(name))));
@@ -178,10 +182,10 @@ mod tests {
         assert!(texts[2].starts_with("-----BEGIN PRIVATE KEY-----"));
 
         // Existing files are not overwritten.
-        let error = make(&fleet, Validity::for_days(30)).unwrap_err().to_string();
+        let error = create_certificates(&fleet, Validity::for_days(30)).unwrap_err().to_string();
         assert!(error.contains("ca.pem exists already"), "{error}");
         fs::remove_file(&files[0]).unwrap();
-        let error = make(&fleet, Validity::for_days(30)).unwrap_err().to_string();
+        let error = create_certificates(&fleet, Validity::for_days(30)).unwrap_err().to_string();
         assert!(error.contains("a.pem exists already") && !files[0].exists(), "{error}");
         assert_eq!(fs::read_to_string(&files[2]).unwrap(), texts[2]);
     }
@@ -189,7 +193,8 @@ mod tests {
     #[test]
     fn fleet_without_certificate_folder_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let error = make(&fleet(folder.path(), ""), Validity::for_days(1)).unwrap_err();
+        let error =
+            create_certificates(&fleet(folder.path(), ""), Validity::for_days(1)).unwrap_err();
         assert!(matches!(error, CertificatesError::NoFolder), "{error}");
     }
 }

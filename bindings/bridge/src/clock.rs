@@ -7,15 +7,15 @@
 use std::collections::VecDeque;
 
 /// Maximum age of a measurement that is used, ns.
-const WINDOW_NS: u64 = 30_000_000_000;
+const MEASUREMENT_AGE_NS_MAX: u64 = 30_000_000_000;
 /// Maximum relative drift of two clocks: ten times that of quartz oscillators.
-const DRIFT: f64 = 100e-6;
+const RELATIVE_DRIFT_MAX: f64 = 100e-6;
 /// Maximum number of stored measurements. Beyond it, the oldest one is dropped.
-const KEPT_MAX: usize = 512;
+const STORED_MEASUREMENTS_MAX: usize = 512;
 
 /// The four stamps of one measurement, ns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stamps {
+pub struct RoundTripStamps {
     /// Time of sending, by the local clock.
     pub sent_ns: u64,
     /// Time of reception, by the remote clock.
@@ -26,7 +26,7 @@ pub struct Stamps {
     pub received_ns: u64,
 }
 
-impl Stamps {
+impl RoundTripStamps {
     /// Returns the round-trip time without the time at the remote host, ns; `None` if the stamps are
     /// inconsistent.
     pub fn round_trip_ns(&self) -> Option<u64> {
@@ -45,91 +45,93 @@ impl Stamps {
 
 /// Estimate of the offset of a remote clock.
 #[derive(Debug, Clone, Default)]
-pub struct Offset {
+pub struct ClockOffsetEstimator {
     /// Time by the local clock, and the two bounds, of each measurement.
-    measured: VecDeque<(u64, [i128; 2])>,
+    measurements: VecDeque<(u64, [i128; 2])>,
 }
 
 /// Bounds of the offset (remote minus local) at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Bounds {
-    low: i128,
-    high: i128,
+pub struct OffsetBounds {
+    low_ns: i128,
+    high_ns: i128,
 }
 
-impl Offset {
+impl ClockOffsetEstimator {
     /// Adds a measurement. Returns `false` if its stamps are inconsistent.
-    pub fn add_measurement(&mut self, stamps: &Stamps) -> bool {
+    pub fn add_measurement(&mut self, stamps: &RoundTripStamps) -> bool {
         if stamps.round_trip_ns().is_none() {
             return false;
         }
-        self.measured.push_back((stamps.received_ns, stamps.offset_bounds_ns()));
-        if self.measured.len() > KEPT_MAX {
-            self.measured.pop_front();
+        self.measurements.push_back((stamps.received_ns, stamps.offset_bounds_ns()));
+        if self.measurements.len() > STORED_MEASUREMENTS_MAX {
+            self.measurements.pop_front();
         }
         true
     }
 
     /// Returns the bounds at a time by the local clock, ns; `None` before the first measurement.
-    pub fn bounds_at(&mut self, now_ns: u64) -> Option<Bounds> {
+    pub fn bounds_at(&mut self, now_ns: u64) -> Option<OffsetBounds> {
         // An old measurement is dropped if there is a newer one.
-        while self.measured.len() > 1 && self.measured[0].0.saturating_add(WINDOW_NS) < now_ns {
-            self.measured.pop_front();
+        while self.measurements.len() > 1
+            && self.measurements[0].0.saturating_add(MEASUREMENT_AGE_NS_MAX) < now_ns
+        {
+            self.measurements.pop_front();
         }
         loop {
-            let bounds = self.intersection(now_ns)?;
-            if bounds.low <= bounds.high {
+            let bounds = self.intersect_bounds(now_ns)?;
+            if bounds.low_ns <= bounds.high_ns {
                 return Some(bounds);
             }
             // A clock was set, or its machine slept: only the newest measurement is kept.
-            self.measured.pop_front();
+            self.measurements.pop_front();
         }
     }
 
-    fn intersection(&self, now_ns: u64) -> Option<Bounds> {
-        let widened = self.measured.iter().map(|&(at_ns, [low, high])| {
-            let drift = (now_ns.abs_diff(at_ns) as f64 * DRIFT).ceil() as i128;
+    fn intersect_bounds(&self, now_ns: u64) -> Option<OffsetBounds> {
+        let widened = self.measurements.iter().map(|&(at_ns, [low, high])| {
+            let drift = (now_ns.abs_diff(at_ns) as f64 * RELATIVE_DRIFT_MAX).ceil() as i128;
             [low - drift, high + drift]
         });
         let [low, high] =
             widened.reduce(|[a_low, a_high], [low, high]| [a_low.max(low), a_high.min(high)])?;
-        Some(Bounds { low, high })
+        Some(OffsetBounds { low_ns: low, high_ns: high })
     }
 }
 
-impl Bounds {
+impl OffsetBounds {
     /// Offset of a host from itself.
-    pub const SAME: Bounds = Bounds { low: 0, high: 0 };
+    pub const SAME_CLOCK: OffsetBounds = OffsetBounds { low_ns: 0, high_ns: 0 };
 
     /// Returns the earliest local time that a remote stamp may mean, ns. With it no sample is taken for newer
     /// than it is.
-    pub fn earliest_here(&self, there_ns: u64) -> u64 {
-        clamp_ns(i128::from(there_ns) - self.high)
+    pub fn earliest_local_ns(&self, there_ns: u64) -> u64 {
+        clamp_ns(i128::from(there_ns) - self.high_ns)
     }
 
     /// Returns the local time of a remote stamp at the middle of the bounds, ns. Its error is at most
-    /// [`Bounds::uncertainty_ns`].
-    pub fn middle_here(&self, there_ns: u64) -> u64 {
-        clamp_ns(i128::from(there_ns) - self.middle())
+    /// [`OffsetBounds::uncertainty_ns`].
+    pub fn middle_local_ns(&self, there_ns: u64) -> u64 {
+        clamp_ns(i128::from(there_ns) - self.middle_offset_ns())
     }
 
     /// Returns the earliest remote time that a local stamp may mean, ns.
     pub fn earliest_remote_ns(&self, here_ns: u64) -> u64 {
-        clamp_ns(i128::from(here_ns) + self.low)
+        clamp_ns(i128::from(here_ns) + self.low_ns)
     }
 
     /// Returns the remote time of a local stamp at the middle of the bounds, ns.
     pub fn middle_remote_ns(&self, here_ns: u64) -> u64 {
-        clamp_ns(i128::from(here_ns) + self.middle())
+        clamp_ns(i128::from(here_ns) + self.middle_offset_ns())
     }
 
     /// Returns half the width of the bounds, ns: half of the shortest round-trip time, plus drift.
     pub fn uncertainty_ns(&self) -> u64 {
-        clamp_ns((self.high - self.low) / 2)
+        clamp_ns((self.high_ns - self.low_ns) / 2)
     }
 
-    fn middle(&self) -> i128 {
-        self.low + (self.high - self.low) / 2
+    fn middle_offset_ns(&self) -> i128 {
+        self.low_ns + (self.high_ns - self.low_ns) / 2
     }
 }
 
@@ -143,11 +145,11 @@ mod tests {
     use proptest::prelude::*;
 
     /// Returns four stamps of two clocks, where the remote one is ahead by `offset_ns`.
-    fn stamps(sent_ns: u64, offset_ns: u64, way_ns: [u64; 2], there_ns: u64) -> Stamps {
+    fn stamps(sent_ns: u64, offset_ns: u64, way_ns: [u64; 2], there_ns: u64) -> RoundTripStamps {
         let there_taken_ns = sent_ns + way_ns[0] + offset_ns;
         let there_sent_ns = there_taken_ns + there_ns;
         let taken_ns = there_sent_ns + way_ns[1] - offset_ns;
-        Stamps {
+        RoundTripStamps {
             sent_ns,
             remote_received_ns: there_taken_ns,
             remote_sent_ns: there_sent_ns,
@@ -157,29 +159,34 @@ mod tests {
 
     #[test]
     fn equal_delays_give_the_exact_offset() {
-        let mut offset = Offset::default();
+        let mut offset = ClockOffsetEstimator::default();
         assert_eq!(offset.bounds_at(0), None);
         let measured = stamps(1_000, 86_400_000_000_000, [200, 200], 50);
         assert_eq!(measured.round_trip_ns(), Some(400));
         assert!(offset.add_measurement(&measured));
         let bounds = offset.bounds_at(measured.received_ns).unwrap();
         assert_eq!(bounds.uncertainty_ns(), 200);
-        assert_eq!(bounds.middle_here(86_400_000_005_000), 5_000);
+        assert_eq!(bounds.middle_local_ns(86_400_000_005_000), 5_000);
         assert_eq!(bounds.middle_remote_ns(5_000), 86_400_000_005_000);
-        assert_eq!(bounds.earliest_here(86_400_000_005_000), 4_800);
+        assert_eq!(bounds.earliest_local_ns(86_400_000_005_000), 4_800);
         assert_eq!(bounds.earliest_remote_ns(5_000), 86_400_000_004_800);
     }
 
     #[test]
     fn inconsistent_stamps_are_refused() {
-        let mut offset = Offset::default();
-        let back = Stamps { sent_ns: 10, remote_received_ns: 5, remote_sent_ns: 5, received_ns: 9 };
+        let mut offset = ClockOffsetEstimator::default();
+        let back = RoundTripStamps {
+            sent_ns: 10,
+            remote_received_ns: 5,
+            remote_sent_ns: 5,
+            received_ns: 9,
+        };
         assert!(!offset.add_measurement(&back) && offset.bounds_at(100).is_none());
     }
 
     #[test]
     fn clock_jump_discards_old_measurements() {
-        let mut offset = Offset::default();
+        let mut offset = ClockOffsetEstimator::default();
         offset.add_measurement(&stamps(1_000, 1_000_000, [10, 10], 0));
         offset.add_measurement(&stamps(2_000, 9_000_000, [10, 10], 0));
         let bounds = offset.bounds_at(2_020).unwrap();
@@ -199,12 +206,12 @@ mod tests {
             let there = |here: u64| {
                 offset_ns + (i128::from(here) + i128::from(here) * i128::from(drift_ppm) / 1_000_000) as u64
             };
-            let mut offset = Offset::default();
+            let mut offset = ClockOffsetEstimator::default();
             let mut now = 1_000_000_000;
             for (out, back, wait) in ways {
                 let (taken, sent_back) = (now + out, now + out + wait);
                 let arrived = sent_back + back;
-                offset.add_measurement(&Stamps {
+                offset.add_measurement(&RoundTripStamps {
                     sent_ns: now,
                     remote_received_ns: there(taken),
                     remote_sent_ns: there(sent_back),
@@ -214,9 +221,9 @@ mod tests {
             }
             let now = now + later_ns;
             let bounds = offset.bounds_at(now).unwrap();
-            prop_assert!(bounds.earliest_here(there(now)) <= now + 1);
+            prop_assert!(bounds.earliest_local_ns(there(now)) <= now + 1);
             prop_assert!(bounds.earliest_remote_ns(now) <= there(now) + 1);
-            prop_assert!(bounds.middle_here(there(now)).abs_diff(now) <= bounds.uncertainty_ns() + 1);
+            prop_assert!(bounds.middle_local_ns(there(now)).abs_diff(now) <= bounds.uncertainty_ns() + 1);
         }
     }
 }

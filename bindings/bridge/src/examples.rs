@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use protocol::brief::{BridgeBrief, BridgedBrief, Format, HostBrief};
+use protocol::brief::{BridgeBrief, BridgedRobotBrief, FormatVersion, HostBrief};
 
 /// Returns a robot on the host with index `host`, whose beacons are received on the hosts `heard_on`.
-pub fn robot(name: &str, host: usize, heard_on: &[usize]) -> BridgedBrief {
-    BridgedBrief {
+pub fn robot(name: &str, host: usize, heard_on: &[usize]) -> BridgedRobotBrief {
+    BridgedRobotBrief {
         name: name.into(),
         host,
         heard_on: heard_on.into(),
@@ -16,9 +16,9 @@ pub fn robot(name: &str, host: usize, heard_on: &[usize]) -> BridgedBrief {
 }
 
 /// Returns the brief of the first of these hosts, which has the plant; without certificates and partitions.
-pub fn brief(hosts: &[HostBrief], robots: impl Into<Vec<BridgedBrief>>) -> BridgeBrief {
+pub fn brief(hosts: &[HostBrief], robots: impl Into<Vec<BridgedRobotBrief>>) -> BridgeBrief {
     BridgeBrief {
-        format: Format,
+        format: FormatVersion,
         run_root: PathBuf::new(),
         experiment: "0".repeat(16),
         here: 0,
@@ -29,6 +29,7 @@ pub fn brief(hosts: &[HostBrief], robots: impl Into<Vec<BridgedBrief>>) -> Bridg
         unreachable_after_ns: 1,
         silence_ns_max: 1,
         transport: "tcp".into(),
+        records_messages: false,
         certificates: None,
         hosts: hosts.to_vec(),
         robots: robots.into(),

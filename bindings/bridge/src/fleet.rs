@@ -4,16 +4,16 @@
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
-use experiment::scenario::diagnostic::{Diagnostic, Source};
+use experiment::scenario::diagnostic::{Diagnostic, SourceText};
 use experiment::scenario::fields::kinds;
-use experiment::scenario::file::load;
-use experiment::scenario::read::toml;
-use experiment::scenario::table::{Document, TableReader, Value};
+use experiment::scenario::file::load_text;
+use experiment::scenario::read::parse_toml;
+use experiment::scenario::table::{Document, TableReader, TypedValue};
 use experiment::scenario::{FaultKind, Scenario};
 use protocol::brief::{
-    BridgeBrief, BridgedBrief, CertificatesBrief, Format, HostBrief, PartitionBrief,
+    BridgeBrief, BridgedRobotBrief, CertificatesBrief, FormatVersion, HostBrief, PartitionBrief,
 };
-use protocol::regular_file::{self, Links};
+use protocol::regular_file::{self, SymlinkPolicy};
 
 use crate::keys;
 
@@ -28,7 +28,7 @@ pub struct Fleet {
     /// Hosts of the fleet.
     pub hosts: Vec<Host>,
     /// Index of the plant's host.
-    pub plant: usize,
+    pub plant_host: usize,
     /// Maximum time in transit of a sample and its answer together, between hosts (L), ns.
     pub latency_max_ns: u64,
     /// Transport protocol: `tcp` or `udp`.
@@ -59,30 +59,30 @@ pub struct Host {
 pub enum FleetError {
     /// The name on the command line is not a host: that name, and the hosts.
     #[error("the fleet has no host {:?}: expected one of {}", .0, .1.join(", "))]
-    NoHost(String, Vec<String>),
+    UnknownHost(String, Vec<String>),
     /// Robots of the scenario without a host.
     #[error("the fleet has no host for {}: expected each robot of the scenario in one `robots`", .0.join(", "))]
-    Homeless(Vec<String>),
+    RobotsWithoutHost(Vec<String>),
     /// A host has a robot that is not in the scenario: host, robot, and a robot that is.
     #[error(
         "host {0}: robot {1:?} is not in the scenario; expected robots of the scenario, such as {2}"
     )]
-    NoRobot(String, String, String),
+    UnknownRobot(String, String, String),
     /// A partition names an unknown host: that name, and the hosts.
     #[error("the fault `partition {}` names no host of the fleet: expected hosts of {}", .0, .1.join(", "))]
-    NoPartitionHost(String, Vec<String>),
+    UnknownPartitionHost(String, Vec<String>),
     /// A partition names all hosts.
     #[error("the fault `partition {0}` names all hosts: expected only the hosts on one side")]
-    NoOtherSide(String),
+    PartitionOfAllHosts(String),
     /// Other machines could read and write the messages: host and address.
     #[error(
         "host {0} is at {1}, which other machines can reach: expected `certificates` in the fleet file, or \
          --insecure if all machines on that network may control the robots"
     )]
-    Insecure(String, String),
+    InsecureHost(String, String),
     /// A certificate file cannot be read: file and reason.
     #[error("cannot read {}: {}; the fleet file's `certificates` needs ca.pem, HOST.pem and HOST.key there", .0.display(), .1)]
-    Certificate(PathBuf, String),
+    UnreadableCertificate(PathBuf, String),
 }
 
 /// Reads a fleet file.
@@ -91,15 +91,15 @@ pub fn read(path: &Path) -> Result<Fleet, Diagnostic> {
     let about = |what: String| {
         Diagnostic::without_location(format!("`{}` {what}", path.display()), expected)
     };
-    let text = load(path, expected).map_err(|trouble| about(trouble.problem))?;
-    read_text(path, &text)
+    let text = load_text(path, expected).map_err(|trouble| about(trouble.problem))?;
+    parse_text(path, &text)
 }
 
 /// Parses the text of a fleet file.
-pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
-    let source = Source::new(path, text, false);
-    let entries = toml(text, &source)?;
-    let format = keys::format();
+pub fn parse_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
+    let source = SourceText::new(path, text, false);
+    let entries = parse_toml(text, &source)?;
+    let format = keys::fleet_file_format();
     let document = Document::new(source, &format);
     let root: TableReader<'_, keys::Fleet> =
         TableReader::root(&document, entries.get_ref(), "the fleet");
@@ -108,15 +108,15 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
         description.text("expected a string")?;
     }
     let mut hosts: Vec<Host> = Vec::new();
-    let list = root.required(keys::Fleet::host)?;
+    let list = root.required_value(keys::Fleet::host)?;
     for table in root.tables(keys::Fleet::host)? {
-        hosts.push(host(&table, &hosts)?);
+        hosts.push(parse_host(&table, &hosts)?);
     }
     if !(2..=HOSTS_MAX).contains(&hosts.len()) {
         let expected = format!("expected 2 to {HOSTS_MAX}; one host needs no fleet");
         return Err(list.error_about_key(format!("has {} hosts", hosts.len()), expected));
     }
-    let plant = root.required(keys::Fleet::plant)?;
+    let plant = root.required_value(keys::Fleet::plant)?;
     let name = plant.text("expected the name of a host")?;
     let Some(plant) = hosts.iter().position(|host| host.name == name) else {
         let known: Vec<&str> = hosts.iter().map(|host| host.name.as_str()).collect();
@@ -134,7 +134,7 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
     Ok(Fleet {
         text: text.to_owned(),
         hosts,
-        plant,
+        plant_host: plant,
         latency_max_ns: root.time_ns(keys::Fleet::latency_max_s)?,
         transport,
         certificates: certificates.map(|keys| folder.join(keys)),
@@ -144,9 +144,9 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
     })
 }
 
-fn host(table: &TableReader<'_, keys::Host>, before: &[Host]) -> Result<Host, Diagnostic> {
+fn parse_host(table: &TableReader<'_, keys::Host>, before: &[Host]) -> Result<Host, Diagnostic> {
     table.check_keys()?;
-    let name = table.required(keys::Host::name)?;
+    let name = table.required_value(keys::Host::name)?;
     let text = name.text("expected a string")?;
     let sound = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
     if text.is_empty() || !text.chars().all(sound) {
@@ -157,24 +157,27 @@ fn host(table: &TableReader<'_, keys::Host>, before: &[Host]) -> Result<Host, Di
     if before.iter().any(|host| host.name == text) {
         return Err(name.error_about_key(format!("is \"{text}\" again"), "expected another name"));
     }
-    let address = table.required(keys::Host::address)?;
-    let place = address.text(ADDRESS)?;
+    let address = table.required_value(keys::Host::address)?;
+    let place = address.text(EXPECTED_ADDRESS)?;
     split_address(place)
-        .ok_or_else(|| address.error_about_key(format!("is \"{place}\""), ADDRESS))?;
+        .ok_or_else(|| address.error_about_key(format!("is \"{place}\""), EXPECTED_ADDRESS))?;
     if let Some(other) = before.iter().find(|host| host.address == place) {
         let message = format!("is \"{place}\", that of {}", other.name);
         return Err(address.error_about_key(message, "expected another address or port"));
     }
     let robots = match table.get(keys::Host::robots) {
-        Some(robots) => robots_of(&robots, before)?,
+        Some(robots) => parse_robot_names(&robots, before)?,
         None => Vec::new(),
     };
     Ok(Host { name: text.to_owned(), address: place.to_owned(), robots })
 }
 
-const ADDRESS: &str = "expected an address and a port, such as \"192.168.1.10:7447\"";
+const EXPECTED_ADDRESS: &str = "expected an address and a port, such as \"192.168.1.10:7447\"";
 
-fn robots_of(robots: &Value<'_, kinds::Names>, before: &[Host]) -> Result<Vec<String>, Diagnostic> {
+fn parse_robot_names(
+    robots: &TypedValue<'_, kinds::Names>,
+    before: &[Host],
+) -> Result<Vec<String>, Diagnostic> {
     let expected = "expected a list of names of robots, such as [\"r1\", \"r2\"]";
     let mut names: Vec<String> = Vec::new();
     for robot in robots.elements(expected)? {
@@ -212,33 +215,33 @@ fn is_loopback(address: &str) -> bool {
 
 impl Fleet {
     /// Returns the index of the host with a name.
-    pub fn host(&self, name: &str) -> Result<usize, FleetError> {
+    pub fn find_host(&self, name: &str) -> Result<usize, FleetError> {
         let place = self.hosts.iter().position(|host| host.name == name);
-        place.ok_or_else(|| FleetError::NoHost(name.to_owned(), self.names()))
+        place.ok_or_else(|| FleetError::UnknownHost(name.to_owned(), self.host_names()))
     }
 
-    fn names(&self) -> Vec<String> {
+    fn host_names(&self) -> Vec<String> {
         self.hosts.iter().map(|host| host.name.clone()).collect()
     }
 
     /// Checks that hosts reachable by other machines have certificates.
-    pub fn must_be_secure(&self) -> Result<(), FleetError> {
+    pub fn check_certificates_configured(&self) -> Result<(), FleetError> {
         let reached = |host: &&Host| !is_loopback(&host.address);
         match self.hosts.iter().find(reached) {
             Some(host) if self.certificates.is_none() => {
-                Err(FleetError::Insecure(host.name.clone(), host.address.clone()))
+                Err(FleetError::InsecureHost(host.name.clone(), host.address.clone()))
             }
             _ => Ok(()),
         }
     }
 
     /// Returns the index of each robot's host, in scenario order.
-    pub fn homes(&self, scenario: &Scenario) -> Result<Vec<usize>, FleetError> {
+    pub fn hosts_of_robots(&self, scenario: &Scenario) -> Result<Vec<usize>, FleetError> {
         let known = |name: &str| scenario.robots.iter().any(|robot| robot.name == name);
         for host in &self.hosts {
             if let Some(robot) = host.robots.iter().find(|robot| !known(robot)) {
                 let example = scenario.robots[0].name.clone();
-                return Err(FleetError::NoRobot(host.name.clone(), robot.clone(), example));
+                return Err(FleetError::UnknownRobot(host.name.clone(), robot.clone(), example));
             }
         }
         let home = |name: &str| {
@@ -249,19 +252,19 @@ impl Fleet {
             names.clone().filter(|name| home(name).is_none()).map(str::to_owned).collect();
         match homeless.is_empty() {
             true => Ok(names.filter_map(home).collect()),
-            false => Err(FleetError::Homeless(homeless)),
+            false => Err(FleetError::RobotsWithoutHost(homeless)),
         }
     }
 
-    /// Returns the brief of the bridge of host `here`, without its run root, which the supervisor sets. `effective`: text of the
-    /// scenario.
-    pub fn brief(
+    /// Returns the brief of the bridge of host `here`, without its run root, which the supervisor sets. `effective`:
+    /// text of the scenario.
+    pub fn bridge_brief(
         &self,
         here: usize,
         scenario: &Scenario,
         effective: &str,
     ) -> Result<BridgeBrief, FleetError> {
-        let homes = self.homes(scenario)?;
+        let homes = self.hosts_of_robots(scenario)?;
         let graph = scenario.graph_of_receivers();
         let robots = scenario.robots.iter().enumerate().map(|(i, robot)| {
             let heard = graph.outgoing_edges(i).map(|edge| homes[edge.to]);
@@ -269,7 +272,7 @@ impl Fleet {
             heard_on.sort_unstable();
             heard_on.dedup();
             let hears = graph.incoming_edges(i).count();
-            BridgedBrief {
+            BridgedRobotBrief {
                 name: robot.name.clone(),
                 host: homes[i],
                 heard_on,
@@ -287,17 +290,18 @@ impl Fleet {
             })
         });
         Ok(BridgeBrief {
-            format: Format,
+            format: FormatVersion,
             run_root: PathBuf::new(),
-            experiment: format!("{:016x}", self.experiment(effective)),
+            experiment: format!("{:016x}", self.experiment_hash(effective)),
             here,
-            plant: self.plant,
+            plant: self.plant_host,
             odometry_age_ns_max: scenario.command_lifetime_ns(protocol::brief::Pace::Realtime),
             beacon_age_ns_max: scenario.silence.lost_after_ns,
             join_within_ns: self.join_within_ns,
             unreachable_after_ns: self.unreachable_after_ns,
             silence_ns_max: self.silence_ns_max,
             transport: self.transport.clone(),
+            records_messages: scenario.record_messages,
             certificates: certificates.transpose()?,
             hosts: self
                 .hosts
@@ -305,23 +309,23 @@ impl Fleet {
                 .map(|host| HostBrief { name: host.name.clone(), address: host.address.clone() })
                 .collect(),
             robots: robots.collect(),
-            partitions: self.partitions(scenario)?,
+            partitions: self.partition_briefs(scenario)?,
         })
     }
 
-    fn partitions(&self, scenario: &Scenario) -> Result<Vec<PartitionBrief>, FleetError> {
+    fn partition_briefs(&self, scenario: &Scenario) -> Result<Vec<PartitionBrief>, FleetError> {
         let mut partitions = Vec::new();
         for fault in &scenario.faults {
             let FaultKind::Partition { hosts } = &fault.kind else { continue };
             let place = |name: &String| {
-                let unknown = |_| FleetError::NoPartitionHost(name.clone(), self.names());
-                self.host(name).map_err(unknown)
+                let unknown = |_| FleetError::UnknownPartitionHost(name.clone(), self.host_names());
+                self.find_host(name).map_err(unknown)
             };
             let mut side: Vec<usize> = hosts.iter().map(place).collect::<Result<_, _>>()?;
             side.sort_unstable();
             side.dedup();
             if side.len() == self.hosts.len() {
-                return Err(FleetError::NoOtherSide(hosts.join(",")));
+                return Err(FleetError::PartitionOfAllHosts(hosts.join(",")));
             }
             partitions.push(PartitionBrief { hosts: side, span: fault.span() });
         }
@@ -329,7 +333,7 @@ impl Fleet {
     }
 
     /// Returns a hash (FNV-1a) of scenario and fleet file.
-    fn experiment(&self, effective: &str) -> u64 {
+    fn experiment_hash(&self, effective: &str) -> u64 {
         let bytes = effective.bytes().chain([0xff]).chain(self.text.bytes());
         bytes.fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
             (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
@@ -339,8 +343,9 @@ impl Fleet {
 
 /// Returns the path if the file can be read.
 fn check_readable(path: PathBuf) -> Result<PathBuf, FleetError> {
-    let absolute = regular_file::open(&path, Links::Followed).and_then(|_| path.canonicalize());
-    absolute.map_err(|error| FleetError::Certificate(path, error.to_string()))
+    let absolute =
+        regular_file::open(&path, SymlinkPolicy::Followed).and_then(|_| path.canonicalize());
+    absolute.map_err(|error| FleetError::UnreadableCertificate(path, error.to_string()))
 }
 
 #[cfg(test)]

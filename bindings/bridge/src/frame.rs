@@ -5,7 +5,7 @@
 use protocol::message::Plain;
 
 /// Version of the wire format, incremented with every change.
-pub const VERSION: u16 = 1;
+pub const WIRE_FORMAT_VERSION: u16 = 1;
 /// First bytes of a frame.
 const FRAME_MAGIC: [u8; 4] = *b"phlx";
 /// Size of the header, bytes.
@@ -13,17 +13,17 @@ pub const HEADER_BYTES: usize = 48;
 
 /// Header of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Header {
-    /// Wire format version of the sender; see [`VERSION`].
+pub struct FrameHeader {
+    /// Wire format version of the sender; see [`WIRE_FORMAT_VERSION`].
     pub version: u16,
     /// Index of the sending host.
     pub host: u16,
-    /// Layout hash of the content; see [`layout`].
-    pub layout: u64,
+    /// Layout hash of the content; see [`layout_hash`].
+    pub layout_hash: u64,
     /// Hash of scenario and fleet file.
-    pub experiment: u64,
+    pub experiment_hash: u64,
     /// Random number drawn at the start of the sending bridge.
-    pub boot: u64,
+    pub boot_id: u64,
     /// Sequence number under one key since the start of the sending bridge.
     pub sequence: u64,
     /// Time of sending by the clock of the plant's host, as estimated by the sender, ns; 0 if unknown.
@@ -31,19 +31,21 @@ pub struct Header {
 }
 
 /// Returns the layout hash of a slice of `P` after a header `H`.
-pub fn layout<P: Plain, H: Plain>() -> u64 {
+pub fn layout_hash<P: Plain, H: Plain>() -> u64 {
     P::LAYOUT.rotate_left(1) ^ H::LAYOUT
 }
 
-impl Header {
+impl FrameHeader {
     /// Encodes a frame: this header, then the concatenated parts.
-    pub fn frame(&self, parts: &[&[u8]]) -> Vec<u8> {
+    pub fn encode_frame(&self, parts: &[&[u8]]) -> Vec<u8> {
         let length: usize = parts.iter().map(|part| part.len()).sum();
         let mut bytes = Vec::with_capacity(HEADER_BYTES + length);
         bytes.extend(FRAME_MAGIC);
         bytes.extend(self.version.to_le_bytes());
         bytes.extend(self.host.to_le_bytes());
-        for number in [self.layout, self.experiment, self.boot, self.sequence, self.source_ns] {
+        for number in
+            [self.layout_hash, self.experiment_hash, self.boot_id, self.sequence, self.source_ns]
+        {
             bytes.extend(number.to_le_bytes());
         }
         parts.iter().for_each(|part| bytes.extend(*part));
@@ -51,7 +53,7 @@ impl Header {
     }
 
     /// Splits a frame into header and content; `None` if it has no header of any version.
-    pub fn decode(frame: &[u8]) -> Option<(Header, &[u8])> {
+    pub fn decode(frame: &[u8]) -> Option<(FrameHeader, &[u8])> {
         let (header, content) = frame.split_first_chunk::<HEADER_BYTES>()?;
         let rest = header.strip_prefix(&FRAME_MAGIC)?;
         let (small, large) = rest.split_at(4);
@@ -60,7 +62,15 @@ impl Header {
         let [layout, experiment, boot, sequence, source_ns] =
             std::array::from_fn(|place| u64::from_le_bytes(large[place]));
         let (version, host) = (small(0), small(2));
-        let header = Header { version, host, layout, experiment, boot, sequence, source_ns };
+        let header = FrameHeader {
+            version,
+            host,
+            layout_hash: layout,
+            experiment_hash: experiment,
+            boot_id: boot,
+            sequence,
+            source_ns,
+        };
         Some((header, content))
     }
 }
@@ -90,17 +100,17 @@ mod tests {
         ) {
             let [layout, experiment, boot, sequence, source_ns] = numbers;
             let [version, host] = small;
-            let header = Header { version, host, layout, experiment, boot, sequence, source_ns };
-            let frame = header.frame(&[&content[..content.len() / 2], &content[content.len() / 2..]]);
+            let header = FrameHeader { version, host, layout_hash: layout, experiment_hash: experiment, boot_id: boot, sequence, source_ns };
+            let frame = header.encode_frame(&[&content[..content.len() / 2], &content[content.len() / 2..]]);
             prop_assert_eq!(frame.len(), HEADER_BYTES + content.len());
-            prop_assert_eq!(Header::decode(&frame), Some((header, &content[..])));
+            prop_assert_eq!(FrameHeader::decode(&frame), Some((header, &content[..])));
         }
 
         #[test]
         fn garbage_is_refused_without_a_panic(
             bytes in proptest::collection::vec(any::<u8>(), 0..100),
         ) {
-            prop_assert_eq!(Header::decode(&bytes).is_some(), bytes.starts_with(b"phlx") && bytes.len() >= HEADER_BYTES);
+            prop_assert_eq!(FrameHeader::decode(&bytes).is_some(), bytes.starts_with(b"phlx") && bytes.len() >= HEADER_BYTES);
             let _ = decode_slice::<NeighborStatus, StatusHeader>(&bytes);
         }
     }
@@ -115,8 +125,8 @@ mod tests {
         content.pop();
         assert_eq!(decode_slice::<NeighborStatus, StatusHeader>(&content), None);
         assert_ne!(
-            layout::<NeighborStatus, StatusHeader>(),
-            layout::<StatusHeader, NeighborStatus>()
+            layout_hash::<NeighborStatus, StatusHeader>(),
+            layout_hash::<StatusHeader, NeighborStatus>()
         );
     }
 }

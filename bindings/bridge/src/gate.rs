@@ -1,34 +1,34 @@
 //! Acceptance of frames from another host: right build, right experiment, the sender's own key, each frame only
 //! once and in order.
 
-use protocol::dropped::Dropped;
+use protocol::dropped::DropReason;
 
-use crate::frame::{Header, VERSION};
+use crate::frame::{FrameHeader, WIRE_FORMAT_VERSION};
 
 /// Maximum number of replaced bridges of one host that are remembered.
-const RETIRED_MAX: usize = 64;
+const RETIRED_BOOTS_MAX: usize = 64;
 
 /// Current bridge process of another host. A new one replaces it; frames of replaced ones are then refused.
 #[derive(Debug, Clone, Default)]
-pub struct Boots {
-    current: Option<u64>,
-    retired: Vec<u64>,
+pub struct BridgeBoots {
+    current_boot_id: Option<u64>,
+    retired_boot_ids: Vec<u64>,
 }
 
-impl Boots {
+impl BridgeBoots {
     /// Returns whether a frame of the bridge `boot` may be accepted.
-    fn admit(&mut self, boot: u64) -> bool {
-        if self.current == Some(boot) {
+    fn accept_boot(&mut self, boot: u64) -> bool {
+        if self.current_boot_id == Some(boot) {
             return true;
         }
-        if self.retired.contains(&boot) {
+        if self.retired_boot_ids.contains(&boot) {
             return false;
         }
-        if let Some(old) = self.current.replace(boot) {
-            if self.retired.len() == RETIRED_MAX {
-                self.retired.remove(0);
+        if let Some(old) = self.current_boot_id.replace(boot) {
+            if self.retired_boot_ids.len() == RETIRED_BOOTS_MAX {
+                self.retired_boot_ids.remove(0);
             }
-            self.retired.push(old);
+            self.retired_boot_ids.push(old);
         }
         true
     }
@@ -36,18 +36,23 @@ impl Boots {
 
 /// Acceptance check for the frames of one key.
 #[derive(Debug, Clone)]
-pub struct Gate {
+pub struct FrameFilter {
     host: u16,
-    layout: u64,
-    experiment: u64,
+    layout_hash: u64,
+    experiment_hash: u64,
     /// Bridge and sequence number of the newest accepted frame.
-    newest_header: Option<(u64, u64)>,
+    newest_boot_and_sequence: Option<(u64, u64)>,
 }
 
-impl Gate {
+impl FrameFilter {
     /// Creates a check for a key of the host with this index and for frames of this layout.
-    pub fn new(host: usize, layout: u64, experiment: u64) -> Gate {
-        Gate { host: host as u16, layout, experiment, newest_header: None }
+    pub fn new(host: usize, layout: u64, experiment: u64) -> FrameFilter {
+        FrameFilter {
+            host: host as u16,
+            layout_hash: layout,
+            experiment_hash: experiment,
+            newest_boot_and_sequence: None,
+        }
     }
 
     /// Returns header and content of a frame, or the reason for dropping it. `boots`: bridges of the sending
@@ -55,26 +60,26 @@ impl Gate {
     pub fn accept_frame<'f>(
         &mut self,
         frame: &'f [u8],
-        boots: &mut Boots,
-    ) -> Result<(Header, &'f [u8]), Dropped> {
-        let (header, content) = Header::decode(frame).ok_or(Dropped::Garbage)?;
+        boots: &mut BridgeBoots,
+    ) -> Result<(FrameHeader, &'f [u8]), DropReason> {
+        let (header, content) = FrameHeader::decode(frame).ok_or(DropReason::Garbage)?;
         let expected = [
-            (header.version == VERSION, Dropped::Version),
-            (header.host == self.host, Dropped::Owner),
-            (header.layout == self.layout, Dropped::Layout),
-            (header.experiment == self.experiment, Dropped::Experiment),
+            (header.version == WIRE_FORMAT_VERSION, DropReason::Version),
+            (header.host == self.host, DropReason::WrongSender),
+            (header.layout_hash == self.layout_hash, DropReason::Layout),
+            (header.experiment_hash == self.experiment_hash, DropReason::OtherExperiment),
         ];
         if let Some(&(_, why)) = expected.iter().find(|(holds, _)| !holds) {
             return Err(why);
         }
-        let goes_on = match self.newest_header {
-            Some((boot, sequence)) if boot == header.boot => header.sequence > sequence,
+        let goes_on = match self.newest_boot_and_sequence {
+            Some((boot, sequence)) if boot == header.boot_id => header.sequence > sequence,
             _ => true,
         };
-        if !boots.admit(header.boot) || !goes_on {
-            return Err(Dropped::Replayed);
+        if !boots.accept_boot(header.boot_id) || !goes_on {
+            return Err(DropReason::Replayed);
         }
-        self.newest_header = Some((header.boot, header.sequence));
+        self.newest_boot_and_sequence = Some((header.boot_id, header.sequence));
         Ok((header, content))
     }
 }
@@ -83,22 +88,25 @@ impl Gate {
 mod tests {
     use super::*;
 
-    const VALID_HEADER: Header = Header {
-        version: VERSION,
+    const VALID_HEADER: FrameHeader = FrameHeader {
+        version: WIRE_FORMAT_VERSION,
         host: 1,
-        layout: 77,
-        experiment: 88,
-        boot: 5,
+        layout_hash: 77,
+        experiment_hash: 88,
+        boot_id: 5,
         sequence: 10,
         source_ns: 0,
     };
 
-    fn gate() -> (Gate, Boots) {
-        (Gate::new(1, 77, 88), Boots::default())
+    fn filter_and_boots() -> (FrameFilter, BridgeBoots) {
+        (FrameFilter::new(1, 77, 88), BridgeBoots::default())
     }
 
-    fn accept_header(gate: &mut (Gate, Boots), header: Header) -> Result<u64, Dropped> {
-        let frame = header.frame(&[b"content"]);
+    fn accept_header(
+        gate: &mut (FrameFilter, BridgeBoots),
+        header: FrameHeader,
+    ) -> Result<u64, DropReason> {
+        let frame = header.encode_frame(&[b"content"]);
         let (header, content) = gate.0.accept_frame(&frame, &mut gate.1)?;
         assert_eq!(content, b"content");
         Ok(header.sequence)
@@ -106,21 +114,21 @@ mod tests {
 
     #[test]
     fn unexpected_frame_is_dropped_for_one_reason() {
-        let mut gate = gate();
+        let mut gate = filter_and_boots();
         assert_eq!(accept_header(&mut gate, VALID_HEADER), Ok(10));
         for (wrong, why) in [
-            (Header { version: VERSION + 1, ..VALID_HEADER }, Dropped::Version),
-            (Header { host: 2, ..VALID_HEADER }, Dropped::Owner),
-            (Header { layout: 78, ..VALID_HEADER }, Dropped::Layout),
-            (Header { experiment: 89, ..VALID_HEADER }, Dropped::Experiment),
-            (VALID_HEADER, Dropped::Replayed),
-            (Header { sequence: 9, ..VALID_HEADER }, Dropped::Replayed),
+            (FrameHeader { version: WIRE_FORMAT_VERSION + 1, ..VALID_HEADER }, DropReason::Version),
+            (FrameHeader { host: 2, ..VALID_HEADER }, DropReason::WrongSender),
+            (FrameHeader { layout_hash: 78, ..VALID_HEADER }, DropReason::Layout),
+            (FrameHeader { experiment_hash: 89, ..VALID_HEADER }, DropReason::OtherExperiment),
+            (VALID_HEADER, DropReason::Replayed),
+            (FrameHeader { sequence: 9, ..VALID_HEADER }, DropReason::Replayed),
         ] {
             assert_eq!(accept_header(&mut gate, wrong), Err(why), "{wrong:?}");
         }
-        assert_eq!(gate.0.accept_frame(b"garbage", &mut gate.1), Err(Dropped::Garbage));
+        assert_eq!(gate.0.accept_frame(b"garbage", &mut gate.1), Err(DropReason::Garbage));
         assert_eq!(
-            accept_header(&mut gate, Header { sequence: 12, ..VALID_HEADER }),
+            accept_header(&mut gate, FrameHeader { sequence: 12, ..VALID_HEADER }),
             Ok(12),
             "some may be lost"
         );
@@ -128,26 +136,26 @@ mod tests {
 
     #[test]
     fn frames_of_a_replaced_bridge_are_refused() {
-        let mut gate = gate();
+        let mut gate = filter_and_boots();
         assert_eq!(accept_header(&mut gate, VALID_HEADER), Ok(10));
         assert_eq!(
-            accept_header(&mut gate, Header { boot: 6, sequence: 1, ..VALID_HEADER }),
+            accept_header(&mut gate, FrameHeader { boot_id: 6, sequence: 1, ..VALID_HEADER }),
             Ok(1)
         );
-        let replayed = Header { sequence: 11, ..VALID_HEADER };
-        assert_eq!(accept_header(&mut gate, replayed), Err(Dropped::Replayed));
+        let replayed = FrameHeader { sequence: 11, ..VALID_HEADER };
+        assert_eq!(accept_header(&mut gate, replayed), Err(DropReason::Replayed));
         assert_eq!(
-            accept_header(&mut gate, Header { boot: 6, sequence: 2, ..VALID_HEADER }),
+            accept_header(&mut gate, FrameHeader { boot_id: 6, sequence: 2, ..VALID_HEADER }),
             Ok(2)
         );
     }
 
     #[test]
     fn unexpected_frame_replaces_no_bridge() {
-        let mut gate = gate();
+        let mut gate = filter_and_boots();
         assert_eq!(accept_header(&mut gate, VALID_HEADER), Ok(10));
-        let forged = Header { boot: 9, experiment: 0, ..VALID_HEADER };
-        assert_eq!(accept_header(&mut gate, forged), Err(Dropped::Experiment));
-        assert_eq!(accept_header(&mut gate, Header { sequence: 11, ..VALID_HEADER }), Ok(11));
+        let forged = FrameHeader { boot_id: 9, experiment_hash: 0, ..VALID_HEADER };
+        assert_eq!(accept_header(&mut gate, forged), Err(DropReason::OtherExperiment));
+        assert_eq!(accept_header(&mut gate, FrameHeader { sequence: 11, ..VALID_HEADER }), Ok(11));
     }
 }

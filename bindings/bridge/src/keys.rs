@@ -1,9 +1,9 @@
 //! Key table of fleet files, of the same kind as that of scenarios, and the reference page generated from it.
 
-use experiment::reference::sections;
-use experiment::scenario::fields::section;
-use experiment::scenario::format::Format;
-use experiment::scenario::keys::Range::{NotNegative, Positive};
+use experiment::reference::format_sections;
+use experiment::scenario::fields::table_section;
+use experiment::scenario::format::FileFormat;
+use experiment::scenario::keys::NumberRange::{NotNegative, Positive};
 use experiment::{keys, tables};
 
 /// Values of `transport`: the transport protocol between hosts.
@@ -26,32 +26,32 @@ keys! {
 
     description: Text =>
         .optional("description of the fleet, for readers of the file")
-        .guesses("comment about notes");
+        .with_synonyms("comment about notes");
     plant: Text =>
         .required("name of the host that runs the plant. It coordinates the run, collects the results and evaluates the expectations")
-        .guesses("coordinator master main");
+        .with_synonyms("coordinator master main");
     latency_max_s: Time(NotNegative) =>
         .default("0.01", "L: maximum round-trip latency of a sample from the plant to a robot on another host and \
             its answer. The command lifetime H grows by it, rounded up to whole periods, and commands that take \
             longer are rejected")
-        .guesses("latency_s delay_s latency_allowed_s latency_max_ms");
+        .with_synonyms("latency_s delay_s latency_allowed_s latency_max_ms");
     transport: Word<String>(TRANSPORTS) =>
         .default("'tcp'", "transport protocol between hosts")
-        .guesses("protocol");
+        .with_synonyms("protocol");
     certificates: Text =>
         .rule("no TLS; only addresses of this machine are then allowed, unless `--insecure` is given", "folder, \
             relative to the fleet file, with `ca.pem` and the `HOST.pem` and `HOST.key` of this host")
-        .guesses("tls keys certs pki");
+        .with_synonyms("tls keys certs pki");
     join_within_s: Time(Positive) =>
         .default("60.0", "maximum time that hosts wait for each other before the run")
-        .guesses("timeout_s wait_s");
+        .with_synonyms("timeout_s wait_s");
     unreachable_after_s: Time(Positive) =>
         .default("1.0", "time without a message from a host after which it counts as unreachable");
     silence_max_s: Time(Positive) =>
         .default("25.0", "time without a message from the plant's host after which another host ends its part of the run");
     host: Tables<Host> =>
         .required("the hosts, two or more")
-        .guesses("hosts machine machines node");
+        .with_synonyms("hosts machine machines node");
 }
 
 keys! {
@@ -60,18 +60,18 @@ keys! {
 
     name: Text =>
         .required("name of the host; with certificates also the common name of its certificate")
-        .guesses("id host hostname");
+        .with_synonyms("id host hostname");
     address: Text =>
         .required("address at which the other hosts reach this host, as in \"192.168.1.10:7447\"")
-        .guesses("endpoint listen ip addr url");
+        .with_synonyms("endpoint listen ip addr url");
     robots: Names =>
         .rule("none", "names of the robots whose agents run on this host")
-        .guesses("robot agents names");
+        .with_synonyms("robot agents names");
 }
 
 /// Returns the format of fleet files.
-pub fn format() -> Format {
-    Format::without_catalog(vec![section::<Fleet>(), section::<Host>()])
+pub fn fleet_file_format() -> FileFormat {
+    FileFormat::without_catalog(vec![table_section::<Fleet>(), table_section::<Host>()])
 }
 
 const PAGE_HEAD: &str = "\
@@ -84,6 +84,6 @@ A key that is marked **needed** is required if its table is given.
 ";
 
 /// Returns the reference page of fleet keys, in Markdown.
-pub fn reference() -> String {
-    PAGE_HEAD.to_owned() + &sections(&format(), "The whole fleet file")
+pub fn reference_page() -> String {
+    PAGE_HEAD.to_owned() + &format_sections(&fleet_file_format(), "The whole fleet file")
 }

@@ -6,9 +6,9 @@
 use protocol::brief::BridgeBrief;
 
 /// Prefix of every key, with the version of the keys.
-pub const PREFIX: &str = "phalanx/1";
+pub const KEY_PREFIX: &str = "phalanx/1";
 /// Key part in place of a robot's name for topics of a host. A robot's name has no dot.
-const HOST: &str = ".host";
+const HOST_TOPICS_KEY_PART: &str = ".host";
 
 /// Subject of a sample, with the index of the robot or host, from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -24,20 +24,20 @@ pub enum Topic {
     /// Report of the supervisor of a host.
     Report(usize),
     /// Status of the bridge of a host.
-    Bridge(usize),
+    BridgeStatus(usize),
     /// Status and latencies of the robots of a host.
-    Told(usize),
+    StatusRecords(usize),
     /// Acknowledgment of these records, to a host.
-    Confirmed(usize),
+    Acknowledgment(usize),
     /// Clock request of a host.
-    Ask(usize),
+    ClockRequest(usize),
     /// Clock response to a host.
-    Answer(usize),
+    ClockResponse(usize),
 }
 
 impl Topic {
     /// Returns whether the topic is about a robot, and not about a host.
-    pub fn is_of_robot(self) -> bool {
+    pub fn is_robot_topic(self) -> bool {
         matches!(self, Topic::Beacon(_) | Topic::Odometry(_) | Topic::Command(_))
     }
 }
@@ -48,9 +48,9 @@ pub struct Route {
     /// Topic of the samples.
     pub topic: Topic,
     /// Index of the sending host.
-    pub from: usize,
+    pub sending_host: usize,
     /// Indices of the receiving hosts.
-    pub to: Vec<usize>,
+    pub receiving_hosts: Vec<usize>,
     /// zenoh key.
     pub key: String,
 }
@@ -61,8 +61,8 @@ pub fn routes(brief: &BridgeBrief) -> Vec<Route> {
     let mut routes = Vec::new();
     let mut route = |topic, from: usize, to: Vec<usize>, about: &str, word: &str| {
         if !to.is_empty() {
-            let key = format!("{PREFIX}/{}/{about}/{word}", brief.hosts[from].name);
-            routes.push(Route { topic, from, to, key });
+            let key = format!("{KEY_PREFIX}/{}/{about}/{word}", brief.hosts[from].name);
+            routes.push(Route { topic, sending_host: from, receiving_hosts: to, key });
         }
     };
     for (i, robot) in brief.robots.iter().enumerate() {
@@ -76,24 +76,36 @@ pub fn routes(brief: &BridgeBrief) -> Vec<Route> {
     for (host, told) in brief.hosts.iter().enumerate() {
         if host != plant {
             let of = |word: &str| format!("{word}/{}", told.name);
-            route(Topic::Orders(host), plant, vec![host], HOST, &of("orders"));
-            route(Topic::Confirmed(host), plant, vec![host], HOST, &of("confirmed"));
-            route(Topic::Answer(host), plant, vec![host], HOST, &of("answer"));
-            route(Topic::Report(host), host, vec![plant], HOST, "report");
-            route(Topic::Bridge(host), host, vec![plant], HOST, "bridge");
-            route(Topic::Told(host), host, vec![plant], HOST, "told");
-            route(Topic::Ask(host), host, vec![plant], HOST, "ask");
+            route(Topic::Orders(host), plant, vec![host], HOST_TOPICS_KEY_PART, &of("orders"));
+            route(
+                Topic::Acknowledgment(host),
+                plant,
+                vec![host],
+                HOST_TOPICS_KEY_PART,
+                &of("confirmed"),
+            );
+            route(
+                Topic::ClockResponse(host),
+                plant,
+                vec![host],
+                HOST_TOPICS_KEY_PART,
+                &of("answer"),
+            );
+            route(Topic::Report(host), host, vec![plant], HOST_TOPICS_KEY_PART, "report");
+            route(Topic::BridgeStatus(host), host, vec![plant], HOST_TOPICS_KEY_PART, "bridge");
+            route(Topic::StatusRecords(host), host, vec![plant], HOST_TOPICS_KEY_PART, "told");
+            route(Topic::ClockRequest(host), host, vec![plant], HOST_TOPICS_KEY_PART, "ask");
         }
     }
     routes
 }
 
 /// Returns the indices of the hosts with which a host communicates.
-pub fn peers(brief: &BridgeBrief, host: usize) -> Vec<usize> {
+pub fn peer_hosts(brief: &BridgeBrief, host: usize) -> Vec<usize> {
     let mut peers: Vec<usize> = routes(brief)
         .iter()
-        .filter(|route| route.from == host || route.to.contains(&host))
-        .flat_map(|route| route.to.iter().copied().chain([route.from]))
+        .filter(|route| route.sending_host == host || route.receiving_hosts.contains(&host))
+        .flat_map(|route| route.receiving_hosts.iter().copied().chain([route.sending_host]))
         .filter(|&peer| peer != host)
         .collect();
     peers.sort_unstable();
@@ -148,11 +160,14 @@ mod tests {
             ]
         );
         for route in &routes {
-            let own = format!("{PREFIX}/{}/", brief.hosts[route.from].name);
-            assert!(route.key.starts_with(&own) && !route.to.contains(&route.from), "{route:?}");
+            let own = format!("{KEY_PREFIX}/{}/", brief.hosts[route.sending_host].name);
+            assert!(
+                route.key.starts_with(&own) && !route.receiving_hosts.contains(&route.sending_host),
+                "{route:?}"
+            );
         }
         let beacon = routes.iter().find(|route| route.topic == Topic::Beacon(1)).unwrap();
-        assert_eq!(beacon.to, [0, 2]);
+        assert_eq!(beacon.receiving_hosts, [0, 2]);
         let mut keys: Vec<&str> = routes.iter().map(|route| route.key.as_str()).collect();
         keys.sort_unstable();
         keys.dedup();
@@ -162,16 +177,19 @@ mod tests {
     #[test]
     fn hosts_without_a_common_route_are_not_peers() {
         let mut brief = brief();
-        assert_eq!([0, 1, 2].map(|host| peers(&brief, host)), [vec![1, 2], vec![0, 2], vec![0, 1]]);
+        assert_eq!(
+            [0, 1, 2].map(|host| peer_hosts(&brief, host)),
+            [vec![1, 2], vec![0, 2], vec![0, 1]]
+        );
         brief.robots[1].heard_on = vec![0];
-        assert_eq!([1, 2].map(|host| peers(&brief, host)), [vec![0], vec![0]]);
+        assert_eq!([1, 2].map(|host| peer_hosts(&brief, host)), [vec![0], vec![0]]);
     }
 
     #[test]
     fn partition_separates_its_sides_during_its_span() {
         let brief = brief();
-        assert!(brief.are_apart(0, 1, 10) && brief.are_apart(1, 2, 19));
-        assert!(!brief.are_apart(0, 2, 15) && !brief.are_apart(0, 1, 20));
-        assert!(!brief.are_apart(1, 1, 15));
+        assert!(brief.are_partitioned(0, 1, 10) && brief.are_partitioned(1, 2, 19));
+        assert!(!brief.are_partitioned(0, 2, 15) && !brief.are_partitioned(0, 1, 20));
+        assert!(!brief.are_partitioned(1, 1, 15));
     }
 }

@@ -26,7 +26,7 @@ impl WireError {
 /// Value of zenoh's thread configuration, with the tasks that share a thread. By default it reads and writes a
 /// connection on two threads at once, which rustls does not permit: bridges over TLS panicked within seconds at 1
 /// kHz (zenoh's issue 2557).
-const THREADS: (&str, &str) = (
+const ZENOH_THREADS: (&str, &str) = (
     "ZENOH_RUNTIME",
     "(tx: (worker_threads: 1), rx: (handover: tx), acc: (handover: tx), net: (handover: tx))",
 );
@@ -35,7 +35,7 @@ const THREADS: (&str, &str) = (
 pub fn open(config: &Value) -> zenoh::Result<zenoh::Session> {
     static WARNED: Once = Once::new();
     WARNED.call_once(|| {
-        let (name, threads) = THREADS;
+        let (name, threads) = ZENOH_THREADS;
         // SAFETY: zenoh's threads do not exist yet, and all other readers of the environment use the standard
         // library, which locks it.
         unsafe { std::env::set_var(name, threads) };

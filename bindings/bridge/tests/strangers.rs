@@ -11,28 +11,28 @@ use std::time::{Duration, Instant, SystemTime};
 
 use bridge::certificates::{Authority, Validity};
 use bridge::examples::{self, robot};
-use bridge::frame::{Header, VERSION};
-use bridge::gate::Gate;
-use bridge::process::config::{self, End};
+use bridge::frame::{FrameHeader, WIRE_FORMAT_VERSION};
+use bridge::gate::FrameFilter;
+use bridge::process::config::{self, SessionRole};
 use bridge::process::inbox::Inbox;
 use bridge::process::refusals;
 use bridge::process::wire::PeerSessions;
 use bridge::topics::{self, Route, Topic};
 use protocol::brief::{BridgeBrief, CertificatesBrief, HostBrief};
 use protocol::clock;
-use protocol::dropped::Dropped;
+use protocol::dropped::DropReason;
 use serde_json::json;
 use tempfile::TempDir;
 use tracing_subscriber::prelude::*;
 use zenoh::Wait as _;
 use zenoh::qos::CongestionControl;
 
-const LAYOUT: u64 = 7;
-const EXPERIMENT: u64 = 8;
+const LAYOUT_HASH: u64 = 7;
+const EXPERIMENT_HASH: u64 = 8;
 /// Beacon of the robot on b, which a receives.
-const BEACON: Topic = Topic::Beacon(1);
+const BEACON_TOPIC: Topic = Topic::Beacon(1);
 /// Message of a to b.
-const ORDERS: &[u8] = b"orders";
+const ORDERS_CONTENT: &[u8] = b"orders";
 /// Time limit that only a hang exceeds.
 const TIMEOUT: Duration = Duration::from_secs(60);
 /// Duration of a stranger's attempts.
@@ -41,31 +41,31 @@ const ATTEMPT_DURATION: Duration = Duration::from_millis(1_500);
 /// Lock that runs the tests one at a time, because refusals by zenoh are counted per process.
 static SERIAL_LOCK: Mutex<()> = Mutex::new(());
 /// Reasons that are counted there.
-const REFUSALS: [Dropped; 5] = [
-    Dropped::Certificate,
-    Dropped::Expired,
-    Dropped::Stranger,
-    Dropped::Denied,
-    Dropped::Handshake,
+const REFUSAL_REASONS: [DropReason; 5] = [
+    DropReason::Certificate,
+    DropReason::Expired,
+    DropReason::UnknownHost,
+    DropReason::Denied,
+    DropReason::Handshake,
 ];
 
 /// Host a of a fleet of three, which listens.
-struct A {
+struct ListeningHost {
     folder: TempDir,
     authority: Authority,
     hosts: Vec<HostBrief>,
     inbox: Arc<Inbox>,
-    wire: PeerSessions,
+    sessions: PeerSessions,
     /// Counts of refusals before the test.
-    refused: [u64; 5],
-    _alone: MutexGuard<'static, ()>,
+    refusals_before: [u64; 5],
+    _serial_guard: MutexGuard<'static, ()>,
 }
 
-impl A {
-    fn new() -> A {
+impl ListeningHost {
+    fn new() -> ListeningHost {
         let alone = SERIAL_LOCK.lock().unwrap_or_else(PoisonError::into_inner);
         // Fails for all tests but the first, because the subscriber is installed once.
-        let _ = tracing_subscriber::registry().with(refusals::Listener::layer()).try_init();
+        let _ = tracing_subscriber::registry().with(refusals::RefusalCounter::layer()).try_init();
         let folder = tempfile::tempdir().unwrap();
         let authority = Authority::new(Validity::for_days(1)).unwrap();
         // Ports that were free a moment ago.
@@ -78,27 +78,44 @@ impl A {
         drop(ports);
         fs::write(folder.path().join("ca.pem"), authority.certificate()).unwrap();
         for host in &hosts {
-            let (certificate, key) =
-                authority.host(&host.name, &host.address, Validity::for_days(1)).unwrap();
-            save(folder.path(), &host.name, &certificate, &key);
+            let (certificate, key) = authority
+                .issue_host_certificate(&host.name, &host.address, Validity::for_days(1))
+                .unwrap();
+            write_certificate_files(folder.path(), &host.name, &certificate, &key);
         }
         let brief = brief(&hosts, 0, certificates(folder.path(), "a"));
         let routes = topics::routes(&brief);
         let inbox = Arc::new(Inbox::new(routes.len(), hosts.len()));
-        for (index, route) in routes.iter().enumerate().filter(|(_, route)| route.to.contains(&0)) {
-            inbox.open(index, route.from, Gate::new(route.from, LAYOUT, EXPERIMENT), false);
+        for (index, route) in
+            routes.iter().enumerate().filter(|(_, route)| route.receiving_hosts.contains(&0))
+        {
+            inbox.open_route(
+                index,
+                route.sending_host,
+                FrameFilter::new(route.sending_host, LAYOUT_HASH, EXPERIMENT_HASH),
+                false,
+            );
         }
         let wire = PeerSessions::open(&brief, &routes, &inbox).unwrap();
-        let refused = REFUSALS.map(refusals::refusal_count);
-        A { folder, authority, hosts, inbox, wire, refused, _alone: alone }
+        let refused = REFUSAL_REASONS.map(refusals::refusal_count);
+        ListeningHost {
+            folder,
+            authority,
+            hosts,
+            inbox,
+            sessions: wire,
+            refusals_before: refused,
+            _serial_guard: alone,
+        }
     }
 
     /// Checks that refusals were counted for this reason and no other.
-    fn has_refused(&self, expected: Dropped) {
+    fn assert_only_refusal(&self, expected: DropReason) {
         let began = Instant::now();
         loop {
-            let now = REFUSALS.map(refusals::refusal_count);
-            let counted = (0..now.len()).map(|why| (REFUSALS[why], now[why] - self.refused[why]));
+            let now = REFUSAL_REASONS.map(refusals::refusal_count);
+            let counted = (0..now.len())
+                .map(|why| (REFUSAL_REASONS[why], now[why] - self.refusals_before[why]));
             let counted: Vec<_> = counted.filter(|&(_, count)| count > 0).collect();
             match &counted[..] {
                 [(why, _)] if *why == expected => return,
@@ -110,7 +127,10 @@ impl A {
 
     /// Connects to a with these certificates, without an access list.
     fn connect(&self, certificates: CertificatesBrief) -> zenoh::Session {
-        let mut config = config::session_config(&brief(&self.hosts, 1, certificates), End::To(0));
+        let mut config = config::session_config(
+            &brief(&self.hosts, 1, certificates),
+            SessionRole::Connecting(0),
+        );
         config["access_control"] = json!({ "enabled": false });
         let config = zenoh::Config::from_json5(&config.to_string()).unwrap();
         zenoh::open(config).wait().unwrap()
@@ -134,17 +154,17 @@ impl A {
     /// Sends a message to b, as the bridge of a does.
     fn send_order(&self, sequence: u64) {
         let (index, _) = self.find_route(Topic::Orders(1));
-        self.wire.send(index, frame(sequence, ORDERS)).unwrap();
+        self.sessions.send(index, encode_frame(sequence, ORDERS_CONTENT)).unwrap();
     }
 
     /// Sends messages as b until one arrives. Panics if another message arrives first.
-    fn hears_b(&self, session: &zenoh::Session, first: u64) {
+    fn assert_receives_from_b(&self, session: &zenoh::Session, first: u64) {
         let (began, mut sequence) = (Instant::now(), first);
-        let key = self.route(BEACON).key;
+        let key = self.route(BEACON_TOPIC).key;
         loop {
-            session.put(&key, frame(sequence, b"good")).wait().unwrap();
+            session.put(&key, encode_frame(sequence, b"good")).wait().unwrap();
             sequence += 1;
-            let arrived = self.inbox.wait(clock::now_ns() + 20_000_000);
+            let arrived = self.inbox.wait_for_frames(clock::now_ns() + 20_000_000);
             assert!(arrived.iter().all(|arrived| arrived.content == b"good"), "{arrived:?}");
             if !arrived.is_empty() {
                 return;
@@ -154,12 +174,12 @@ impl A {
     }
 
     /// Returns a counter of the orders of a that this session receives.
-    fn overhears(&self, session: &zenoh::Session) -> Arc<AtomicU64> {
+    fn count_received_orders(&self, session: &zenoh::Session) -> Arc<AtomicU64> {
         let overheard = Arc::new(AtomicU64::new(0));
         let count = overheard.clone();
         let listener =
             session.declare_subscriber(self.route(Topic::Orders(1)).key).callback(move |sample| {
-                if sample.payload().to_bytes().ends_with(ORDERS) {
+                if sample.payload().to_bytes().ends_with(ORDERS_CONTENT) {
                     count.fetch_add(1, Ordering::Relaxed);
                 }
             });
@@ -169,25 +189,25 @@ impl A {
 
     /// Checks that a stranger with these certificates is neither received nor sent anything, with one counted
     /// reason, and that b is both afterwards.
-    fn assert_stranger_refused(&self, certificates: CertificatesBrief, why: Dropped) {
+    fn assert_stranger_refused(&self, certificates: CertificatesBrief, why: DropReason) {
         let stranger = self.connect(certificates);
-        let overheard = self.overhears(&stranger);
-        let (began, key, mut sequence) = (Instant::now(), self.route(BEACON).key, 1);
+        let overheard = self.count_received_orders(&stranger);
+        let (began, key, mut sequence) = (Instant::now(), self.route(BEACON_TOPIC).key, 1);
         while began.elapsed() < ATTEMPT_DURATION {
-            stranger.put(&key, frame(sequence, b"forged")).wait().unwrap();
+            stranger.put(&key, encode_frame(sequence, b"forged")).wait().unwrap();
             self.send_order(sequence);
             sequence += 1;
             assert!(
-                self.inbox.wait(clock::now_ns() + 20_000_000).is_empty(),
+                self.inbox.wait_for_frames(clock::now_ns() + 20_000_000).is_empty(),
                 "a stranger is heard"
             );
         }
         assert_eq!(overheard.load(Ordering::Relaxed), 0, "a stranger hears");
         stranger.close().wait().unwrap();
-        self.has_refused(why);
+        self.assert_only_refusal(why);
         let b = self.connect_as("b");
-        let told = self.overhears(&b);
-        self.hears_b(&b, 1);
+        let told = self.count_received_orders(&b);
+        self.assert_receives_from_b(&b, 1);
         let began = Instant::now();
         while told.load(Ordering::Relaxed) == 0 {
             self.send_order(sequence);
@@ -197,14 +217,20 @@ impl A {
     }
 
     /// Writes a certificate by this authority, with this name, to a new file.
-    fn forge(&self, authority: &Authority, name: &str, valid: Validity) -> CertificatesBrief {
-        let (certificate, key) = authority.host(name, &self.hosts[1].address, valid).unwrap();
-        save(self.folder.path(), "forged", &certificate, &key);
+    fn write_host_certificate(
+        &self,
+        authority: &Authority,
+        name: &str,
+        valid: Validity,
+    ) -> CertificatesBrief {
+        let (certificate, key) =
+            authority.issue_host_certificate(name, &self.hosts[1].address, valid).unwrap();
+        write_certificate_files(self.folder.path(), "forged", &certificate, &key);
         certificates(self.folder.path(), "forged")
     }
 }
 
-fn save(folder: &Path, name: &str, certificate: &str, key: &str) {
+fn write_certificate_files(folder: &Path, name: &str, certificate: &str, key: &str) {
     fs::write(folder.join(format!("{name}.pem")), certificate).unwrap();
     fs::write(folder.join(format!("{name}.key")), key).unwrap();
 }
@@ -220,103 +246,123 @@ fn certificates(folder: &Path, name: &str) -> CertificatesBrief {
 fn brief(hosts: &[HostBrief], here: usize, certificates: CertificatesBrief) -> BridgeBrief {
     let robots = [robot("r0", 0, &[1, 2]), robot("r1", 1, &[0]), robot("r2", 2, &[0])];
     BridgeBrief {
-        experiment: format!("{EXPERIMENT:016x}"),
+        experiment: format!("{EXPERIMENT_HASH:016x}"),
         here,
         certificates: Some(certificates),
         ..examples::brief(hosts, robots)
     }
 }
 
-fn frame(sequence: u64, content: &[u8]) -> Vec<u8> {
-    let (version, host, layout, experiment) = (VERSION, 1, LAYOUT, EXPERIMENT);
-    let header = Header { version, host, layout, experiment, boot: 5, sequence, source_ns: 0 };
-    header.frame(&[content])
+fn encode_frame(sequence: u64, content: &[u8]) -> Vec<u8> {
+    let (version, host, layout, experiment) =
+        (WIRE_FORMAT_VERSION, 1, LAYOUT_HASH, EXPERIMENT_HASH);
+    let header = FrameHeader {
+        version,
+        host,
+        layout_hash: layout,
+        experiment_hash: experiment,
+        boot_id: 5,
+        sequence,
+        source_ns: 0,
+    };
+    header.encode_frame(&[content])
 }
 
 #[test]
 fn certificate_of_another_authority_is_refused() {
-    let a = A::new();
+    let a = ListeningHost::new();
     let other = Authority::new(Validity::for_days(1)).unwrap();
-    a.assert_stranger_refused(a.forge(&other, "b", Validity::for_days(1)), Dropped::Certificate);
+    a.assert_stranger_refused(
+        a.write_host_certificate(&other, "b", Validity::for_days(1)),
+        DropReason::Certificate,
+    );
 }
 
 #[test]
 fn certificate_with_unknown_name_is_refused() {
-    let a = A::new();
-    let forged = a.forge(&a.authority, "stranger", Validity::for_days(1));
-    a.assert_stranger_refused(forged, Dropped::Stranger);
+    let a = ListeningHost::new();
+    let forged = a.write_host_certificate(&a.authority, "stranger", Validity::for_days(1));
+    a.assert_stranger_refused(forged, DropReason::UnknownHost);
 }
 
 #[test]
 fn expired_certificate_is_refused() {
-    let a = A::new();
+    let a = ListeningHost::new();
     let day = Duration::from_secs(24 * 3600);
     let now = SystemTime::now();
-    let past = Validity { from: now - 3 * day, until: now - day };
-    a.assert_stranger_refused(a.forge(&a.authority, "b", past), Dropped::Expired);
+    let past = Validity { not_before: now - 3 * day, not_after: now - day };
+    a.assert_stranger_refused(
+        a.write_host_certificate(&a.authority, "b", past),
+        DropReason::Expired,
+    );
 }
 
 #[test]
 fn host_cannot_write_keys_of_another_host() {
-    let a = A::new();
+    let a = ListeningHost::new();
     let c = a.connect_as("c");
     let (began, mut sequence) = (Instant::now(), 1);
-    let (keys, own) = (a.route(BEACON).key, a.route(Topic::Beacon(2)).key);
+    let (keys, own) = (a.route(BEACON_TOPIC).key, a.route(Topic::Beacon(2)).key);
     let mut heard_c = false;
     // Messages of c are received, which shows that it is connected; for this duration no others are.
     while !heard_c || began.elapsed() < ATTEMPT_DURATION {
-        c.put(&keys, frame(sequence, b"forged")).wait().unwrap();
-        let header = Header { host: 2, ..Header::decode(&frame(sequence, b"")).unwrap().0 };
-        c.put(&own, header.frame(&[b"own"])).wait().unwrap();
+        c.put(&keys, encode_frame(sequence, b"forged")).wait().unwrap();
+        let header =
+            FrameHeader { host: 2, ..FrameHeader::decode(&encode_frame(sequence, b"")).unwrap().0 };
+        c.put(&own, header.encode_frame(&[b"own"])).wait().unwrap();
         sequence += 1;
-        let arrived = a.inbox.wait(clock::now_ns() + 20_000_000);
+        let arrived = a.inbox.wait_for_frames(clock::now_ns() + 20_000_000);
         assert!(arrived.iter().all(|arrived| arrived.content == b"own"), "{arrived:?}");
         heard_c |= !arrived.is_empty();
         assert!(began.elapsed() < TIMEOUT, "c is not heard");
     }
-    a.hears_b(&a.connect_as("b"), 1);
-    a.has_refused(Dropped::Denied);
+    a.assert_receives_from_b(&a.connect_as("b"), 1);
+    a.assert_only_refusal(DropReason::Denied);
 }
 
 #[test]
 fn replayed_or_foreign_frames_are_dropped_and_counted() {
-    let a = A::new();
+    let a = ListeningHost::new();
     let b = a.connect_as("b");
-    a.hears_b(&b, 1);
-    let (key, before) = (a.route(BEACON).key, 1_000_000);
-    a.hears_b(&b, before);
-    let replayed = a.inbox.dropped_count(Dropped::Replayed);
+    a.assert_receives_from_b(&b, 1);
+    let (key, before) = (a.route(BEACON_TOPIC).key, 1_000_000);
+    a.assert_receives_from_b(&b, before);
+    let replayed = a.inbox.dropped_count(DropReason::Replayed);
     // Sent on one connection, so they arrive in order.
-    let header =
-        Header { layout: LAYOUT + 1, ..Header::decode(&frame(before * 2, b"")).unwrap().0 };
-    for bytes in [frame(1, b"old"), header.frame(&[b"another build"]), b"garbage".to_vec()] {
+    let header = FrameHeader {
+        layout_hash: LAYOUT_HASH + 1,
+        ..FrameHeader::decode(&encode_frame(before * 2, b"")).unwrap().0
+    };
+    for bytes in
+        [encode_frame(1, b"old"), header.encode_frame(&[b"another build"]), b"garbage".to_vec()]
+    {
         b.put(&key, bytes).congestion_control(CongestionControl::Block).wait().unwrap();
     }
-    a.hears_b(&b, before * 3);
-    assert_eq!(a.inbox.dropped_count(Dropped::Replayed), replayed + 1);
-    assert_eq!(a.inbox.dropped_count(Dropped::Layout), 1);
-    assert_eq!(a.inbox.dropped_count(Dropped::Garbage), 1);
+    a.assert_receives_from_b(&b, before * 3);
+    assert_eq!(a.inbox.dropped_count(DropReason::Replayed), replayed + 1);
+    assert_eq!(a.inbox.dropped_count(DropReason::Layout), 1);
+    assert_eq!(a.inbox.dropped_count(DropReason::Garbage), 1);
     assert_eq!(
-        REFUSALS.map(refusals::refusal_count),
-        a.refused,
+        REFUSAL_REASONS.map(refusals::refusal_count),
+        a.refusals_before,
         "they came from a host of the fleet"
     );
 }
 
 #[test]
 fn flood_of_garbage_does_not_block_other_hosts() {
-    let a = A::new();
+    let a = ListeningHost::new();
     let garbage: Vec<u8> =
         (0..4_096_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
     let b = a.connect_as("b");
-    a.hears_b(&b, 1);
+    a.assert_receives_from_b(&b, 1);
     for flood in 0..60 {
         // A refused connection is as good as one that is accepted and dropped.
         let Ok(mut stream) = TcpStream::connect(&a.hosts[0].address) else { continue };
         let _ = stream.write_all(&garbage);
-        a.hears_b(&b, 1_000 * (flood + 1));
+        a.assert_receives_from_b(&b, 1_000 * (flood + 1));
     }
-    a.has_refused(Dropped::Handshake);
+    a.assert_only_refusal(DropReason::Handshake);
     b.close().wait().unwrap();
-    a.hears_b(&a.connect_as("b"), 1_000_000);
+    a.assert_receives_from_b(&a.connect_as("b"), 1_000_000);
 }

@@ -29,6 +29,12 @@
 // Contact state of a neighbor: it is lost, because its beacons have timed out.
 #define PHALANX_LOST 3
 
+// Message of a neighbor's law, in the format that the scenario declares: see phalanx_numbers and phalanx_bytes.
+typedef struct phalanx_message phalanx_message;
+
+// Message, target and signals that a law sends and records with its answer.
+typedef struct phalanx_outbox phalanx_outbox;
+
 // The robot that this process controls.
 typedef struct phalanx_robot phalanx_robot;
 
@@ -77,6 +83,12 @@ typedef struct phalanx_neighbor {
   double age_s;
   // Contact state: PHALANX_FRESH, PHALANX_STALE or PHALANX_LOST.
   uint32_t contact;
+  // Number of earlier starts of its process: it increases when the neighbor restarts.
+  uint64_t incarnation;
+  // Newest message of its law in this incarnation; NULL before the first one.
+  const struct phalanx_message *message;
+  // Age of that message, s; NaN without one.
+  double message_age_s;
 } phalanx_neighbor;
 
 // Input of a law: what the robot knows at one odometry sample. Valid until the function returns.
@@ -105,6 +117,8 @@ typedef struct phalanx_situation {
   const struct phalanx_neighbor *neighbors;
   // Length of `neighbors`.
   size_t neighbor_count;
+  // Destination of phalanx_publish and the other functions that send or record.
+  struct phalanx_outbox *outbox;
 } phalanx_situation;
 
 // A control law: writes the desired velocity of the front point, m/s, to `out` and returns 0. It is called once
@@ -159,6 +173,70 @@ int phalanx_serve_law(struct phalanx_robot *robot,
 int phalanx_serve_controller(struct phalanx_robot *robot,
                              phalanx_steer controller,
                              void *user);
+
+// Copies the numbers of the array `key` of a message to `out`, row by row, at most `count`. Returns how many numbers
+// the array has; 0 if the message has no such array.
+//
+// # Safety
+//
+// `message` is that of a neighbor, in the call of the law; `key` is a string; `out` has room for `count` numbers.
+size_t phalanx_numbers(const struct phalanx_message *message,
+                       const char *key,
+                       double *out,
+                       size_t count);
+
+// Returns the bytes of a message, and writes their number to `length`. They are valid until the law returns.
+//
+// # Safety
+//
+// `message` is that of a neighbor, in the call of the law; `length` may be written.
+const uint8_t *phalanx_bytes(const struct phalanx_message *message,
+                             size_t *length);
+
+// Sets the array `key` of the message that leaves with the present answer to `count` numbers, row by row. A message
+// needs all arrays that `message` of `[laws.NAME]` declares. Otherwise the process ends with the reason when the law
+// returns, as it does after any wrong call of this and the following functions.
+//
+// # Safety
+//
+// `seen` is the input of the law, in its call; `key` is a string; `numbers` has `count` numbers.
+void phalanx_publish(const struct phalanx_situation *seen,
+                     const char *key,
+                     const double *numbers,
+                     size_t count);
+
+// Sets the message that leaves with the present answer to bytes, for `message_bytes_max` of `[laws.NAME]`.
+//
+// # Safety
+//
+// `seen` is the input of the law, in its call; `bytes` has `length` bytes.
+void phalanx_publish_bytes(const struct phalanx_situation *seen,
+                           const uint8_t *bytes,
+                           size_t length);
+
+// Sends no beacon with the present answer, as in event-triggered control. Needs `withholds = true` in `[laws.NAME]`.
+//
+// # Safety
+//
+// `seen` is the input of the law, in its call.
+void phalanx_withhold(const struct phalanx_situation *seen);
+
+// Sets where the front point of a robot with `role = "free"` is to be at this sample, m, and the velocity of that
+// point, m/s.
+//
+// # Safety
+//
+// `seen` is the input of the law, in its call.
+void phalanx_target(const struct phalanx_situation *seen,
+                    struct phalanx_vector position,
+                    struct phalanx_vector velocity);
+
+// Records the value of a signal, one of `signals` in `[laws.NAME]`.
+//
+// # Safety
+//
+// `seen` is the input of the law, in its call; `signal` is a string.
+void phalanx_record(const struct phalanx_situation *seen, const char *signal, double value);
 
 // Returns tanh(x), as the built-in laws compute it. This function and the following ones give the same result on
 // every machine; those of the C library may differ in the last digit, which changes the trajectory.

@@ -4,14 +4,18 @@ use std::ffi::{c_char, c_int, c_void, CStr, OsStr};
 use std::io::Write as _;
 use std::os::unix::ffi::OsStrExt as _;
 
-use agent::program::{self, LAW_FAILED};
+use agent::laws::ReceivedMessage;
+use agent::program::{self, LAW_FAILED_EXIT_CODE};
 use clap::Parser as _;
+use formation::desired::Target;
 use formation::portable_math;
+use formation::Vec2;
 use protocol::brief::AgentBrief;
 use protocol::process::{self, exit};
 
-use crate::command_line::{strip_own_arguments, Arguments, STARTED_BY};
-use crate::law::{CLaw, Function};
+use crate::command_line::{strip_own_arguments, Arguments, MANUAL_START_HINT};
+use crate::law::{CLaw, UserFunction};
+use crate::outbox::LawCalls;
 
 /// Contact state of a neighbor: its beacons are recent.
 pub const PHALANX_FRESH: u32 = 1;
@@ -73,7 +77,19 @@ pub struct Neighbor {
     pub age_s: f64,
     /// Contact state: PHALANX_FRESH, PHALANX_STALE or PHALANX_LOST.
     pub contact: u32,
+    /// Number of earlier starts of its process: it increases when the neighbor restarts.
+    pub incarnation: u64,
+    /// Newest message of its law in this incarnation; NULL before the first one.
+    pub message: *const Message,
+    /// Age of that message, s; NaN without one.
+    pub message_age_s: f64,
 }
+
+/// Message of a neighbor's law, in the format that the scenario declares: see phalanx_numbers and phalanx_bytes.
+pub struct Message(pub(crate) ReceivedMessage);
+
+/// Message, target and signals that a law sends and records with its answer.
+pub struct Outbox(pub(crate) LawCalls);
 
 /// Input of a law: what the robot knows at one odometry sample. Valid until the function returns.
 #[repr(C)]
@@ -103,6 +119,8 @@ pub struct Situation {
     pub neighbors: *const Neighbor,
     /// Length of `neighbors`.
     pub neighbor_count: usize,
+    /// Destination of phalanx_publish and the other functions that send or record.
+    pub outbox: *mut Outbox,
 }
 
 /// A control law: writes the desired velocity of the front point, m/s, to `out` and returns 0. It is called once
@@ -148,13 +166,13 @@ pub unsafe extern "C" fn phalanx_open(argc: c_int, argv: *mut *mut c_char) -> *m
     let arguments = match Arguments::try_parse_from(strip_own_arguments(given.collect())) {
         Ok(arguments) => arguments,
         Err(usage) => {
-            let _ = writeln!(process::Stderr, "{usage}{STARTED_BY}");
-            std::process::exit(exit::USAGE.into());
+            let _ = writeln!(process::Stderr, "{usage}{MANUAL_START_HINT}");
+            std::process::exit(exit::USAGE_ERROR.into());
         }
     };
-    match program::read(&arguments.brief, LIBRARY) {
+    match program::read_brief(&arguments.brief, LIBRARY_NAME) {
         Ok(brief) => Box::into_raw(Box::new(Robot { arguments, brief })),
-        Err(why) => fail(exit::INFRASTRUCTURE, &why),
+        Err(why) => exit_with_error(exit::INFRASTRUCTURE_FAILURE, &why),
     }
 }
 
@@ -171,8 +189,8 @@ pub unsafe extern "C" fn phalanx_gain(robot: *const Robot, key: *const c_char) -
     brief.gains.get(key.as_ref()).copied().unwrap_or_else(|| {
         let known: Vec<&str> = brief.gains.keys().map(String::as_str).collect();
         let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-        fail(
-            LAW_FAILED,
+        exit_with_error(
+            LAW_FAILED_EXIT_CODE,
             &format!("the law {:?} has no gain {key:?}; its gains: {known}", brief.law),
         )
     })
@@ -191,7 +209,7 @@ pub unsafe extern "C" fn phalanx_serve_law(
     user: *mut c_void,
 ) -> c_int {
     // SAFETY: guaranteed by the caller.
-    unsafe { serve(robot, law.map(Function::Gamma), user) }
+    unsafe { serve(robot, law.map(UserFunction::Law), user) }
 }
 
 /// Controls the robot with a controller until the end of the run. Returns the exit code of the process: 0 at the
@@ -207,25 +225,25 @@ pub unsafe extern "C" fn phalanx_serve_controller(
     user: *mut c_void,
 ) -> c_int {
     // SAFETY: guaranteed by the caller.
-    unsafe { serve(robot, controller.map(Function::Steer), user) }
+    unsafe { serve(robot, controller.map(UserFunction::Controller), user) }
 }
 
 /// Component whose version must equal that of the program that starts it, as error messages name it.
-const LIBRARY: &str = "its libphalanx_agent";
+const LIBRARY_NAME: &str = "its libphalanx_agent";
 
 /// Controls the robot with a function until the end of the run.
 ///
 /// # Safety
 ///
 /// As for [`phalanx_serve_law`].
-unsafe fn serve(robot: *mut Robot, function: Option<Function>, user: *mut c_void) -> c_int {
+unsafe fn serve(robot: *mut Robot, function: Option<UserFunction>, user: *mut c_void) -> c_int {
     // SAFETY: it is a box made by `phalanx_open`, which the caller no longer uses.
     let Robot { arguments, .. } = *unsafe { Box::from_raw(robot) };
     let code = program::main(
         &arguments.brief,
         arguments.incarnation,
         arguments.realtime_priority,
-        LIBRARY,
+        LIBRARY_NAME,
         |brief| {
             let function = function.ok_or_else(|| format!("the law {:?} is NULL", brief.law))?;
             // SAFETY: guaranteed by the caller.
@@ -236,10 +254,137 @@ unsafe fn serve(robot: *mut Robot, function: Option<Function>, user: *mut c_void
 }
 
 /// Logs an error and ends the process with this exit code.
-fn fail(code: u8, why: &str) -> ! {
+fn exit_with_error(code: u8, why: &str) -> ! {
     process::log_to_stderr();
     tracing::error!("{why}");
     std::process::exit(code.into())
+}
+
+/// Copies the numbers of the array `key` of a message to `out`, row by row, at most `count`. Returns how many numbers
+/// the array has; 0 if the message has no such array.
+///
+/// # Safety
+///
+/// `message` is that of a neighbor, in the call of the law; `key` is a string; `out` has room for `count` numbers.
+#[no_mangle]
+pub unsafe extern "C" fn phalanx_numbers(
+    message: *const Message,
+    key: *const c_char,
+    out: *mut f64,
+    count: usize,
+) -> usize {
+    // SAFETY: guaranteed by the caller.
+    let (message, key) = unsafe { (&(*message).0, CStr::from_ptr(key).to_string_lossy()) };
+    let numbers = message.numbers(&key).unwrap_or_default();
+    for (i, number) in numbers.iter().take(count).enumerate() {
+        // SAFETY: guaranteed by the caller.
+        unsafe { *out.add(i) = *number };
+    }
+    numbers.len()
+}
+
+/// Returns the bytes of a message, and writes their number to `length`. They are valid until the law returns.
+///
+/// # Safety
+///
+/// `message` is that of a neighbor, in the call of the law; `length` may be written.
+#[no_mangle]
+pub unsafe extern "C" fn phalanx_bytes(message: *const Message, length: *mut usize) -> *const u8 {
+    // SAFETY: guaranteed by the caller.
+    let bytes = unsafe { &(*message).0.bytes };
+    // SAFETY: guaranteed by the caller.
+    unsafe { *length = bytes.len() };
+    bytes.as_ptr()
+}
+
+/// Sets the array `key` of the message that leaves with the present answer to `count` numbers, row by row. A message
+/// needs all arrays that `message` of `[laws.NAME]` declares. Otherwise the process ends with the reason when the law
+/// returns, as it does after any wrong call of this and the following functions.
+///
+/// # Safety
+///
+/// `seen` is the input of the law, in its call; `key` is a string; `numbers` has `count` numbers.
+#[no_mangle]
+pub unsafe extern "C" fn phalanx_publish(
+    seen: *const Situation,
+    key: *const c_char,
+    numbers: *const f64,
+    count: usize,
+) {
+    // SAFETY: guaranteed by the caller.
+    let (outbox, key) = unsafe { (&mut *(*seen).outbox, CStr::from_ptr(key).to_string_lossy()) };
+    // SAFETY: guaranteed by the caller.
+    outbox.0.publish(&key, unsafe { slice(numbers, count) });
+}
+
+/// Sets the message that leaves with the present answer to bytes, for `message_bytes_max` of `[laws.NAME]`.
+///
+/// # Safety
+///
+/// `seen` is the input of the law, in its call; `bytes` has `length` bytes.
+#[no_mangle]
+pub unsafe extern "C" fn phalanx_publish_bytes(
+    seen: *const Situation,
+    bytes: *const u8,
+    length: usize,
+) {
+    // SAFETY: guaranteed by the caller.
+    unsafe { (*(*seen).outbox).0.publish_bytes(slice(bytes, length)) }
+}
+
+/// Sends no beacon with the present answer, as in event-triggered control. Needs `withholds = true` in `[laws.NAME]`.
+///
+/// # Safety
+///
+/// `seen` is the input of the law, in its call.
+#[no_mangle]
+pub unsafe extern "C" fn phalanx_withhold(seen: *const Situation) {
+    // SAFETY: guaranteed by the caller.
+    unsafe { (*(*seen).outbox).0.withhold() }
+}
+
+/// Sets where the front point of a robot with `role = "free"` is to be at this sample, m, and the velocity of that
+/// point, m/s.
+///
+/// # Safety
+///
+/// `seen` is the input of the law, in its call.
+#[no_mangle]
+pub unsafe extern "C" fn phalanx_target(
+    seen: *const Situation,
+    position: Vector,
+    velocity: Vector,
+) {
+    let vector = |at: Vector| Vec2::new(at.x, at.y);
+    let target = Target { position: vector(position), velocity: vector(velocity) };
+    // SAFETY: guaranteed by the caller.
+    unsafe { (*(*seen).outbox).0.set_target(target) }
+}
+
+/// Records the value of a signal, one of `signals` in `[laws.NAME]`.
+///
+/// # Safety
+///
+/// `seen` is the input of the law, in its call; `signal` is a string.
+#[no_mangle]
+pub unsafe extern "C" fn phalanx_record(seen: *const Situation, signal: *const c_char, value: f64) {
+    // SAFETY: guaranteed by the caller.
+    let (outbox, signal) =
+        unsafe { (&mut *(*seen).outbox, CStr::from_ptr(signal).to_string_lossy()) };
+    outbox.0.record(&signal, value);
+}
+
+/// Returns the elements at `first`; none if `count` is 0, also for NULL.
+///
+/// # Safety
+///
+/// `first` has `count` elements.
+unsafe fn slice<'a, T>(first: *const T, count: usize) -> &'a [T] {
+    match count {
+        0 => &[],
+        // SAFETY: guaranteed by the caller.
+        _ => unsafe { std::slice::from_raw_parts(first, count) },
+    }
 }
 
 /// Returns tanh(x), as the built-in laws compute it. This function and the following ones give the same result on

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 /// Hint after a usage error, for a program that was started manually.
-pub const STARTED_BY: &str = "`phalanx run SCENARIO` starts it if the scenario names it: \
+pub const MANUAL_START_HINT: &str = "`phalanx run SCENARIO` starts it if the scenario names it: \
                               [laws.NAME] program = [\"./my_law\"].";
 
 /// Returns a command line without the program's own arguments, which stand before those that `phalanx run` adds:

@@ -2,33 +2,37 @@
 
 use std::ffi::{c_int, c_void, CString};
 
-use agent::laws::{self, LawOutput};
-use agent::program::{ForeignLaw, Level};
+use agent::laws::{self, LawOutput, SendDecision, SignalValues};
+use agent::program::{AnswerKind, ForeignLaw};
+use formation::desired::Target;
 use formation::Vec2;
 use protocol::brief::AgentBrief;
 
-use crate::{Neighbor, Pose, Situation, Twist, Vector};
+use crate::outbox::LawCalls;
+use crate::{Message, Neighbor, Outbox, Pose, Situation, Twist, Vector};
 
 /// A user-defined function.
 #[derive(Clone, Copy)]
-pub enum Function {
+pub enum UserFunction {
     /// A law, which returns the nominal velocity (gamma).
-    Gamma(unsafe extern "C-unwind" fn(*const Situation, *mut Vector, *mut c_void) -> c_int),
+    Law(unsafe extern "C-unwind" fn(*const Situation, *mut Vector, *mut c_void) -> c_int),
     /// A controller, which returns a twist.
-    Steer(unsafe extern "C-unwind" fn(*const Situation, *mut Twist, *mut c_void) -> c_int),
+    Controller(unsafe extern "C-unwind" fn(*const Situation, *mut Twist, *mut c_void) -> c_int),
 }
 
 /// A control law that calls a C function.
 pub struct CLaw {
-    function: Function,
-    level: Level,
-    user: *mut c_void,
+    function: UserFunction,
+    answer_kind: AnswerKind,
+    user_data: *mut c_void,
     /// Name of the law in the scenario.
     name: String,
     /// Names of the in-neighbors, with their scenario indices from 1.
-    names: Vec<(usize, CString)>,
-    near: Vec<Vector>,
+    neighbor_names: Vec<(usize, CString)>,
+    sensed_front_points: Vec<Vector>,
     neighbors: Vec<Neighbor>,
+    messages: Vec<Message>,
+    outbox: Outbox,
 }
 
 // SAFETY: the agent's loop calls its law only on the thread that called `phalanx_serve_law`.
@@ -40,46 +44,64 @@ impl CLaw {
     /// # Safety
     ///
     /// `function` may be called with `user` while this value lives.
-    pub unsafe fn new(function: Function, user: *mut c_void, brief: &AgentBrief) -> CLaw {
+    pub unsafe fn new(function: UserFunction, user: *mut c_void, brief: &AgentBrief) -> CLaw {
         let neighbors = brief.senders();
         let name = |name: &str| CString::new(name).expect("a robot's name has letters and digits");
         let level = match function {
-            Function::Gamma(_) => Level::Law,
-            Function::Steer(_) => Level::controller(brief.drive_kind),
+            UserFunction::Law(_) => AnswerKind::FrontPointVelocity,
+            UserFunction::Controller(_) => AnswerKind::twist_kind_for_drive(brief.drive_kind),
         };
         CLaw {
             function,
-            level,
-            user,
+            answer_kind: level,
+            user_data: user,
             name: brief.law.clone(),
-            names: neighbors.map(|neighbor| (neighbor.index, name(&neighbor.name))).collect(),
-            near: Vec::new(),
+            neighbor_names: neighbors
+                .map(|neighbor| (neighbor.index, name(&neighbor.name)))
+                .collect(),
+            sensed_front_points: Vec::new(),
             neighbors: Vec::with_capacity(brief.senders().count()),
+            messages: Vec::with_capacity(brief.senders().count()),
+            outbox: Outbox(LawCalls::new(brief)),
         }
     }
 
     /// Returns the input of the function. It points into this law, which must not change while the input is used.
-    fn show(&mut self, situation: &laws::Situation<'_>) -> Situation {
+    fn c_situation(&mut self, situation: &laws::Situation<'_>) -> Situation {
         let alpha = situation.front_point;
-        self.near.clear();
-        self.near.extend(situation.away.iter().map(|away| vector(alpha - away)));
+        self.sensed_front_points.clear();
+        self.sensed_front_points
+            .extend(situation.neighbor_vectors.iter().map(|away| to_c_vector(alpha - away)));
         self.neighbors.clear();
-        let named = |index| &self.names.iter().find(|(place, _)| *place == index).expect("heard").1;
-        self.neighbors.extend(situation.heard.iter().map(|heard| Neighbor {
+        self.messages.clear();
+        let messages =
+            situation.neighbor_estimates.iter().filter_map(|heard| heard.message.clone());
+        self.messages.extend(messages.map(Message));
+        let mut messages = self.messages.iter();
+        let named = |index| {
+            &self.neighbor_names.iter().find(|(place, _)| *place == index).expect("heard").1
+        };
+        self.neighbors.extend(situation.neighbor_estimates.iter().map(|heard| Neighbor {
             name: named(heard.index).as_ptr(),
-            position: vector(heard.position),
-            velocity: vector(heard.velocity),
-            offset: vector(heard.offset.position),
-            offset_velocity: vector(heard.offset.velocity),
+            position: to_c_vector(heard.position),
+            velocity: to_c_vector(heard.velocity),
+            offset: to_c_vector(heard.offset.position),
+            offset_velocity: to_c_vector(heard.offset.velocity),
             age_s: heard.age_s,
-            contact: heard.contact as u32,
+            contact: heard.reception_state as u32,
+            incarnation: heard.incarnation,
+            message: match &heard.message {
+                Some(_) => messages.next().expect("one for each"),
+                None => std::ptr::null(),
+            },
+            message_age_s: heard.message.as_ref().map_or(f64::NAN, |message| message.age_s),
         }));
         let pose = situation.pose;
         Situation {
-            error: vector(situation.error),
-            desired_velocity: vector(situation.desired_velocity),
+            error: to_c_vector(situation.error),
+            desired_velocity: to_c_vector(situation.desired_velocity),
             pose: Pose { x_m: pose.x_m, y_m: pose.y_m, heading_rad: pose.heading_rad },
-            front_point: vector(alpha),
+            front_point: to_c_vector(alpha),
             front_point_m: (alpha - Vec2::new(pose.x_m, pose.y_m)).norm(),
             twist: Twist {
                 v_m_s: situation.twist.v_m_s,
@@ -88,53 +110,70 @@ impl CLaw {
             },
             t_s: situation.t_s,
             period_s: situation.period_s,
-            near: self.near.as_ptr(),
-            near_count: self.near.len(),
+            near: self.sensed_front_points.as_ptr(),
+            near_count: self.sensed_front_points.len(),
             neighbors: self.neighbors.as_ptr(),
             neighbor_count: self.neighbors.len(),
+            outbox: &mut self.outbox,
         }
     }
 }
 
 impl ForeignLaw for CLaw {
     fn evaluate(&mut self, situation: &laws::Situation<'_>) -> Result<LawOutput, String> {
-        let seen = self.show(situation);
+        let seen = self.c_situation(situation);
         // SAFETY: the caller of `CLaw::new` guarantees that the function may be called with `user`; `seen` and
         // the memory it points to live until it returns.
         let (code, numbers, count): (_, _, usize) = unsafe {
             match self.function {
-                Function::Gamma(gamma) => {
+                UserFunction::Law(gamma) => {
                     let mut out = Vector { x: f64::NAN, y: f64::NAN };
-                    (gamma(&seen, &mut out, self.user), [out.x, out.y, 0.0], 2)
+                    (gamma(&seen, &mut out, self.user_data), [out.x, out.y, 0.0], 2)
                 }
-                Function::Steer(steer) => {
+                UserFunction::Controller(steer) => {
                     let mut out = Twist { v_m_s: f64::NAN, w_rad_s: f64::NAN, side_m_s: 0.0 };
-                    let code = steer(&seen, &mut out, self.user);
+                    let code = steer(&seen, &mut out, self.user_data);
                     let Twist { v_m_s, w_rad_s, side_m_s } = out;
-                    match (self.level, side_m_s == 0.0) {
+                    match (self.answer_kind, side_m_s == 0.0) {
                         // A lateral speed of a robot that has none is a third number, and so an error.
-                        (Level::Controller, true) => (code, [v_m_s, w_rad_s, 0.0], 2),
+                        (AnswerKind::BodyTwist, true) => (code, [v_m_s, w_rad_s, 0.0], 2),
                         _ => (code, [v_m_s, side_m_s, w_rad_s], 3),
                     }
                 }
             }
         };
         let at = || {
-            let (method, t_s) = (self.level.method(), situation.t_s);
+            let (method, t_s) = (self.answer_kind.method_name(), situation.t_s);
             format!("the law {:?}: {method} at t = {t_s:.3} s returned", self.name)
         };
         let answer = &numbers[..count];
+        self.outbox.0.finish().map_err(|flaw| {
+            let (method, t_s) = (self.answer_kind.method_name(), situation.t_s);
+            format!("the law {:?}: {method} at t = {t_s:.3} s: {flaw}", self.name)
+        })?;
         match code {
-            0 => self.level.law_output(answer).ok_or_else(|| {
+            0 => self.answer_kind.parse_law_output(answer).ok_or_else(|| {
                 let numbers: Vec<String> = answer.iter().map(f64::to_string).collect();
-                let expected = self.level.expected_answer();
+                let expected = self.answer_kind.expected_answer();
                 format!("{} ({}), expected {expected}", at(), numbers.join(", "))
             }),
             code => Err(format!("{} {code}, expected 0", at())),
         }
     }
+
+    fn target(&mut self) -> Option<Target> {
+        self.outbox.0.take_target()
+    }
+
+    fn send_decision(&mut self) -> SendDecision {
+        self.outbox.0.take_send_decision()
+    }
+
+    fn signals(&mut self) -> SignalValues {
+        self.outbox.0.take_signals()
+    }
 }
 
-fn vector(vector: Vec2) -> Vector {
+fn to_c_vector(vector: Vec2) -> Vector {
     Vector { x: vector.x, y: vector.y }
 }

@@ -4,10 +4,12 @@
 //! |---|---|
 //! | `abi` | functions and types that a C program uses; source of `include/phalanx.h` |
 //! | `law` | calls of a C function as a law |
+//! | `outbox` | messages, targets and signals of a law |
 //! | `command_line` | command line |
 
 mod abi;
 mod command_line;
 mod law;
+mod outbox;
 
 pub use abi::*;

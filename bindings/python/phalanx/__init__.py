@@ -24,13 +24,13 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
-from . import _phalanx, real
+from . import _phalanx, real, resilient
 from ._phalanx import InNeighbor, Neighbor, Odometry, Outbox, OwnRobot, Pose, Situation, Twist, __version__
 from .campaigns import Campaign, sweep
 from .hunts import Hunt, hunt
 from .observation import Observation
 from .plant import Limits, Plant, Robot, Wheels
-from .runs import Figure, Run, RunError, load, run
+from .runs import Figure, Run, RunError, load, print_metrics, run
 
 __all__ = [
     "Campaign",
@@ -56,7 +56,9 @@ __all__ = [
     "hunt",
     "load",
     "parallel_env",
+    "print_metrics",
     "real",
+    "resilient",
     "run",
     "serve",
     "sweep",

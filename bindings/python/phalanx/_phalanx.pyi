@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, Literal, final
 
-__all__ = ["Episode", "serve", "serve_plant", "InNeighbor", "Neighbor", "Odometry", "Outbox", "OwnRobot", "Pose", "Situation", "Twist", "__version__", "real"]
+__all__ = ["Episode", "serve", "serve_plant", "InNeighbor", "Neighbor", "Odometry", "Outbox", "OwnRobot", "Pose", "Situation", "Twist", "__version__", "real", "resilient_mean"]
 
 from .plant import Limits
 
@@ -76,6 +76,13 @@ class Neighbor:
         """Newest message of this incarnation: a dict of arrays (numbers or nested lists of the declared shapes), or
         bytes; None before the first one."""
     @property
+    def messages(self) -> list[Any]:
+        """All messages that arrived since the law was called last, oldest first, at most ``message_queue`` of
+        ``[laws.NAME]``; empty without that key."""
+    @property
+    def params(self) -> dict[str, Any]:
+        """``params`` of the edge from this neighbor; empty without any."""
+    @property
     def message_age_s(self) -> float | None:
         """Age of that message, s; None without one."""
 
@@ -91,6 +98,9 @@ class InNeighbor:
     @property
     def offset(self) -> tuple[float, float]:
         """Desired position relative to this neighbor as in the scenario, m; (0, 0) if none is given."""
+    @property
+    def params(self) -> dict[str, Any]:
+        """``params`` of the edge from this neighbor; empty without any."""
 
 @final
 class OwnRobot:
@@ -171,8 +181,11 @@ class Situation:
     def twist(self) -> Twist:
         """Twist of the robot at the sample."""
     @property
-    def near(self) -> list[tuple[float, float]]:
-        """Front points of the robots in sensing range, m, nearest first."""
+    def near(self) -> list[tuple[float, float]] | None:
+        """Front points of the robots in sensing range, m, nearest first; ``None`` while the proximity sensor fails."""
+    @property
+    def near_cut(self) -> bool:
+        """Whether more robots are in range than ``near`` lists: 32, or 16 with an avoidance method that senses velocities."""
     @property
     def t_s(self) -> float:
         """Time since the start of the run, s."""
@@ -199,8 +212,11 @@ class Odometry:
     def front_point_m(self) -> float:
         """Distance of the front point ahead of the axle, m."""
     @property
-    def near(self) -> list[tuple[float, float]]:
-        """Front points of the robots in sensing range, m, nearest first."""
+    def near(self) -> list[tuple[float, float]] | None:
+        """Front points of the robots in sensing range, m, nearest first; ``None`` while the proximity sensor fails."""
+    @property
+    def near_cut(self) -> bool:
+        """Whether more robots are in range than ``near`` lists: 32, or 16 with an avoidance method that senses velocities."""
     @property
     def error(self) -> tuple[float, float]:
         """Front point minus its target by the robot's role, m."""
@@ -210,6 +226,9 @@ class Odometry:
     @property
     def period_s(self) -> float:
         """Control period, s."""
+
+def resilient_mean(own: float, values: Sequence[float], liars_max: int) -> float:
+    """See phalanx.resilient.w_msr."""
 
 def serve(law: type, brief: str, incarnation: int, realtime_priority: bool) -> int: ...
 def serve_plant(plant: type, brief: str, realtime_priority: bool) -> int: ...

@@ -87,7 +87,7 @@ class Observation:
             numbers += [_CONTACTS[heard.contact], there_x - x, there_y - y]
             numbers += [*heard.velocity, *heard.offset, heard.age_s]
         numbers += [0.0] * (len(_OWN) + len(_NEIGHBOR) * self.neighbors - len(numbers))
-        for there_x, there_y in seen.near[: self.near]:
+        for there_x, there_y in (seen.near or [])[: self.near]:
             numbers += [1.0, there_x - x, there_y - y]
         numbers += [0.0] * (len(self.names) - len(numbers))
         return numbers

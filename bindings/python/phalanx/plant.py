@@ -43,7 +43,7 @@ class Robot:
     front_point_m: float
     """Distance of the front point ahead of the axle (ell), m."""
     drive: str
-    """Drive in the scenario: ``"differential"`` or ``"omni"``."""
+    """Drive in the scenario: ``"differential"``, ``"omni"`` or ``"ackermann"``."""
     wheels: Wheels | None
     """Wheel limits, which its twists already meet; None if there are none."""
     limits: Limits | None

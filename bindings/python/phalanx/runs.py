@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import sysconfig
 import tempfile
 import time
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 if TYPE_CHECKING:
     from pandas import DataFrame as _DataFrame  # type: ignore[import-untyped, import-not-found, unused-ignore]
 
-__all__ = ["Figure", "Run", "RunError", "load", "run"]
+__all__ = ["Figure", "Run", "RunError", "load", "print_metrics", "run"]
 
 # Exit codes of a completed `phalanx run`: expectations met, or not.
 _COMPLETED_CODES = (0, 1)
@@ -63,7 +64,7 @@ class Figure:
 class Run:
     """The directory of a run, whose files are read on access. All quantities are SI.
 
-    ``samples``, ``pairs``, ``events``, ``signals`` and ``latency`` are pandas frames, and need pandas; the tables are
+    ``samples``, ``pairs``, ``events``, ``signals``, ``messages`` and ``latency`` are pandas frames, and need pandas; the tables are
     ``samples.csv`` and so on in ``path``. All columns are listed in docs/reference/files.md.
     """
 
@@ -118,6 +119,14 @@ class Run:
         the sample before. Raises FileNotFoundError for a run whose laws record none.
         """
         return self._table("signals")
+
+    @cached_property
+    def messages(self) -> _DataFrame:
+        """Messages that the laws published: ``t_s``, ``robot``, ``array``, ``index`` and ``value`` of each number, or ``bytes``
+        in hexadecimal form for messages without a structure; at ``record_hz``, the newest message since the sample before.
+        Raises FileNotFoundError for a run of a scenario without ``record_messages = true``.
+        """
+        return self._table("messages")
 
     @cached_property
     def latency(self) -> _DataFrame:
@@ -317,3 +326,18 @@ def _toml(value: Any) -> str:
     if isinstance(value, Sequence):
         return "[" + ", ".join(map(_toml, value)) + "]"
     raise TypeError(f"{value!r} is no value of a scenario: expected numbers, strings, lists and dicts of them")
+
+
+def print_metrics(function: Callable[[Run], Mapping[str, float | None]]) -> None:
+    """Passes the run of the last argument to a function, and prints the metrics that it returns by name.
+
+    A file that ends in this call is a program of ``[metrics.NAME]``. ``None`` is a metric without a value. The run has
+    all its files, except for ``summary.json``.
+    """
+    if len(sys.argv) < 2:
+        sys.exit(
+            f"{Path(sys.argv[0]).name} expects the directory of a run as its last argument: a scenario names it as `program` of "
+            "`[metrics.NAME]`, and `phalanx run SCENARIO` starts it"
+        )
+    values = function(load(sys.argv[-1]))
+    print(json.dumps({name: None if value is None else float(value) for name, value in values.items()}))

@@ -5,29 +5,30 @@ use std::sync::{Mutex, MutexGuard};
 
 use agent::controller::{Controller, Parts};
 use agent::laws::{self, Law, LawOutput};
-use agent::program::Level;
+use agent::program::AnswerKind;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
 use formation::Vec2;
+use formation::drive::DriveKind;
 use formation::obstacle::Obstacle;
 use outcome::metrics::hash::TrajectoryHash;
 use protocol::brief::AgentBrief;
 use protocol::message::TruthRow;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use run::in_process::{self, InProcess};
+use run::in_process::{self, InProcessRun};
 
 use crate::outbox::Outbox;
-use crate::situation::{Names, Situation};
+use crate::situation::{InNeighborNames, Situation};
 
-type Think = Box<dyn Fn(&AgentBrief, u64) -> Controller + Send>;
+type ControllerFactory = Box<dyn Fn(&AgentBrief, u64) -> Controller + Send>;
 
 /// One episode of an environment.
 #[pyclass(frozen, module = "phalanx")]
-pub struct Episode(Mutex<Inner>);
+pub struct Episode(Mutex<EpisodeState>);
 
-struct Inner {
-    run: InProcess<Think>,
+struct EpisodeState {
+    run: InProcessRun<ControllerFactory>,
     robots: Vec<Robot>,
     hash: TrajectoryHash,
     period_s: f64,
@@ -35,7 +36,7 @@ struct Inner {
     distance_min_m: f64,
     walls: Vec<Obstacle>,
     seed: u64,
-    level: Level,
+    level: AnswerKind,
 }
 
 /// Pose of a robot as [`Episode::bodies`] returns it: name, x in m, y in m, heading in rad, ell in m, whether its
@@ -45,7 +46,7 @@ type Body = (String, f64, f64, f64, f64, bool);
 struct Robot {
     name: String,
     front_point_m: f64,
-    names: Names,
+    names: InNeighborNames,
     /// Whether the robot's actions come from Python.
     learns: bool,
     /// Messages and target for the robot's next answer, if its actions come from Python.
@@ -65,11 +66,11 @@ impl Episode {
         robots: Option<Vec<String>>,
         twists: bool,
     ) -> PyResult<Episode> {
-        let overrides = Overrides { set, faults, seed };
+        let overrides = Overrides { assignments: set, faults, seed };
         let (scenario, ..) = read(&scenario, &overrides, &agent::catalog())
             .map_err(|diagnostic| PyValueError::new_err(diagnostic.render(false)))?;
-        let level = if twists { Level::Controller } else { Level::Law };
-        let inner = Inner::new(scenario, robots, level).map_err(PyValueError::new_err)?;
+        let level = if twists { AnswerKind::BodyTwist } else { AnswerKind::FrontPointVelocity };
+        let inner = EpisodeState::new(scenario, robots, level).map_err(PyValueError::new_err)?;
         Ok(Episode(Mutex::new(inner)))
     }
 
@@ -111,7 +112,8 @@ impl Episode {
     /// Returns the true pose of every robot, in scenario order.
     fn bodies(&self) -> Vec<Body> {
         let inner = self.inner();
-        let states = inner.robots.iter().zip(inner.run.world().truth()).zip(inner.run.alive_robots());
+        let states =
+            inner.robots.iter().zip(inner.run.world().truth()).zip(inner.run.alive_robots());
         let body = |((robot, row), alive): ((&Robot, TruthRow), &bool)| {
             (robot.name.clone(), row.x_m, row.y_m, row.heading_rad, robot.front_point_m, *alive)
         };
@@ -151,7 +153,7 @@ impl Episode {
     /// Returns whether a robot was killed and will not be restarted.
     fn is_gone(&self, robot: &str) -> PyResult<bool> {
         let inner = self.inner();
-        Ok(inner.run.is_gone(inner.index_of(robot)?))
+        Ok(inner.run.is_permanently_dead(inner.index_of(robot)?))
     }
 
     /// Applies one action, two numbers, for each robot in `actions`, and advances one period. The other robots
@@ -160,7 +162,7 @@ impl Episode {
         let mut inner = self.inner();
         let mut wishes = vec![LawOutput::Velocity(Vec2::zeros()); inner.robots.len()];
         for (name, action) in actions {
-            let Some(output) = inner.level.law_output(&action) else {
+            let Some(output) = inner.level.parse_law_output(&action) else {
                 let expected = inner.level.expected_answer();
                 let action = format!("({}, {})", action[0], action[1]);
                 let why = format!("the action of {name} is {action}, expected {expected}");
@@ -176,14 +178,18 @@ impl Episode {
 }
 
 impl Episode {
-    fn inner(&self) -> MutexGuard<'_, Inner> {
+    fn inner(&self) -> MutexGuard<'_, EpisodeState> {
         // A panic is an exception in Python, after which the state is not used any more.
         self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }
 
-impl Inner {
-    fn new(scenario: Scenario, robots: Option<Vec<String>>, level: Level) -> Result<Inner, String> {
+impl EpisodeState {
+    fn new(
+        scenario: Scenario,
+        robots: Option<Vec<String>>,
+        level: AnswerKind,
+    ) -> Result<EpisodeState, String> {
         let names: Vec<&str> = scenario.robots.iter().map(|robot| robot.name.as_str()).collect();
         let mut asked = robots.iter().flatten();
         if let Some(name) = asked.find(|name| !names.contains(&name.as_str())) {
@@ -192,9 +198,12 @@ impl Inner {
         let learns =
             move |name: &str| robots.as_ref().is_none_or(|asked| asked.iter().any(|n| n == name));
         let mut all = Vec::new();
-        for brief in in_process::agents(&scenario) {
+        for brief in in_process::agent_briefs(&scenario) {
             controller(&brief, 0, learns(&brief.name))?;
-            if level != Level::Law && learns(&brief.name) && !brief.drive_kind.is_differential() {
+            if level != AnswerKind::FrontPointVelocity
+                && learns(&brief.name)
+                && brief.drive_kind == DriveKind::Omni
+            {
                 return Err(format!(
                     "{} has `drive = \"omni\"`, and actions that are twists have two numbers; expected actions that are \
                      velocities (twists=False)",
@@ -203,7 +212,7 @@ impl Inner {
             }
             all.push(Robot {
                 front_point_m: brief.front_point_m,
-                names: Names::read_in_neighbors(&brief),
+                names: InNeighborNames::read_in_neighbors(&brief),
                 learns: learns(&brief.name),
                 outbox: Python::attach(|py| Py::new(py, Outbox::new(&brief)))
                     .map_err(|error| error.to_string())?,
@@ -211,18 +220,18 @@ impl Inner {
             });
         }
         let (period_s, seed) = (scenario.period_ns as f64 / 1e9, scenario.seed);
-        let speed_max_m_s = match scenario.method.clamps_speed {
+        let speed_max_m_s = match scenario.avoidance_method.clamps_speed {
             true => scenario.avoidance.speed_max_m_s,
             false => f64::INFINITY,
         };
         let distance_min_m = scenario.avoidance.distance_min_m;
         let walls = scenario.walls.iter().map(|wall| wall.shape.clone()).collect();
-        let think: Think = Box::new(move |brief: &AgentBrief, incarnation| {
+        let think: ControllerFactory = Box::new(move |brief: &AgentBrief, incarnation| {
             controller(brief, incarnation, learns(&brief.name)).expect("it was made before")
         });
-        let run = InProcess::new(scenario, think).map_err(|error| error.to_string())?;
+        let run = InProcessRun::new(scenario, think).map_err(|error| error.to_string())?;
         let hash = TrajectoryHash::new();
-        let mut inner = Inner {
+        let mut inner = EpisodeState {
             run,
             robots: all,
             hash,
@@ -250,7 +259,7 @@ impl Inner {
                 return cycle.law_output();
             }
             let outbox = robots[i].outbox.get();
-            cycle.set_outgoing(outbox.take_outgoing());
+            cycle.set_send_decision(outbox.take_send_decision());
             cycle.set_own_target(outbox.take_target());
             wishes[i]
         });
@@ -260,8 +269,8 @@ impl Inner {
     /// Hashes the ground truth of the current tick, and lets all robots sense it.
     fn sense(&mut self) {
         let truth: Vec<TruthRow> = self.run.world().truth().collect();
-        self.hash.update(self.run.tick(), &truth);
-        self.run.sense();
+        self.hash.update(self.run.current_tick(), &truth);
+        self.run.sense_robots();
     }
 }
 
@@ -278,14 +287,14 @@ fn controller(brief: &AgentBrief, incarnation: u64, is_told: bool) -> Result<Con
         }
         return Controller::new(brief, incarnation).map_err(|error| told(&error));
     }
-    let parts = Parts::with_law(brief, Box::new(Unasked)).map_err(|error| told(&error))?;
+    let parts = Parts::with_law(brief, Box::new(PlaceholderLaw)).map_err(|error| told(&error))?;
     Ok(Controller::with_parts(brief, incarnation, parts))
 }
 
 /// Placeholder for the law of a robot whose actions come from Python.
-struct Unasked;
+struct PlaceholderLaw;
 
-impl Law for Unasked {
+impl Law for PlaceholderLaw {
     fn gamma(&mut self, _: &laws::Situation<'_>) -> Vec2 {
         Vec2::zeros()
     }

@@ -1,7 +1,7 @@
 //! A control law in Python: conversion of its input, and checks of its output.
 
-use agent::laws::{LawOutput, Outgoing, SignalValues, Situation};
-use agent::program::{ForeignLaw, Level};
+use agent::laws::{LawOutput, SendDecision, SignalValues, Situation};
+use agent::program::{AnswerKind, ForeignLaw};
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
 use pyo3::exceptions::{PyBaseException, PyMemoryError};
@@ -10,15 +10,15 @@ use pyo3::types::{PyByteArray, PyBytes, PyDict, PyString, PyTuple};
 
 use crate::outbox::Outbox;
 use crate::own_robot::OwnRobot;
-use crate::situation::{self, Names};
+use crate::situation::{self, InNeighborNames};
 
 /// An instance of the user's class.
 pub struct PythonLaw {
     instance: Py<PyAny>,
     /// Bound method of the instance: `gamma` or `twist`.
     method: Py<PyAny>,
-    level: Level,
-    names: Names,
+    level: AnswerKind,
+    names: InNeighborNames,
     outbox: Py<Outbox>,
 }
 
@@ -30,14 +30,15 @@ impl PythonLaw {
         brief: &AgentBrief,
         incarnation: u64,
     ) -> Result<PythonLaw, String> {
-        let (py, gains, names) = (class.py(), &brief.gains, Names::read_in_neighbors(brief));
+        let (py, gains, names) =
+            (class.py(), &brief.gains, InNeighborNames::read_in_neighbors(brief));
         let made = || -> PyResult<PythonLaw> {
             // Imported now, because there may be no memory for it when an error is reported.
             py.import("traceback")?;
             let controller = py.import("phalanx")?.getattr("Controller")?;
             let level = match class.cast::<pyo3::types::PyType>()?.is_subclass(&controller)? {
-                true => Level::controller(brief.drive_kind),
-                false => Level::Law,
+                true => AnswerKind::twist_kind_for_drive(brief.drive_kind),
+                false => AnswerKind::FrontPointVelocity,
             };
             let keywords = PyDict::new(py);
             for (key, gain) in gains {
@@ -53,7 +54,7 @@ impl PythonLaw {
             set("robot", Bound::new(py, OwnRobot::new(py, brief, incarnation)?)?.into_any())?;
             set("_outbox", outbox.bind(py).clone().into_any())?;
             class.call_method("__init__", (&instance,), Some(&keywords))?;
-            let method = instance.getattr(level.method())?;
+            let method = instance.getattr(level.method_name())?;
             let (instance, method) = (instance.unbind(), method.unbind());
             Ok(PythonLaw { instance, method, level, names, outbox })
         };
@@ -68,38 +69,46 @@ impl PythonLaw {
     /// Calls the method and returns its answer, or a message about what it raised or returned.
     fn call(&self, py: Python<'_>, situation: &Situation<'_>) -> Result<LawOutput, String> {
         let asked = match self.level {
-            Level::Law => {
+            AnswerKind::FrontPointVelocity => {
                 let seen = situation::Situation::new(situation, &self.names);
                 self.method.call1(py, (seen,))
             }
-            Level::Controller | Level::OmniController => {
+            AnswerKind::BodyTwist | AnswerKind::OmniBodyTwist => {
                 let seen = situation::Odometry::new(situation);
                 let heard = situation::neighbors(situation, &self.names);
                 self.method.call1(py, (seen, heard, situation.t_s))
             }
         };
         let at = || {
-            let place =
-                source_location(self.instance.bind(py), self.method.bind(py), self.level.method());
+            let place = source_location(
+                self.instance.bind(py),
+                self.method.bind(py),
+                self.level.method_name(),
+            );
             format!("{place} at t = {:.3} s", situation.t_s)
         };
         let answer =
             asked.map_err(|error| format!("{} raised\n{}", at(), format_exception(py, &error)))?;
         let answer = answer.bind(py);
         let output = match self.level {
-            Level::OmniController => {
-                numbers::<3>(answer).and_then(|twist| self.level.law_output(&twist))
+            AnswerKind::OmniBodyTwist => {
+                numbers::<3>(answer).and_then(|twist| self.level.parse_law_output(&twist))
             }
-            _ => numbers::<2>(answer).and_then(|pair| self.level.law_output(&pair)),
+            _ => numbers::<2>(answer).and_then(|pair| self.level.parse_law_output(&pair)),
         };
         output.ok_or_else(|| {
-            format!("{} returned {}, expected {}", at(), shown(answer), self.level.expected_answer())
+            format!(
+                "{} returned {}, expected {}",
+                at(),
+                shown(answer),
+                self.level.expected_answer()
+            )
         })
     }
 }
 
 /// Maximum length of a wrong return value in a message, in characters.
-const ANSWER_CHARS_MAX: usize = 200;
+const SHOWN_ANSWER_CHARS_MAX: usize = 200;
 
 impl ForeignLaw for PythonLaw {
     fn evaluate(&mut self, situation: &Situation<'_>) -> Result<LawOutput, String> {
@@ -110,8 +119,8 @@ impl ForeignLaw for PythonLaw {
         self.outbox.get().take_target()
     }
 
-    fn outgoing(&mut self) -> Outgoing {
-        self.outbox.get().take_outgoing()
+    fn send_decision(&mut self) -> SendDecision {
+        self.outbox.get().take_send_decision()
     }
 
     fn signals(&mut self) -> SignalValues {
@@ -154,7 +163,7 @@ pub fn numbers<const N: usize>(answer: &Bound<'_, PyAny>) -> Option<[f64; N]> {
 /// Returns the `repr` of a value, or its beginning.
 pub fn shown(answer: &Bound<'_, PyAny>) -> String {
     let found = answer.repr().map_or_else(|_| name(&answer.get_type()), |repr| repr.to_string());
-    found.chars().take(ANSWER_CHARS_MAX).collect()
+    found.chars().take(SHOWN_ANSWER_CHARS_MAX).collect()
 }
 
 /// Returns the name of a method of an instance and its source location: `MyLaw.gamma (my_law.py:7)`.

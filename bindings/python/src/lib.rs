@@ -10,6 +10,7 @@
 //! | `serve` | a Python process as a robot |
 //! | `plant` | a Python process as the plant |
 //! | `real` | elementary functions of the built-in laws |
+//! | `resilient` | the W-MSR filter of the built-in laws |
 //! | `env` | stepping of a scenario from Python, for training |
 
 // Macros generate the undocumented items.
@@ -21,6 +22,7 @@ mod outbox;
 mod own_robot;
 mod plant;
 mod real;
+mod resilient;
 mod serve;
 mod situation;
 
@@ -40,6 +42,8 @@ mod _phalanx {
     use super::plant::serve_plant;
     #[pymodule_export]
     use super::real::real;
+    #[pymodule_export]
+    use super::resilient::resilient_mean;
     #[pymodule_export]
     use super::serve::serve;
     #[pymodule_export]

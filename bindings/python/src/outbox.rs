@@ -1,5 +1,5 @@
-//! Messages, targets and signals of a law in Python: its calls of `publish`, `withhold`, `target` and `record`, checked at
-//! the call.
+//! Messages, targets and signals of a law in Python: its calls of `publish`, `withhold`, `target` and `record`, checked
+//! at the call.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -7,7 +7,7 @@ use formation::Vec2;
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
 use protocol::law::Role;
-use protocol::law_message::{MessageArray, MessageFlaw, MessageFormat, Outgoing};
+use protocol::law_message::{MessageArray, MessageFlaw, MessageFormat, SendDecision};
 use protocol::signals::SignalValues;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -18,7 +18,7 @@ use pyo3::types::{PyByteArray, PyBytes, PyDict, PyString};
 pub struct Outbox {
     format: Option<MessageFormat>,
     withholds: bool,
-    next: Mutex<Outgoing>,
+    next: Mutex<SendDecision>,
     /// Role of the robot, which may have the law name a target.
     role: String,
     target: Mutex<Option<Target>>,
@@ -33,7 +33,7 @@ impl Outbox {
         Outbox {
             format: brief.message.clone(),
             withholds: brief.withholds,
-            next: Mutex::new(Outgoing::Beacon),
+            next: Mutex::new(SendDecision::Beacon),
             role: brief.program.as_ref().map_or(String::new(), |program| program.role.clone()),
             target: Mutex::new(None),
             signals: brief.signals.clone(),
@@ -42,7 +42,7 @@ impl Outbox {
     }
 
     /// Returns what leaves with the present answer.
-    pub fn take_outgoing(&self) -> Outgoing {
+    pub fn take_send_decision(&self) -> SendDecision {
         std::mem::take(&mut *self.next())
     }
 
@@ -56,15 +56,15 @@ impl Outbox {
         std::mem::take(&mut *self.recorded.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    fn next(&self) -> MutexGuard<'_, Outgoing> {
+    fn next(&self) -> MutexGuard<'_, SendDecision> {
         self.next.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn set(&self, outgoing: Outgoing) -> PyResult<()> {
+    fn set(&self, outgoing: SendDecision) -> PyResult<()> {
         outgoing.check(self.format.as_ref(), self.withholds).map_err(wrong)?;
         let mut next = self.next();
-        if *next != Outgoing::Beacon
-            && (*next == Outgoing::Withheld) != (outgoing == Outgoing::Withheld)
+        if *next != SendDecision::Beacon
+            && (*next == SendDecision::Withheld) != (outgoing == SendDecision::Withheld)
         {
             return Err(PyValueError::new_err(
                 "publish and withhold were both called for one answer, expected one of them",
@@ -85,7 +85,7 @@ impl Outbox {
         data: Option<&Bound<'_, PyAny>>,
         arrays: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<()> {
-        let format = self.format.as_ref().ok_or_else(|| wrong(MessageFlaw::Undeclared))?;
+        let format = self.format.as_ref().ok_or_else(|| wrong(MessageFlaw::UndeclaredMessage))?;
         let message = match (data, arrays.filter(|arrays| !arrays.is_empty())) {
             (Some(_), Some(_)) => {
                 return Err(PyTypeError::new_err("publish takes bytes or named arrays, not both"));
@@ -102,7 +102,7 @@ impl Outbox {
             }
             (None, Some(arrays)) => encode(format, arrays)?,
         };
-        self.set(Outgoing::Message(message))
+        self.set(SendDecision::Message(message))
     }
 
     /// Sets the point where the front point is to be, m, and the velocity of that point, m/s, for the present answer.
@@ -154,7 +154,9 @@ impl Outbox {
             let number = value.extract().ok().filter(|number: &f64| number.is_finite());
             let number = number.ok_or_else(|| {
                 let found = crate::law::shown(&value);
-                PyValueError::new_err(format!("the signal `{name}` is {found}, expected a finite number"))
+                PyValueError::new_err(format!(
+                    "the signal `{name}` is {found}, expected a finite number"
+                ))
             })?;
             recorded.set(place, number);
         }
@@ -163,7 +165,7 @@ impl Outbox {
 
     /// Sends no beacon with the present answer.
     fn withhold(&self) -> PyResult<()> {
-        self.set(Outgoing::Withheld)
+        self.set(SendDecision::Withheld)
     }
 }
 

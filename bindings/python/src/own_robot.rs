@@ -1,20 +1,32 @@
 //! Facts of a robot that its law knows before its constructor runs.
 
+use std::sync::Arc;
+
 use protocol::brief::AgentBrief;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
 /// An in-neighbor of the robot, whether or not it was heard yet.
-#[pyclass(frozen, get_all, skip_from_py_object, module = "phalanx")]
+#[pyclass(frozen, skip_from_py_object, module = "phalanx")]
 #[derive(Clone)]
 pub struct InNeighbor {
+    #[pyo3(get)]
     name: String,
+    #[pyo3(get)]
     index: usize,
+    #[pyo3(get)]
     offset: (f64, f64),
+    params: Arc<toml::Table>,
 }
 
 #[pymethods]
 impl InNeighbor {
+    /// Returns the parameters of the edge from this robot.
+    #[getter]
+    fn params<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        dict(py, &self.params)
+    }
+
     fn __repr__(&self) -> String {
         format!("InNeighbor({}, index={}, offset={:?})", self.name, self.index, self.offset)
     }
@@ -48,11 +60,8 @@ impl OwnRobot {
             name: neighbor.name.clone(),
             index: neighbor.index,
             offset: neighbor.offset_m.into(),
+            params: Arc::new(neighbor.params.clone()),
         });
-        let params = PyDict::new(py);
-        for (key, value) in &brief.params {
-            params.set_item(key, object(py, value)?)?;
-        }
         let limits = brief.limits.map(|limits| {
             let numbers =
                 (limits.acceleration_m_s2, limits.turn_acceleration_rad_s2, limits.braking_time_s);
@@ -67,7 +76,7 @@ impl OwnRobot {
             neighbors: neighbors.collect(),
             place: brief.place_m.map(Into::into),
             goal: brief.goal_m.map(Into::into),
-            params: params.unbind(),
+            params: dict(py, &brief.params)?.unbind(),
             front_point_m: brief.front_point_m,
             limits: limits.transpose()?,
             distance_min_m: brief.avoidance.distance_min_m,
@@ -99,12 +108,15 @@ fn object<'py>(py: Python<'py>, value: &toml::Value) -> PyResult<Bound<'py, PyAn
                 values.iter().map(|value| object(py, value)).collect::<PyResult<Vec<_>>>()?;
             PyList::new(py, values)?.into_any()
         }
-        toml::Value::Table(table) => {
-            let dict = PyDict::new(py);
-            for (key, value) in table {
-                dict.set_item(key, object(py, value)?)?;
-            }
-            dict.into_any()
-        }
+        toml::Value::Table(table) => dict(py, table)?.into_any(),
     })
+}
+
+/// Returns a TOML table as a dict of its own.
+pub fn dict<'py>(py: Python<'py>, table: &toml::Table) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    for (key, value) in table {
+        dict.set_item(key, object(py, value)?)?;
+    }
+    Ok(dict)
 }

@@ -7,7 +7,7 @@ use agent::program::is_version_mismatch;
 use formation::drive::DriveKind;
 use formation::pose::{Pose, Twist};
 use formation::unicycle::twist_between;
-use plant::motion::{Motion, State};
+use plant::motion::{BodyState, Motion};
 use plant::world_loop;
 use protocol::brief::{BodyBrief, PlantBrief};
 use protocol::process::exit;
@@ -27,10 +27,11 @@ const STEP_METHOD: &str = "step";
 #[pyfunction]
 pub fn serve_plant(plant: &Bound<'_, PyAny>, brief: PathBuf, realtime_priority: bool) -> u8 {
     if is_version_mismatch(&brief, PACKAGE) {
-        return exit::INFRASTRUCTURE;
+        return exit::INFRASTRUCTURE_FAILURE;
     }
-    let code =
-        world_loop::main_with(&brief, realtime_priority, |brief| PythonMotion::new(plant, brief));
+    let code = world_loop::main_with_motion(&brief, realtime_priority, |brief| {
+        PythonMotion::new(plant, brief)
+    });
     flush(plant.py());
     code
 }
@@ -73,7 +74,7 @@ impl PythonMotion {
         py: Python<'_>,
         targets: &[Twist],
         dt_s: f64,
-        states: &mut [State],
+        states: &mut [BodyState],
     ) -> Result<(), String> {
         let at = || {
             let place = source_location(self.instance.bind(py), self.method.bind(py), STEP_METHOD);
@@ -81,7 +82,7 @@ impl PythonMotion {
         };
         let twist = |(&Twist { v_m_s, side_m_s, w_rad_s }, drive): (&Twist, &DriveKind)| match drive
         {
-            DriveKind::Differential => PyTuple::new(py, [v_m_s, w_rad_s]),
+            DriveKind::Differential | DriveKind::Ackermann => PyTuple::new(py, [v_m_s, w_rad_s]),
             DriveKind::Omni => PyTuple::new(py, [v_m_s, side_m_s, w_rad_s]),
         };
         let twists = targets.iter().zip(&self.drives).map(twist).collect::<PyResult<Vec<_>>>();
@@ -109,7 +110,12 @@ impl PythonMotion {
 impl Motion for PythonMotion {
     type Error = String;
 
-    fn step(&mut self, targets: &[Twist], dt_s: f64, states: &mut [State]) -> Result<(), String> {
+    fn step(
+        &mut self,
+        targets: &[Twist],
+        dt_s: f64,
+        states: &mut [BodyState],
+    ) -> Result<(), String> {
         Python::attach(|py| self.call_step(py, targets, dt_s, states))?;
         self.t_s += dt_s;
         Ok(())
@@ -129,7 +135,9 @@ impl Row {
         let (&[x_m, y_m, heading_rad], twist) = numbers.split_first_chunk()?;
         let twist = match (twist, drive) {
             ([], _) => None,
-            (&[v_m_s, w_rad_s], DriveKind::Differential) => Some(Twist::new(v_m_s, w_rad_s)),
+            (&[v_m_s, w_rad_s], DriveKind::Differential | DriveKind::Ackermann) => {
+                Some(Twist::new(v_m_s, w_rad_s))
+            }
             (&[v_m_s, side_m_s, w_rad_s], DriveKind::Omni) => {
                 Some(Twist { v_m_s, side_m_s, w_rad_s })
             }
@@ -139,14 +147,14 @@ impl Row {
     }
 
     /// Returns the new state, with the twist of the row or, if it has none, that of the arc from `from`.
-    fn state(&self, from: Pose, dt_s: f64) -> State {
+    fn state(&self, from: Pose, dt_s: f64) -> BodyState {
         let arc = || {
             let moved = twist_between(from, self.pose, dt_s);
             // Wheels that slip sideways give a differential drive no lateral speed.
-            if self.drive.is_differential() { Twist { side_m_s: 0.0, ..moved } } else { moved }
+            if self.drive == DriveKind::Omni { moved } else { Twist { side_m_s: 0.0, ..moved } }
         };
         let twist = self.twist.unwrap_or_else(arc);
-        State { pose: self.pose, twist }
+        BodyState { pose: self.pose, twist }
     }
 }
 
@@ -199,7 +207,11 @@ fn robot<'py>(py: Python<'py>, body: &BodyBrief) -> PyResult<Bound<'py, PyAny>> 
     keywords.set_item("front_point_m", body.front_point_m)?;
     keywords.set_item(
         "drive",
-        if body.drive_kind.is_differential() { "differential" } else { "omni" },
+        match body.drive_kind {
+            DriveKind::Differential => "differential",
+            DriveKind::Omni => "omni",
+            DriveKind::Ackermann => "ackermann",
+        },
     )?;
     keywords.set_item("wheels", wheels.transpose()?)?;
     keywords.set_item("limits", limits.transpose()?)?;

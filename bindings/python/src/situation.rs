@@ -1,12 +1,16 @@
 //! Input of a law as Python objects: copies of plain values, converted to Python objects on access.
 
-use agent::laws::{self, Heard, ReceivedMessage};
+use std::sync::Arc;
+
+use agent::laws::{self, NeighborEstimate, ReceivedMessage};
 use formation::Vec2;
 use formation::pose;
 use protocol::brief::AgentBrief;
-use protocol::message::Contact;
+use protocol::message::ReceptionState;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
+
+use crate::own_robot;
 
 /// Components x and y.
 type Pair = (f64, f64);
@@ -81,6 +85,8 @@ pub struct Neighbor {
     #[pyo3(get)]
     incarnation: u64,
     heard: Option<ReceivedMessage>,
+    queued: Vec<ReceivedMessage>,
+    params: Arc<toml::Table>,
 }
 
 #[pymethods]
@@ -92,15 +98,19 @@ impl Neighbor {
     /// Returns the newest message of its law: a dict of its arrays, or bytes; `None` before the first.
     #[getter]
     fn message<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        let Some(heard) = &self.heard else { return Ok(None) };
-        if heard.format.is_bytes() {
-            return Ok(Some(PyBytes::new(py, &heard.bytes).into_any()));
-        }
-        let arrays = PyDict::new(py);
-        for (array, numbers) in heard.format.split(&heard.bytes) {
-            arrays.set_item(&*array.name, nested(py, &array.shape, &numbers)?)?;
-        }
-        Ok(Some(arrays.into_any()))
+        self.heard.as_ref().map(|heard| message(py, heard)).transpose()
+    }
+
+    /// Returns the messages of its law that arrived since the last call, oldest first.
+    #[getter]
+    fn messages<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        self.queued.iter().map(|heard| message(py, heard)).collect()
+    }
+
+    /// Returns the parameters of the edge from this robot.
+    #[getter]
+    fn params<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        own_robot::dict(py, &self.params)
     }
 
     /// Returns the age of that message, s.
@@ -118,7 +128,8 @@ pub struct Situation {
     pose: Pose,
     front_point: Pair,
     twist: Twist,
-    near: Vec<Pair>,
+    near: Option<Vec<Pair>>,
+    near_cut: bool,
     t_s: f64,
     period_s: f64,
     neighbors: Vec<Neighbor>,
@@ -131,7 +142,8 @@ pub struct Odometry {
     twist: Twist,
     front_point: Pair,
     front_point_m: f64,
-    near: Vec<Pair>,
+    near: Option<Vec<Pair>>,
+    near_cut: bool,
     error: Pair,
     desired_velocity: Pair,
     period_s: f64,
@@ -139,7 +151,7 @@ pub struct Odometry {
 
 impl Situation {
     /// Converts the input of a law. `names`: names of the in-neighbors.
-    pub fn new(situation: &laws::Situation<'_>, names: &Names) -> Situation {
+    pub fn new(situation: &laws::Situation<'_>, names: &InNeighborNames) -> Situation {
         Situation {
             error: pair(situation.error),
             desired_velocity: pair(situation.desired_velocity),
@@ -147,6 +159,7 @@ impl Situation {
             front_point: pair(situation.front_point),
             twist: situation.twist.into(),
             near: near(situation),
+            near_cut: situation.neighbors_truncated,
             t_s: situation.t_s,
             period_s: situation.period_s,
             neighbors: neighbors(situation, names),
@@ -163,6 +176,7 @@ impl Odometry {
             front_point: pair(situation.front_point),
             front_point_m: (situation.front_point - Vec2::new(x_m, y_m)).norm(),
             near: near(situation),
+            near_cut: situation.neighbors_truncated,
             error: pair(situation.error),
             desired_velocity: pair(situation.desired_velocity),
             period_s: situation.period_s,
@@ -170,14 +184,17 @@ impl Odometry {
     }
 }
 
-/// Names of the in-neighbors of a robot, with their scenario indices from 1.
-pub struct Names(Vec<(usize, String)>);
+/// Names of the in-neighbors of a robot, with their scenario indices from 1, and the parameters of the edges from them.
+pub struct InNeighborNames(Vec<(usize, String, Arc<toml::Table>)>);
 
-impl Names {
+impl InNeighborNames {
     /// Returns the names of the in-neighbors in a brief.
-    pub fn read_in_neighbors(brief: &AgentBrief) -> Names {
+    pub fn read_in_neighbors(brief: &AgentBrief) -> InNeighborNames {
         let neighbors = brief.senders();
-        Names(neighbors.map(|neighbor| (neighbor.index, neighbor.name.clone())).collect())
+        let named = neighbors.map(|neighbor| {
+            (neighbor.index, neighbor.name.clone(), Arc::new(neighbor.params.clone()))
+        });
+        InNeighborNames(named.collect())
     }
 
     /// Returns the number of in-neighbors.
@@ -187,11 +204,13 @@ impl Names {
 }
 
 /// Returns the in-neighbors from which a beacon was received.
-pub fn neighbors(situation: &laws::Situation<'_>, names: &Names) -> Vec<Neighbor> {
-    let neighbor = |heard: &Heard| {
-        let named = names.0.iter().find(|(place, _)| *place == heard.index);
+pub fn neighbors(situation: &laws::Situation<'_>, names: &InNeighborNames) -> Vec<Neighbor> {
+    let neighbor = |heard: &NeighborEstimate| {
+        let named = names.0.iter().find(|(place, ..)| *place == heard.index);
+        let (_, name, params) = named.cloned().unwrap_or_default();
         Neighbor {
-            name: named.map_or(String::new(), |(_, name)| name.clone()),
+            name,
+            params,
             position: pair(heard.position),
             velocity: pair(heard.velocity),
             offset: pair(heard.offset.position),
@@ -200,16 +219,29 @@ pub fn neighbors(situation: &laws::Situation<'_>, names: &Names) -> Vec<Neighbor
             age_s: heard.age_s,
             incarnation: heard.incarnation,
             heard: heard.message.clone(),
-            contact: match heard.contact {
-                Contact::Fresh => "fresh",
-                Contact::Stale => "stale",
-                Contact::Lost => "lost",
+            queued: heard.queued_messages.clone(),
+            contact: match heard.reception_state {
+                ReceptionState::Fresh => "fresh",
+                ReceptionState::Stale => "stale",
+                ReceptionState::Lost => "lost",
                 // A neighbor without a received beacon is not in the list.
-                Contact::Unheard => "unheard",
+                ReceptionState::NothingReceived | ReceptionState::Apart => "unheard",
             },
         }
     };
-    situation.heard.iter().map(neighbor).collect()
+    situation.neighbor_estimates.iter().map(neighbor).collect()
+}
+
+/// Returns a message as a dict of its arrays, or bytes.
+fn message<'py>(py: Python<'py>, heard: &ReceivedMessage) -> PyResult<Bound<'py, PyAny>> {
+    if heard.format.is_bytes() {
+        return Ok(PyBytes::new(py, &heard.bytes).into_any());
+    }
+    let arrays = PyDict::new(py);
+    for (array, numbers) in heard.format.decode_arrays(&heard.bytes) {
+        arrays.set_item(&*array.name, nested(py, &array.shape, &numbers)?)?;
+    }
+    Ok(arrays.into_any())
 }
 
 /// Returns numbers as nested lists of this shape, or as a number.
@@ -225,9 +257,10 @@ fn nested<'py>(py: Python<'py>, shape: &[usize], numbers: &[f64]) -> PyResult<Bo
     }
 }
 
-/// Returns the front points of the robots in sensing range, m.
-fn near(situation: &laws::Situation<'_>) -> Vec<Pair> {
-    situation.away.iter().map(|away| pair(situation.front_point - away)).collect()
+/// Returns the front points of the robots in sensing range, m; `None` while the sensor fails.
+fn near(situation: &laws::Situation<'_>) -> Option<Vec<Pair>> {
+    let points = situation.neighbor_vectors.iter().map(|away| pair(situation.front_point - away));
+    situation.proximity_valid.then(|| points.collect())
 }
 
 fn pair(vector: Vec2) -> Pair {

@@ -10,14 +10,14 @@ use experiment::scenario::diagnostic::Diagnostic;
 use experiment::scenario::read::{Overrides, read, read_text};
 use outcome::metrics::Metrics;
 use outcome::report::page;
-use outcome::report::screen::screen;
+use outcome::report::screen::format_screen;
 use outcome::results::run_dir::RunDir;
-use outcome::results::scene::scene;
+use outcome::results::scene::build_scene;
 use outcome::results::summary;
 use outcome::results::tables;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::exit;
-use run::in_process::measured::{Measured, controller, needs_processes};
+use run::in_process::measured::{MeasuredRun, create_controller, reason_for_processes};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -61,7 +61,7 @@ pub struct Engine {
     /// Text of the effective scenario.
     text: String,
     /// The run; `None` once its results were returned.
-    run: Option<Measured<'static, Think>>,
+    run: Option<MeasuredRun<'static, Think>>,
     over: bool,
 }
 
@@ -108,7 +108,7 @@ impl Engine {
     }
 
     fn new(scenario: Scenario, text: String) -> Result<Engine, String> {
-        if let Some(why) = needs_processes(&scenario) {
+        if let Some(why) = reason_for_processes(&scenario) {
             return Err(format!(
                 "error: {why}: only processes have that, and here are none; use `phalanx run`\n"
             ));
@@ -116,9 +116,9 @@ impl Engine {
         // Each run borrows its own, which is leaked: few runs are opened.
         let run_dir = Box::leak(Box::new(RunDir::new(&scenario)));
         let metrics = Box::leak(Box::new(Metrics::new(&scenario, Pace::Lockstep)));
-        let run = Measured::new(&scenario, controller as Think, run_dir, metrics, || 0);
+        let run = MeasuredRun::new(&scenario, create_controller as Think, run_dir, metrics, || 0);
         let mut run = run.map_err(|why| format!("error: {why}\n"))?;
-        let Ok(over) = run.truth();
+        let Ok(over) = run.record_truth_sample();
         Ok(Engine { scenario, text, run: Some(run), over })
     }
 
@@ -134,8 +134,8 @@ impl Engine {
             if self.over {
                 break;
             }
-            run.tick();
-            let Ok(over) = run.truth();
+            run.advance_tick();
+            let Ok(over) = run.record_truth_sample();
             self.over = over;
         }
         self.over
@@ -145,14 +145,15 @@ impl Engine {
     pub fn left(&mut self) -> Option<RunResults> {
         let (outcome, journal, Ok(())) = self.run.take()?.finish();
         let (run_dir, metrics) = (journal.run_dir, &*journal.metrics);
-        let summary = summary::judge(&self.scenario, Pace::Lockstep, metrics, &outcome, exit::OK);
+        let summary =
+            summary::evaluate_run(&self.scenario, Pace::Lockstep, metrics, &outcome, exit::OK);
         Some(RunResults {
             hash: summary.trajectory_hash.clone().unwrap_or_default(),
             exit: summary.exit,
-            screen: screen(&summary),
+            screen: format_screen(&summary),
             files: [
                 ("samples.csv", run_dir.samples().to_owned()),
-                ("pairs.csv", tables::pairs(&metrics.pairs())),
+                ("pairs.csv", tables::format_pairs(&metrics.pair_distances())),
                 ("events.csv", run_dir.events()),
                 ("summary.json", summary::to_json(&summary)),
             ],
@@ -168,19 +169,19 @@ impl Engine {
                     "other": event.other })
             })
             .collect();
-        json!({ "frame": run.frame(), "happened": happened, "over": self.over, "tick": run.run().tick() })
+        json!({ "frame": run.scene_frame(), "happened": happened, "over": self.over, "tick": run.run().current_tick() })
     }
 
     fn opened(&mut self) -> Value {
-        let mut scene = scene(&self.scenario, Pace::Lockstep);
+        let mut scene = build_scene(&self.scenario, Pace::Lockstep);
         scene.pace = "in the browser".into();
-        let period_s = formation::seconds(self.scenario.period_ns);
-        json!({ "html": page::fragment(&scene), "scenario": self.text, "name": scene.name,
+        let period_s = formation::ns_to_seconds(self.scenario.period_ns);
+        json!({ "html": page::live_picture_html(&scene), "scenario": self.text, "name": scene.name,
             "duration_s": scene.duration_s, "period_s": period_s })
     }
 }
 
-fn read_asked(file: &str, text: &str, faults: &[String]) -> experiment::scenario::read::Reading {
+fn read_asked(file: &str, text: &str, faults: &[String]) -> experiment::scenario::read::ReadResult {
     let overrides = Overrides { faults: faults.to_vec(), ..Overrides::default() };
     read_text(Path::new(file), text, &overrides, &agent::catalog())
 }
@@ -195,7 +196,7 @@ pub fn answer(engine: &mut Option<Engine>, question: &str) -> Value {
             match read_asked(&file, &text, &faults) {
                 Err(wrong) => json!({ "error": said(&[wrong]) }),
                 Ok((scenario, _, warnings)) => {
-                    let report = check::report(&scenario, &Theory::compute(&scenario));
+                    let report = check::format_report(&scenario, &Theory::compute(&scenario));
                     json!({ "warnings": said(&warnings), "report": report })
                 }
             }

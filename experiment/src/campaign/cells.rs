@@ -10,21 +10,21 @@ use std::path::{Path, PathBuf};
 
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
-use crate::scenario::read::{Overrides, folder, read_to_run};
+use crate::scenario::read::{Overrides, read_for_run, scenario_folder};
 use protocol::catalog::Catalog;
 use sha2::{Digest, Sha256};
 
-use crate::campaign::axes::{AxisKind, NONE, Setting};
+use crate::campaign::axes::{AxisKind, NO_FAULT_VALUE, Setting};
 use crate::campaign::file::Campaign;
 use crate::campaign::starts::StartsError;
 
 /// One run of a campaign.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Cell {
+pub struct CampaignRun {
     /// Row in the table of all runs, from 1.
     pub number: usize,
     /// Index of the point of the grid.
-    pub point: usize,
+    pub point_index: usize,
     /// Seed of the random number generator.
     pub seed: u64,
     /// Identity, 64 hexadecimal digits. It is the name of the run's directory.
@@ -42,7 +42,7 @@ pub struct Cell {
 /// Reason why a run of the campaign is invalid.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
-pub enum CellError {
+pub enum CampaignRunError {
     /// The scenario of the run has an error.
     #[error("{diagnostic}")]
     Scenario { diagnostic: Box<Diagnostic>, run: String },
@@ -55,42 +55,46 @@ pub enum CellError {
 }
 
 /// Returns the runs whose numbers are `wanted`, in order. Seeds vary fastest.
-pub fn cells(
+pub fn campaign_runs(
     campaign: &Campaign,
     catalog: &Catalog,
     executable: &str,
     wanted: impl Fn(usize) -> bool,
-) -> Result<Vec<Cell>, CellError> {
+) -> Result<Vec<CampaignRun>, CampaignRunError> {
     let mut cells = Vec::new();
-    for point in 0..campaign.points() {
+    for point in 0..campaign.point_count() {
         let settings = campaign.settings_at(point);
-        let overrides = overrides(campaign, &settings);
+        let overrides = point_overrides(campaign, &settings);
         // The last axis that sets it takes precedence.
         let cases = || settings.iter().rev().map(|setting| &setting.case);
         let file = cases().find_map(|case| case.scenario.as_ref()).unwrap_or(&campaign.scenario);
-        let starts = cases().find_map(|case| case.starts.as_ref()).or(campaign.starts.as_ref());
+        let starts = cases()
+            .find_map(|case| case.random_starts.as_ref())
+            .or(campaign.random_starts.as_ref());
         // The first run of a point determines its robots.
         let mut robots: Option<Scenario> = None;
         let seeds: Vec<Option<u64>> = match campaign.seeds.is_empty() {
             true => vec![None],
             false => campaign.seeds.iter().copied().map(Some).collect(),
         };
-        let first = point * campaign.runs_at_each_point() + 1;
+        let first = point * campaign.runs_per_point() + 1;
         for (number, seed) in (first..).zip(seeds).filter(|(number, _)| wanted(*number)) {
             let run = || describe_settings(campaign, &settings, seed);
-            let refused =
-                |diagnostic| CellError::Scenario { diagnostic: Box::new(diagnostic), run: run() };
+            let refused = |diagnostic| CampaignRunError::Scenario {
+                diagnostic: Box::new(diagnostic),
+                run: run(),
+            };
             let read =
-                |overrides: &Overrides| read_to_run(file, overrides, catalog).map_err(refused);
+                |overrides: &Overrides| read_for_run(file, overrides, catalog).map_err(refused);
             let mut overrides = Overrides { seed, ..overrides.clone() };
             if let (Some(starts), Some(seed)) = (starts, seed) {
                 if robots.is_none() {
                     robots = Some(read(&overrides)?.0);
                 }
                 let drawn = starts.draw(robots.as_ref().expect("just read"), seed);
-                overrides
-                    .set
-                    .extend(drawn.map_err(|source| CellError::Starts { source, run: run() })?);
+                overrides.assignments.extend(
+                    drawn.map_err(|source| CampaignRunError::Starts { source, run: run() })?,
+                );
             }
             let (scenario, ..) = read(&overrides)?;
             let mut hash = Sha256::new();
@@ -98,8 +102,8 @@ pub fn cells(
                 hash.update((part.len() as u64).to_le_bytes());
                 hash.update(part);
             }
-            for (name, path) in programs(&scenario, file) {
-                let text = std::fs::read(&path).map_err(|source| CellError::Program {
+            for (name, path) in program_files(&scenario, file) {
+                let text = std::fs::read(&path).map_err(|source| CampaignRunError::Program {
                     path: path.clone(),
                     source,
                     run: run(),
@@ -109,15 +113,15 @@ pub fn cells(
                 hash.update((text.len() as u64).to_le_bytes());
                 hash.update(text);
             }
-            cells.push(Cell {
+            cells.push(CampaignRun {
                 number,
-                point,
+                point_index: point,
                 seed: scenario.seed,
-                id: hex(&hash.finalize()),
+                id: format_hex(&hash.finalize()),
                 scenario: file.clone(),
                 overrides,
                 distance_min_m: scenario.avoidance.distance_min_m,
-                duration_s: formation::seconds(scenario.duration_ns),
+                duration_s: formation::ns_to_seconds(scenario.duration_ns),
             });
         }
     }
@@ -125,29 +129,30 @@ pub fn cells(
 }
 
 /// Returns the files of the external programs of the robots, with their paths.
-fn programs(scenario: &Scenario, path: &Path) -> Vec<(String, PathBuf)> {
-    scenario.programs().flat_map(|program| program.files(folder(path))).collect()
+fn program_files(scenario: &Scenario, path: &Path) -> Vec<(String, PathBuf)> {
+    scenario.programs().flat_map(|program| program.files(scenario_folder(path))).collect()
 }
 
 /// Returns the overrides of all runs at a point of the grid.
-fn overrides(campaign: &Campaign, settings: &[&Setting]) -> Overrides {
-    let mut overrides = Overrides { set: campaign.set.clone(), ..Overrides::default() };
+fn point_overrides(campaign: &Campaign, settings: &[&Setting]) -> Overrides {
+    let mut overrides =
+        Overrides { assignments: campaign.assignments.clone(), ..Overrides::default() };
     let mut templates = campaign.faults.clone();
     for (axis, setting) in campaign.axes.iter().zip(settings) {
         match axis.kind {
-            AxisKind::Key => overrides.set.push(format!("{}={}", axis.key, setting.toml)),
+            AxisKind::Key => overrides.assignments.push(format!("{}={}", axis.key, setting.toml)),
             AxisKind::Fault => overrides.faults.extend(setting.faults.iter().cloned()),
             AxisKind::Cases => {
-                overrides.set.extend(setting.case.set.iter().cloned());
+                overrides.assignments.extend(setting.case.assignments.iter().cloned());
                 overrides.faults.extend(setting.faults.iter().cloned());
             }
-            AxisKind::InFaults => {
+            AxisKind::FaultPlaceholder => {
                 let placeholder = format!("{{{}}}", axis.key);
-                if setting.shown == NONE {
+                if setting.display_text == NO_FAULT_VALUE {
                     templates.retain(|fault| !fault.contains(&placeholder));
                 }
                 for fault in &mut templates {
-                    *fault = fault.replace(&placeholder, &setting.shown);
+                    *fault = fault.replace(&placeholder, &setting.display_text);
                 }
             }
         }
@@ -160,7 +165,9 @@ fn describe_settings(campaign: &Campaign, settings: &[&Setting], seed: Option<u6
     let mut words = String::from("in the run");
     let axes = campaign.axes.iter().zip(settings);
     let mut with = " with";
-    for (key, value) in axes.map(|(axis, setting)| (axis.key.as_str(), setting.shown.clone())) {
+    for (key, value) in
+        axes.map(|(axis, setting)| (axis.key.as_str(), setting.display_text.clone()))
+    {
         let _ = write!(words, "{with} {key} = {value}");
         with = ",";
     }
@@ -170,10 +177,10 @@ fn describe_settings(campaign: &Campaign, settings: &[&Setting], seed: Option<u6
     words + &format!(" of {}", campaign.path.display())
 }
 
-impl Cell {
+impl CampaignRun {
     /// Returns the settings of a run as text.
     pub fn describe(&self, campaign: &Campaign) -> String {
-        describe_settings(campaign, &campaign.settings_at(self.point), self.overrides.seed)
+        describe_settings(campaign, &campaign.settings_at(self.point_index), self.overrides.seed)
     }
 
     /// Returns the arguments that run it with the output directory `to`, without the executable.
@@ -190,13 +197,13 @@ impl Cell {
         if let Some(seed) = self.overrides.seed {
             words.extend(["--seed".into(), seed.to_string()]);
         }
-        for set in &self.overrides.set {
+        for set in &self.overrides.assignments {
             words.extend(["--set".into(), set.clone()]);
         }
         for fault in &self.overrides.faults {
             words.extend(["--fault".into(), fault.clone()]);
         }
-        let (keep, deadline) = (campaign.keep.keyword(), campaign.deadline_s.to_string());
+        let (keep, deadline) = (campaign.file_retention.keyword(), campaign.deadline_s.to_string());
         words.extend(["--cell".into(), text(to), "--keep".into(), keep.into()]);
         words.extend(["--deadline-s".into(), deadline]);
         words
@@ -204,7 +211,7 @@ impl Cell {
 }
 
 /// Returns the SHA-256 of the running executable.
-pub fn executable() -> io::Result<String> {
+pub fn executable_sha256() -> io::Result<String> {
     sha256(File::open("/proc/self/exe")?)
 }
 
@@ -213,7 +220,7 @@ pub fn sha256(mut from: impl Read) -> io::Result<String> {
     let (mut hash, mut part) = (Sha256::new(), vec![0; 1 << 16]);
     loop {
         match from.read(&mut part) {
-            Ok(0) => return Ok(hex(&hash.finalize())),
+            Ok(0) => return Ok(format_hex(&hash.finalize())),
             Ok(read) => hash.update(&part[..read]),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => return Err(error),
@@ -221,6 +228,6 @@ pub fn sha256(mut from: impl Read) -> io::Result<String> {
     }
 }
 
-fn hex(bytes: &[u8]) -> String {
+fn format_hex(bytes: &[u8]) -> String {
     bytes.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"))
 }

@@ -3,20 +3,20 @@
 use protocol::brief::Pace;
 use serde::Deserialize;
 
-use crate::reference::sections;
-use crate::scenario::fields::section;
-use crate::scenario::format::Format;
-use crate::scenario::keys::Range::Positive;
+use crate::reference::format_sections;
+use crate::scenario::fields::table_section;
+use crate::scenario::format::FileFormat;
+use crate::scenario::keys::NumberRange::Positive;
 use crate::{keys, schema, tables};
 
 /// Values of `around`: the center of the box of start positions.
-const AROUND_WORDS: &[(&str, &str)] = &[
+const AROUND_VALUES: &[(&str, &str)] = &[
     ("middle", "one box for all robots, around `center_m`"),
     ("each", "one box for each robot, around its start in the scenario"),
 ];
 
 /// Values of `pace`: the time mode.
-const PACES: &[(&str, &str)] = &[
+const PACE_VALUES: &[(&str, &str)] = &[
     (
         "lockstep",
         "simulation as fast as the machine allows, with as many runs in parallel as there are CPU cores",
@@ -27,14 +27,14 @@ const PACES: &[(&str, &str)] = &[
     ),
 ];
 /// Values of `keep`: the files that are kept of each run.
-const KEEP_WORDS: &[(&str, &str)] = &[
+const KEEP_VALUES: &[(&str, &str)] = &[
     ("summary", "the scenario, `manifest.json` and `summary.json`"),
     ("failed", "all files of runs that missed an expectation, and as `summary` for the others"),
     ("all", "all files"),
 ];
 
 /// Values of `goals`: the goals of robots with random starts.
-const GOALS: &[(&str, &str)] = &[
+const GOALS_VALUES: &[(&str, &str)] = &[
     ("own", "the goals of the scenario"),
     (
         "swaps",
@@ -71,45 +71,45 @@ keys! {
 
     name: Text =>
         .required("a short name of the campaign, such as \"starts\"")
-        .guesses("title id");
+        .with_synonyms("title id");
     description: Text =>
         .optional("description of the campaign, for readers of the file")
-        .guesses("comment about notes");
+        .with_synonyms("comment about notes");
     scenario: Text =>
         .required("path of the scenario file that all runs are based on, relative to the campaign file")
-        .guesses("file path base experiment");
+        .with_synonyms("file path base experiment");
     set: Table<Set> =>
         .optional("scenario keys that are set in all runs")
-        .guesses("override overrides fixed");
+        .with_synonyms("override overrides fixed");
     vary: Table<Vary> =>
         .optional("axes: scenario keys and the values that they take")
-        .guesses("varies varied axes axis grid sweep params parameters matrix");
+        .with_synonyms("varies varied axes axis grid sweep params parameters matrix");
     case: Tables<Case> =>
         .optional("axes whose values set several keys together. In the order of the runs they change more \
             slowly than the axes in `vary`")
-        .guesses("cases variant variants scene scenes condition conditions");
+        .with_synonyms("cases variant variants scene scenes condition conditions");
     zip: Any("list of lists of axes") =>
         .optional("groups of axes that vary together, such as [[\"period_s\", \"duration_s\"]]; all other axes form a full grid")
-        .guesses("paired together");
+        .with_synonyms("paired together");
     faults: Any("list of faults") =>
         .optional("faults of all runs, in the syntax of `--fault`; `{NAME}` is replaced by the value of the axis NAME")
-        .guesses("fault");
+        .with_synonyms("fault");
     seeds: Any("integer, list of integers, or { from, count }") =>
         .rule("one run with the seed of the scenario", "seeds with which each combination of settings is run: \
             their number (1, 2, ...), a list, or a range")
-        .guesses("seed runs repeat repeats repetitions trials");
+        .with_synonyms("seed runs repeat repeats repetitions trials");
     starts: Table<Starts> =>
         .rule("the starts of the scenario", "random start poses, drawn from each seed")
-        .guesses("start random_starts poses");
-    pace: Word<Pace>(PACES) =>
+        .with_synonyms("start random_starts poses");
+    pace: Word<Pace>(PACE_VALUES) =>
         .default("'lockstep'", "time mode")
-        .guesses("mode time");
-    keep: Word<Keep>(KEEP_WORDS) =>
+        .with_synonyms("mode time");
+    keep: Word<FileRetention>(KEEP_VALUES) =>
         .default("'summary'", "files that are kept of each run")
-        .guesses("save record store");
+        .with_synonyms("save record store");
     deadline_s: Number(Positive) =>
         .default("600.0", "maximum wall time of a run; a run that takes longer is repeated")
-        .guesses("timeout limit deadline time_limit");
+        .with_synonyms("timeout limit deadline time_limit");
 }
 
 keys! {
@@ -118,19 +118,19 @@ keys! {
 
     box_m: Pair =>
         .required("width along x and height along y of the box from which the starts of front points are drawn")
-        .guesses("box size area extent");
+        .with_synonyms("box size area extent");
     apart_m: Number(Positive) =>
         .required("minimum distance of two front points at the start; must be more than d (Assumption 1)")
-        .guesses("apart distance min_distance separation spacing");
+        .with_synonyms("apart distance min_distance separation spacing");
     center_m: Pair =>
         .rule("the mean of the starts in the scenario", "center of the box")
-        .guesses("center centre middle origin");
-    around: Word<String>(AROUND_WORDS) =>
+        .with_synonyms("center centre middle origin");
+    around: Word<String>(AROUND_VALUES) =>
         .default("'middle'", "center of the box")
-        .guesses("about from at");
-    goals: Word<Goals>(GOALS) =>
+        .with_synonyms("about from at");
+    goals: Word<GoalAssignment>(GOALS_VALUES) =>
         .default("'own'", "goals of the robots, also drawn from each seed")
-        .guesses("goal destinations targets");
+        .with_synonyms("goal destinations targets");
 }
 
 keys! {
@@ -140,37 +140,37 @@ keys! {
     axis: Text => .required("name of the axis, such as \"scene\"");
     name: Text =>
         .required("name of the value on that axis, such as \"circle-8\"")
-        .guesses("value title id");
+        .with_synonyms("value title id");
     scenario: Text =>
         .rule("the scenario of the campaign", "path of the scenario file that the runs of this case are based on, relative to the campaign file")
-        .guesses("file path base experiment");
+        .with_synonyms("file path base experiment");
     set: Table<Set> =>
         .optional("scenario keys that are set in the runs of this case")
-        .guesses("override overrides fixed");
+        .with_synonyms("override overrides fixed");
     faults: Any("list of faults") =>
         .optional("faults of the runs of this case, in the syntax of `--fault`")
-        .guesses("fault");
+        .with_synonyms("fault");
     starts: Table<Starts> =>
         .rule("the starts of the campaign", "random start poses of the runs of this case, drawn from each \
             seed")
-        .guesses("start random_starts poses");
+        .with_synonyms("start random_starts poses");
 }
 
 /// Returns the format of campaign files.
-pub fn format() -> Format {
-    Format::without_catalog(vec![
-        section::<Root>(),
-        section::<Set>(),
-        section::<Vary>(),
-        section::<Starts>(),
-        section::<Case>(),
+pub fn campaign_format() -> FileFormat {
+    FileFormat::without_catalog(vec![
+        table_section::<Root>(),
+        table_section::<Set>(),
+        table_section::<Vary>(),
+        table_section::<Starts>(),
+        table_section::<Case>(),
     ])
 }
 
 /// Files that are kept of each run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Keep {
+pub enum FileRetention {
     /// Scenario, manifest and summary.
     Summary,
     /// All files of runs that missed an expectation, and the summary of the others.
@@ -179,13 +179,13 @@ pub enum Keep {
     All,
 }
 
-impl Keep {
+impl FileRetention {
     /// Returns the value of `keep` in campaign files.
     pub fn keyword(self) -> &'static str {
         match self {
-            Keep::Summary => "summary",
-            Keep::Failed => "failed",
-            Keep::All => "all",
+            FileRetention::Summary => "summary",
+            FileRetention::Failed => "failed",
+            FileRetention::All => "all",
         }
     }
 }
@@ -193,19 +193,19 @@ impl Keep {
 /// Goals of robots with random starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Goals {
+pub enum GoalAssignment {
     /// The goals of the scenario.
     Own,
     /// The start of the partner in a random pairing. With an odd number of robots, three exchange starts cyclically.
     Swaps,
 }
 
-impl Goals {
+impl GoalAssignment {
     /// Returns the value of `goals` in campaign files.
     pub fn keyword(self) -> &'static str {
         match self {
-            Goals::Own => "own",
-            Goals::Swaps => "swaps",
+            GoalAssignment::Own => "own",
+            GoalAssignment::Swaps => "swaps",
         }
     }
 }
@@ -220,11 +220,11 @@ A key that is marked **needed** is required if its table is given.
 ";
 
 /// Returns the JSON Schema of campaign files.
-pub fn schema() -> String {
-    schema::for_format(&format(), "A Phalanx campaign")
+pub fn campaign_schema() -> String {
+    schema::schema_for_format(&campaign_format(), "A Phalanx campaign")
 }
 
 /// Returns the reference page of campaign keys, in Markdown.
-pub fn reference() -> String {
-    PAGE_HEAD.to_owned() + &sections(&format(), "The whole campaign file")
+pub fn campaign_reference_page() -> String {
+    PAGE_HEAD.to_owned() + &format_sections(&campaign_format(), "The whole campaign file")
 }

@@ -9,45 +9,45 @@
 use std::f64::consts::PI;
 
 use crate::campaign::keys;
-pub use crate::campaign::keys::Goals;
-use crate::check::start_points;
+pub use crate::campaign::keys::GoalAssignment;
+use crate::check::start_front_points;
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::fields::kinds;
-use crate::scenario::table::Value;
+use crate::scenario::table::TypedValue;
 use formation::Vec2;
 use formation::front_point::rotate;
 use formation::pose::Pose;
 use formation::random::SplitMix64;
 
 /// Stream constant that makes the draw independent of other draws with the same seed.
-const STREAM: u64 = u64::from_le_bytes(*b"starts  ");
+const STARTS_STREAM: u64 = u64::from_le_bytes(*b"starts  ");
 const SWAPS_STREAM: u64 = u64::from_le_bytes(*b"swaps   ");
 /// Maximum number of draws for one robot, and of attempts for all of them, before the box counts as too small.
 const DRAWS_MAX: usize = 1000;
 /// Margin added to the minimum distance, m. It covers the rounding of the written poses.
-const HAIR_M: f64 = 1e-9;
+const ROUNDING_MARGIN_M: f64 = 1e-9;
 
 /// Center of the box.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Around {
+pub enum BoxCenter {
     /// One box for all robots, around this point, m. `None`: around the mean of the front points in the scenario.
-    Middle(Option<[f64; 2]>),
+    Common(Option<[f64; 2]>),
     /// One box for each robot, around its front point in the scenario.
-    Each,
+    PerRobot,
 }
 
 /// Box from which starts are drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Starts {
+pub struct RandomStarts {
     /// Width and height, m.
     pub box_m: [f64; 2],
     /// Minimum distance of two front points, m.
     pub separation_min_m: f64,
     /// Center of the box.
-    pub around: Around,
+    pub box_center: BoxCenter,
     /// Goals of the robots.
-    pub goals: Goals,
+    pub goals: GoalAssignment,
 }
 
 /// Reason why no starts could be drawn.
@@ -58,18 +58,18 @@ pub enum StartsError {
     #[error(
         "`apart_m` is {apart_m}, and d is {d_m}: Assumption 1 requires starts that are more than d apart"
     )]
-    TooNear { apart_m: f64, d_m: f64 },
+    SeparationTooSmall { apart_m: f64, d_m: f64 },
     /// The robots do not fit into the box.
     #[error("{robots} robots {apart_m} m apart do not fit in a box of {} m by {} m with seed {seed}", .box_m[0], .box_m[1])]
-    NoRoom { robots: usize, apart_m: f64, box_m: [f64; 2], seed: u64 },
+    BoxTooSmall { robots: usize, apart_m: f64, box_m: [f64; 2], seed: u64 },
 }
 
-impl Starts {
+impl RandomStarts {
     pub(crate) fn read(
-        value: &Value<'_, kinds::Table<keys::Starts>>,
-    ) -> Result<Starts, Diagnostic> {
+        value: &TypedValue<'_, kinds::Table<keys::Starts>>,
+    ) -> Result<RandomStarts, Diagnostic> {
         let table = value.table()?;
-        let sides = table.required(keys::Starts::box_m)?;
+        let sides = table.required_value(keys::Starts::box_m)?;
         let box_m = sides.pair()?;
         if box_m.iter().any(|side| *side <= 0.0) {
             return Err(sides
@@ -84,13 +84,13 @@ impl Starts {
                     "expected no `center_m`: each box is around its robot's own start",
                 ));
             }
-            (true, None) => Around::Each,
-            _ => Around::Middle(center.map(|center| center.pair()).transpose()?),
+            (true, None) => BoxCenter::PerRobot,
+            _ => BoxCenter::Common(center.map(|center| center.pair()).transpose()?),
         };
-        Ok(Starts {
+        Ok(RandomStarts {
             box_m,
             separation_min_m: table.number(keys::Starts::apart_m)?,
-            around,
+            box_center: around,
             goals: table.read_word(keys::Starts::goals)?,
         })
     }
@@ -103,39 +103,39 @@ impl Starts {
     pub fn draw(&self, scenario: &Scenario, seed: u64) -> Result<Vec<String>, StartsError> {
         let d_m = scenario.avoidance.distance_min_m;
         if self.separation_min_m <= d_m {
-            return Err(StartsError::TooNear { apart_m: self.separation_min_m, d_m });
+            return Err(StartsError::SeparationTooSmall { apart_m: self.separation_min_m, d_m });
         }
         let robots = &scenario.robots;
-        let own = start_points(robots);
+        let own = start_front_points(robots);
         let middle = |at: Vec2| vec![at; robots.len()];
-        let centers = match self.around {
-            Around::Each => own,
-            Around::Middle(Some([x, y])) => middle(Vec2::new(x, y)),
-            Around::Middle(None) => middle(own.iter().sum::<Vec2>() / robots.len() as f64),
+        let centers = match self.box_center {
+            BoxCenter::PerRobot => own,
+            BoxCenter::Common(Some([x, y])) => middle(Vec2::new(x, y)),
+            BoxCenter::Common(None) => middle(own.iter().sum::<Vec2>() / robots.len() as f64),
         };
         let walls = scenario.obstacles();
-        let clearance_m = scenario.avoidance.clearance_m + HAIR_M;
+        let clearance_m = scenario.avoidance.clearance_m + ROUNDING_MARGIN_M;
         let clear =
             |at: Vec2| walls.nearest_obstacle(at).is_none_or(|wall| wall.distance_m >= clearance_m);
-        let mut random = SplitMix64::new(seed ^ STREAM);
+        let mut random = SplitMix64::new(seed ^ STARTS_STREAM);
         let places =
-            self.draw_positions(&mut random, &centers, clear).ok_or(StartsError::NoRoom {
+            self.draw_positions(&mut random, &centers, clear).ok_or(StartsError::BoxTooSmall {
                 robots: robots.len(),
                 apart_m: self.separation_min_m,
                 box_m: self.box_m,
                 seed,
             })?;
         let mut drawn = Vec::new();
-        if self.goals == Goals::Swaps {
+        if self.goals == GoalAssignment::Swaps {
             let mut random = SplitMix64::new(seed ^ SWAPS_STREAM);
-            for (robot, to) in robots.iter().zip(partners(&mut random, robots.len())) {
+            for (robot, to) in robots.iter().zip(draw_partners(&mut random, robots.len())) {
                 let goal = places[to];
                 drawn.push(format!("robot.{}.goal_m=[{:?}, {:?}]", robot.name, goal.x, goal.y));
             }
         }
         let start = |(place, robot): (Vec2, &crate::scenario::Robot)| {
             // Maps [0, 1) to (-pi, pi].
-            let heading_rad = PI - 2.0 * PI * random.unit();
+            let heading_rad = PI - 2.0 * PI * random.draw_unit();
             let ahead = robot.front_point_m * rotate(heading_rad, Vec2::x());
             let axle = place - ahead;
             start_assignment(&robot.name, Pose { x_m: axle.x, y_m: axle.y, heading_rad })
@@ -156,9 +156,11 @@ impl Starts {
             let mut places: Vec<Vec2> = Vec::new();
             for _ in 0..DRAWS_MAX {
                 let Some(center) = centers.get(places.len()) else { return Some(places) };
-                let [x, y] = [width, height].map(|side| side * (random.unit() - 0.5));
+                let [x, y] = [width, height].map(|side| side * (random.draw_unit() - 0.5));
                 let place = center + Vec2::new(x, y);
-                let far = |other: &Vec2| (place - other).norm() >= self.separation_min_m + HAIR_M;
+                let far = |other: &Vec2| {
+                    (place - other).norm() >= self.separation_min_m + ROUNDING_MARGIN_M
+                };
                 if places.iter().all(far) && clear(place) {
                     places.push(place);
                 }
@@ -176,10 +178,10 @@ pub(crate) fn start_assignment(robot: &str, pose: Pose) -> String {
 
 /// Returns the exchange partners: in random order, the first robot with the second, and so on. The last three of an odd
 /// number exchange cyclically. A single robot stays.
-fn partners(random: &mut SplitMix64, robots: usize) -> Vec<usize> {
+fn draw_partners(random: &mut SplitMix64, robots: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..robots).collect();
     for last in (1..robots).rev() {
-        order.swap(last, random.between(0, last as u64) as usize);
+        order.swap(last, random.draw_between(0, last as u64) as usize);
     }
     let mut partners = vec![0; robots];
     let mut rest = &order[..];
@@ -202,28 +204,36 @@ mod tests {
     use formation::obstacle::Obstacle;
     use proptest::prelude::*;
 
-    const STARTS: Starts = Starts {
+    const STARTS: RandomStarts = RandomStarts {
         box_m: [2.0, 1.0],
         separation_min_m: 0.3,
-        around: Around::Middle(Some([5.0, -1.0])),
-        goals: Goals::Own,
+        box_center: BoxCenter::Common(Some([5.0, -1.0])),
+        goals: GoalAssignment::Own,
     };
 
     #[test]
     fn start_box_too_small_or_against_assumption_1_is_refused() {
         let scenario = row_of_three();
-        let small = Starts { box_m: [0.2, 0.2], ..STARTS };
-        assert!(matches!(small.draw(&scenario, 1), Err(StartsError::NoRoom { robots: 3, .. })));
-        let near = Starts { separation_min_m: 0.2, ..STARTS };
-        assert!(matches!(near.draw(&scenario, 1), Err(StartsError::TooNear { .. })), "d is 0.2 m");
+        let small = RandomStarts { box_m: [0.2, 0.2], ..STARTS };
+        assert!(matches!(
+            small.draw(&scenario, 1),
+            Err(StartsError::BoxTooSmall { robots: 3, .. })
+        ));
+        let near = RandomStarts { separation_min_m: 0.2, ..STARTS };
+        assert!(
+            matches!(near.draw(&scenario, 1), Err(StartsError::SeparationTooSmall { .. })),
+            "d is 0.2 m"
+        );
     }
 
     #[test]
     fn box_without_a_center_is_around_the_scenario_starts() {
         let scenario = row_of_three();
-        let around_own = Starts { around: Around::Middle(None), ..STARTS }.draw(&scenario, 3);
+        let around_own =
+            RandomStarts { box_center: BoxCenter::Common(None), ..STARTS }.draw(&scenario, 3);
         let mean = scenario_starts(&scenario).iter().sum::<Vec2>() / 3.0;
-        let there = Starts { around: Around::Middle(Some([mean.x, mean.y])), ..STARTS };
+        let there =
+            RandomStarts { box_center: BoxCenter::Common(Some([mean.x, mean.y])), ..STARTS };
         assert_eq!(around_own.unwrap(), there.draw(&scenario, 3).unwrap());
     }
 
@@ -232,15 +242,15 @@ mod tests {
     }
 
     /// Returns the front point of a start, 0.1 m ahead of the axle.
-    fn point(text: &str) -> Vec2 {
-        let heading = number(text, "heading_rad");
+    fn parse_front_point(text: &str) -> Vec2 {
+        let heading = parse_number(text, "heading_rad");
         assert!(-PI < heading && heading <= PI);
-        let axle = Vec2::new(number(text, "x_m"), number(text, "y_m"));
+        let axle = Vec2::new(parse_number(text, "x_m"), parse_number(text, "y_m"));
         axle + 0.1 * Vec2::new(heading.cos(), heading.sin())
     }
 
-    fn front_points(drawn: &[String]) -> Vec<Vec2> {
-        drawn.iter().map(|text| point(text)).collect()
+    fn parse_front_points(drawn: &[String]) -> Vec<Vec2> {
+        drawn.iter().map(|text| parse_front_point(text)).collect()
     }
 
     #[test]
@@ -255,15 +265,16 @@ mod tests {
         });
         let clearance_m = 0.1;
         scenario.avoidance.clearance_m = clearance_m;
-        let each = Starts {
+        let each = RandomStarts {
             box_m: [0.4, 0.6],
             separation_min_m: 0.21,
-            around: Around::Each,
-            goals: Goals::Own,
+            box_center: BoxCenter::PerRobot,
+            goals: GoalAssignment::Own,
         };
         let mut near = 0;
         for seed in 1..=50 {
-            for (at, own) in front_points(&each.draw(&scenario, seed).unwrap()).iter().zip(&places)
+            for (at, own) in
+                parse_front_points(&each.draw(&scenario, seed).unwrap()).iter().zip(&places)
             {
                 let off = at - own;
                 assert!(off.x.abs() <= 0.2 + 1e-9 && off.y.abs() <= 0.3 + 1e-9, "{off}");
@@ -279,7 +290,7 @@ mod tests {
     #[test]
     fn swaps_are_of_pairs_and_of_three_where_the_number_is_odd() {
         for robots in 2..12 {
-            let partners = partners(&mut SplitMix64::new(robots as u64), robots);
+            let partners = draw_partners(&mut SplitMix64::new(robots as u64), robots);
             let steps = |robot: usize| {
                 let mut at = partners[robot];
                 let mut steps = 1;
@@ -292,18 +303,18 @@ mod tests {
             let twos = (0..robots).filter(|robot| steps(*robot) == 2).count();
             assert_eq!((threes, threes + twos), (3 * (robots % 2), robots), "{partners:?}");
         }
-        assert_eq!(partners(&mut SplitMix64::new(0), 1), [0]);
-        let first = |seed| partners(&mut SplitMix64::new(seed), 8);
+        assert_eq!(draw_partners(&mut SplitMix64::new(0), 1), [0]);
+        let first = |seed| draw_partners(&mut SplitMix64::new(seed), 8);
         assert!((1..20).any(|seed| first(seed) != first(0)));
     }
 
     #[test]
     fn swapped_goals_are_starts_of_others_and_keep_the_starts() {
         let scenario = row_of_three();
-        let swapping = Starts { goals: Goals::Swaps, ..STARTS };
+        let swapping = RandomStarts { goals: GoalAssignment::Swaps, ..STARTS };
         let drawn = swapping.draw(&scenario, 4).unwrap();
         assert_eq!(drawn[3..], STARTS.draw(&scenario, 4).unwrap());
-        let starts = front_points(&drawn[3..]);
+        let starts = parse_front_points(&drawn[3..]);
         for (own, text) in starts.iter().zip(&drawn) {
             let (_, pair) = text.split_once(".goal_m=[").unwrap();
             let (x, y) = pair.trim_end_matches(']').split_once(", ").unwrap();
@@ -313,7 +324,7 @@ mod tests {
         }
     }
 
-    fn number(text: &str, key: &str) -> f64 {
+    fn parse_number(text: &str, key: &str) -> f64 {
         let (_, rest) = text.split_once(&format!("{key} = ")).unwrap();
         rest.split([',', ' ']).next().unwrap().parse().unwrap()
     }
@@ -324,7 +335,7 @@ mod tests {
             let drawn = STARTS.draw(&row_of_three(), seed).unwrap();
             prop_assert_eq!(&drawn, &STARTS.draw(&row_of_three(), seed).unwrap());
             prop_assert!(drawn != STARTS.draw(&row_of_three(), seed ^ 1).unwrap());
-            let points = front_points(&drawn);
+            let points = parse_front_points(&drawn);
             for (i, point) in points.iter().enumerate() {
                 prop_assert!((point.x - 5.0).abs() <= 1.0 + 1e-9 && (point.y + 1.0).abs() <= 0.5 + 1e-9);
                 for other in &points[..i] {

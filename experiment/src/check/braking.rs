@@ -1,8 +1,8 @@
 //! Braking properties of a robot with inertia: braking time and distance, and maximum speed.
 
-use formation::seconds;
-use protocol::avoidance::Conditions;
-use protocol::brief::AvoidanceBrief;
+use formation::ns_to_seconds;
+use protocol::avoidance::MethodConditions;
+use protocol::brief::{AvoidanceBrief, Pace};
 use serde::Serialize;
 
 use super::bisect_largest;
@@ -31,24 +31,22 @@ impl Braking {
     /// Returns the braking properties of robot `i`, or `None` if it has no inertia or the method does not limit speeds.
     pub fn for_robot(scenario: &Scenario, i: usize) -> Option<Braking> {
         let robot = &scenario.robots[i];
-        let limits = robot.limits.filter(|_| scenario.method.clamps_speed)?;
-        let conditions = Conditions {
-            front_point_m: robot.front_point_m,
-            rank: scenario.rank(i),
-            ..scenario.conditions()
-        };
-        let (v_max, lifetime_s) = (conditions.speed_m_s(), conditions.lifetime_s);
-        let (speed_max_m_s, limited_by) = fastest(scenario, i, &conditions);
+        let limits =
+            robot.acceleration_limits.filter(|_| scenario.avoidance_method.clamps_speed)?;
+        let own = scenario.avoidance_of(i, Pace::Realtime);
+        let conditions = scenario.conditions_of(i, &own);
+        let (v_max, lifetime_s) = (conditions.speed_max_m_s(), conditions.command_timeout_s);
+        let (speed_max_m_s, limited_by) = maximum_speed_with_limit(scenario, i, &conditions);
         Some(Braking {
             braking_time_s: limits.braking_time_s,
             turn_rate_max_rad_s: match robot.drive().turns_freely() {
-                true => robot.drive().turn_rate_max_rad_s,
+                true => robot.drive().turn_rate_bound(v_max),
                 false => (limits.turn_acceleration_rad_s2 * limits.braking_time_s)
                     .min(robot.drive().turn_rate_bound(v_max)),
             },
             stopping_distance_m: v_max * (lifetime_s + 0.5 * v_max / limits.acceleration_m_s2),
             stopping_distance_m_max: v_max * (lifetime_s + 0.5 * limits.braking_time_s),
-            sensing_radius_needed_m: (scenario.method.sensing_radius_m)(&conditions),
+            sensing_radius_needed_m: (scenario.avoidance_method.sensing_radius_m)(&conditions),
             speed_max_m_s,
             limited_by,
         })
@@ -56,13 +54,17 @@ impl Braking {
 }
 
 /// Returns the maximum useful v_max of a robot, m/s, and the cause of the limit.
-fn fastest(scenario: &Scenario, i: usize, conditions: &Conditions<'_>) -> (f64, &'static str) {
-    let d = scenario.avoidance.distance_min_m;
-    let mut limits = vec![(0.25 * d / conditions.lifetime_s, "d/4 per command lifetime")];
+fn maximum_speed_with_limit(
+    scenario: &Scenario,
+    i: usize,
+    conditions: &MethodConditions<'_>,
+) -> (f64, &'static str) {
+    let (d, avoidance) = (conditions.avoidance.distance_min_m, conditions.avoidance);
+    let mut limits = vec![(0.25 * d / conditions.command_timeout_s, "d/4 per command lifetime")];
     if conditions.front_point_m > 0.0 {
         let ell_m = conditions.front_point_m;
-        limits.push((0.5 * ell_m / conditions.lifetime_s, "ell/2 per command lifetime"));
-        limits.push((ell_m / seconds(scenario.period_ns), "ell per period"));
+        limits.push((0.5 * ell_m / conditions.command_timeout_s, "ell/2 per command lifetime"));
+        limits.push((ell_m / ns_to_seconds(scenario.period_ns), "ell per period"));
     }
     if let Some(wheels) = scenario.robots[i].wheels {
         limits.push((wheels.speed_max_m_s, "its wheels"));
@@ -70,11 +72,13 @@ fn fastest(scenario: &Scenario, i: usize, conditions: &Conditions<'_>) -> (f64, 
     let radius_m = scenario.avoidance.sensing_radius_m;
     // The braking time grows with v_max, and the radius with both.
     let needed_m = |speed_max_m_s: f64| {
-        let share = speed_max_m_s / scenario.avoidance.speed_max_m_s;
-        let braking_time_max_s = share * scenario.avoidance.braking_time_max_s;
-        let avoidance =
-            AvoidanceBrief { speed_max_m_s, braking_time_max_s, ..scenario.avoidance.clone() };
-        (scenario.method.sensing_radius_m)(&Conditions { avoidance: &avoidance, ..*conditions })
+        let share = speed_max_m_s / avoidance.speed_max_m_s;
+        let braking_time_max_s = share * avoidance.braking_time_max_s;
+        let avoidance = AvoidanceBrief { speed_max_m_s, braking_time_max_s, ..avoidance.clone() };
+        (scenario.avoidance_method.sensing_radius_m)(&MethodConditions {
+            avoidance: &avoidance,
+            ..*conditions
+        })
     };
     let most = limits.iter().map(|limit| limit.0).fold(f64::INFINITY, f64::min);
     if needed_m(most) > radius_m {

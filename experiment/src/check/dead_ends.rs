@@ -4,8 +4,8 @@
 use formation::Vec2;
 use formation::obstacle::Obstacles;
 
-use super::finding::{Finding, warning};
-use super::start_points;
+use super::finding::{Finding, warning_finding};
+use super::start_front_points;
 use crate::scenario::Scenario;
 use protocol::number::format_short;
 
@@ -14,42 +14,42 @@ const STEPS_PER_CLEARANCE: f64 = 8.0;
 /// Maximum number of steps of one simulated path.
 const STEPS_MAX: usize = 100_000;
 /// Number of steps after which a robot must be closer to its goal.
-const PROGRESS_STEPS: usize = 64;
+const PROGRESS_CHECK_STEPS: usize = 64;
 /// Fraction of the distance to the goal by which a disturbed robot must be closer than before.
-const PROGRESS_FRACTION: f64 = 1e-3;
+const GOAL_PROGRESS_FRACTION_MIN: f64 = 1e-3;
 /// Minimum progress toward the goal, as a fraction of the path length of a round of steps.
-const PROGRESS_MIN: f64 = 1e-3;
+const PATH_PROGRESS_FRACTION_MIN: f64 = 1e-3;
 
 /// Point at which a wall blocks a robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct DeadEnd {
     position: Vec2,
     /// Distance from the point to the goal, m.
-    left_m: f64,
+    remaining_distance_m: f64,
     /// Index of the wall.
     wall: usize,
 }
 
 /// Warns about every goal that a robot does not reach by going straight to it and along walls.
-pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
-    let steers = scenario.method.steers_beside_walls.zip(scenario.goals_m());
+pub(super) fn check_dead_ends(scenario: &Scenario) -> Vec<Finding> {
+    let steers = scenario.avoidance_method.wall_steering_distance.zip(scenario.goals_m());
     let Some(((_, distance_m), goals)) = steers else { return Vec::new() };
     if scenario.walls.is_empty() {
         return Vec::new();
     }
-    let (walls, bound_m) = (scenario.obstacles(), distance_m(&scenario.conditions()));
+    let (walls, bound_m) = (scenario.obstacles(), distance_m(&scenario.avoidance_conditions()));
     let clearance_m = scenario.avoidance.clearance_m;
-    let starts = start_points(&scenario.robots);
+    let starts = start_front_points(&scenario.robots);
     let ways = scenario.robots.iter().zip(starts.into_iter().zip(goals));
     ways.filter_map(|(robot, (start, goal))| {
         // Another check warns about a goal that is too close to a wall.
         if walls.nearest_obstacle(goal).is_some_and(|near| near.distance_m < bound_m) {
             return None;
         }
-        let DeadEnd { position: at, left_m, wall } = dead_end(&walls, start, goal, clearance_m)?;
+        let DeadEnd { position: at, remaining_distance_m: left_m, wall } = find_dead_end(&walls, start, goal, clearance_m)?;
         let (name, wall) = (&robot.name, &scenario.walls[wall].name);
         let [x, y, left] = [at.x, at.y, left_m].map(|m| format_short((m * 1e2).round() / 1e2));
-        Some(warning(
+        Some(warning_finding(
             format!("robot.{name}.goal_m"),
             format!(
                 "{wall} is between {name} and its goal: {name} moves along it to ({x}, {y}) m, and stops there permanently, {left} m from the goal"
@@ -62,12 +62,12 @@ pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
 
 /// Simulates a robot that goes straight to its goal, and along walls in its way. Returns the point at which it makes no
 /// more progress, also after a disturbance by one clearance, or `None` if it arrives.
-fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Option<DeadEnd> {
+fn find_dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Option<DeadEnd> {
     let step_m = clearance_m / STEPS_PER_CLEARANCE;
     let arrives = |at: Vec2| (goal - at).norm() <= step_m;
     // One round of steps. It ends at the goal.
     let follow = |mut at: Vec2| {
-        for _ in 0..PROGRESS_STEPS {
+        for _ in 0..PROGRESS_CHECK_STEPS {
             if arrives(at) {
                 break;
             }
@@ -78,13 +78,15 @@ fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Opt
         at
     };
     let mut at = start;
-    for _ in 0..STEPS_MAX / PROGRESS_STEPS {
+    for _ in 0..STEPS_MAX / PROGRESS_CHECK_STEPS {
         let left_m = (goal - at).norm();
         let next = follow(at);
         if arrives(next) {
             return None;
         }
-        if (goal - next).norm() < left_m - PROGRESS_MIN * step_m * PROGRESS_STEPS as f64 {
+        if (goal - next).norm()
+            < left_m - PATH_PROGRESS_FRACTION_MIN * step_m * PROGRESS_CHECK_STEPS as f64
+        {
             at = next;
             continue;
         }
@@ -93,11 +95,12 @@ fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Opt
         let aside = Vec2::new(-ahead.y, ahead.x) * clearance_m;
         let beside =
             [aside, -aside].map(|aside| follow(move_off_walls(walls, next + aside, clearance_m)));
-        let past =
-            beside.into_iter().find(|at| (goal - at).norm() < left_m * (1.0 - PROGRESS_FRACTION));
+        let past = beside
+            .into_iter()
+            .find(|at| (goal - at).norm() < left_m * (1.0 - GOAL_PROGRESS_FRACTION_MIN));
         let Some(past) = past else {
             let wall = walls.nearest_obstacle(next)?.index;
-            return Some(DeadEnd { position: next, left_m, wall });
+            return Some(DeadEnd { position: next, remaining_distance_m: left_m, wall });
         };
         if arrives(past) {
             return None;
@@ -135,18 +138,22 @@ mod tests {
     use super::*;
     use formation::obstacle::Obstacle;
 
-    fn end(walls: &[Obstacle], start: [f64; 2], goal: [f64; 2]) -> Option<DeadEnd> {
-        dead_end(&Obstacles::new(walls), start.into(), goal.into(), 0.1)
+    fn find_dead_end_at_walls(
+        walls: &[Obstacle],
+        start: [f64; 2],
+        goal: [f64; 2],
+    ) -> Option<DeadEnd> {
+        find_dead_end(&Obstacles::new(walls), start.into(), goal.into(), 0.1)
     }
 
     #[test]
     fn goal_straight_behind_a_wall_is_a_dead_end() {
         let wall = [Obstacle::segment([0.0, -3.0], [0.0, 1.0])];
-        let found = end(&wall, [-2.0, 0.0], [2.0, 0.0]).expect("a dead end");
+        let found = find_dead_end_at_walls(&wall, [-2.0, 0.0], [2.0, 0.0]).expect("a dead end");
         assert!((found.position - Vec2::new(-0.1, 0.0)).norm() < 0.03, "{found:?}");
-        assert!((found.left_m - 2.1).abs() < 0.03, "{found:?}");
+        assert!((found.remaining_distance_m - 2.1).abs() < 0.03, "{found:?}");
         // It slides along to where the wall is nearest to the goal.
-        let found = end(&wall, [-2.0, 2.5], [2.0, -1.0]).expect("a dead end");
+        let found = find_dead_end_at_walls(&wall, [-2.0, 2.5], [2.0, -1.0]).expect("a dead end");
         assert!((found.position - Vec2::new(-0.1, -1.0)).norm() < 0.1, "{found:?}");
     }
 
@@ -156,11 +163,15 @@ mod tests {
         for (start, goal) in
             [([-2.0, 2.0], [2.0, 2.0]), ([-2.0, 0.0], [-0.5, 0.9]), ([-2.0, 0.0], [2.0, 3.0])]
         {
-            assert_eq!(end(&wall, start, goal), None, "{start:?} {goal:?}");
+            assert_eq!(find_dead_end_at_walls(&wall, start, goal), None, "{start:?} {goal:?}");
         }
         let disc = [Obstacle::Disc { center_m: [0.0, 0.0], radius_m: 0.5 }];
         for aside_m in [0.0, 1e-9, 0.01, 0.1] {
-            assert_eq!(end(&disc, [-2.0, aside_m], [2.0, 0.0]), None, "{aside_m} m");
+            assert_eq!(
+                find_dead_end_at_walls(&disc, [-2.0, aside_m], [2.0, 0.0]),
+                None,
+                "{aside_m} m"
+            );
         }
     }
 
@@ -169,7 +180,7 @@ mod tests {
         let corners = [[1.0, -1.0], [3.0, -1.0], [3.0, 1.0], [1.0, 1.0], [1.0, -1.0]];
         let walls: Vec<_> =
             corners.windows(2).map(|ends| Obstacle::segment(ends[0], ends[1])).collect();
-        let found = end(&walls, [-2.0, 0.3], [2.0, 0.0]).expect("a dead end");
-        assert!((found.left_m - 1.1).abs() < 0.05, "{found:?}");
+        let found = find_dead_end_at_walls(&walls, [-2.0, 0.3], [2.0, 0.0]).expect("a dead end");
+        assert!((found.remaining_distance_m - 1.1).abs() < 0.05, "{found:?}");
     }
 }

@@ -20,7 +20,7 @@ pub struct Finding {
     pub path: String,
 }
 
-pub(super) fn error(
+pub(super) fn error_finding(
     path: impl Into<String>,
     message: String,
     expected: impl Into<String>,
@@ -28,10 +28,10 @@ pub(super) fn error(
     Finding { severity: Severity::Error, message, expected: expected.into(), path: path.into() }
 }
 
-pub(super) fn warning(
+pub(super) fn warning_finding(
     path: impl Into<String>,
     message: String,
     expected: impl Into<String>,
 ) -> Finding {
-    Finding { severity: Severity::Warning, ..error(path, message, expected) }
+    Finding { severity: Severity::Warning, ..error_finding(path, message, expected) }
 }

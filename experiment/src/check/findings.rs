@@ -10,35 +10,37 @@ use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::{Edge, FormationGraph};
 use formation::laplacian::velocity_feedback_robots;
+use formation::ns_to_seconds;
 use formation::scale::Scale;
-use formation::seconds;
-use protocol::avoidance::{Advice, Promise, Senses};
-use protocol::brief::AvoidanceBrief;
+use protocol::avoidance::{AvoidanceWarning, DistanceGuarantee, RequiredSensing};
+use protocol::brief::{AvoidanceBrief, Pace};
 use protocol::law::Reference;
 use protocol::message::PROXIMITY_MAX;
 use protocol::number::{format_distinct, format_short};
 
-use super::circles::{Circle, first_circle};
-use super::dead_ends::dead_ends;
-use super::finding::{Finding, NAMES_MAX, error, warning};
-use super::liars::liars;
+use super::cars::{check_car_crowd, check_path_curvatures};
+use super::circles::{DependencyCycle, find_first_cycle};
+use super::dead_ends::check_dead_ends;
+use super::finding::{Finding, NAMES_MAX, error_finding, warning_finding};
+use super::liars::check_liar_tolerance;
 use super::opening::{Opening, find_enclosed_slot};
-use super::reversals::reversals;
-use super::steady::{Motion, Peak, Settled};
-use super::{bisect_largest, rounded_down, rounded_up, start_points};
+use super::reversals::check_reversals;
+use super::steady::{FormationMotion, PeakSpeeds, SettledFormation};
+use super::team::check_team;
+use super::{bisect_largest, format_rounded_down, format_rounded_up, start_front_points};
 use crate::scenario::diagnostic::{Severity, format_list};
 use crate::scenario::{Robot, Scenario};
 
 /// Maximum closing error of the offsets around a cycle, m. It covers the rounding of decimals.
-const OFFSET_GAP_M_MAX: f64 = 1e-6;
+const CYCLE_CLOSING_ERROR_M_MAX: f64 = 1e-6;
 
 /// Returns all errors and warnings, errors first.
-pub fn check(scenario: &Scenario) -> Vec<Finding> {
-    let mut findings = findings_before_settling(scenario);
+pub fn check_scenario(scenario: &Scenario) -> Vec<Finding> {
+    let mut findings = findings_without_settled_formation(scenario);
     // With errors there is no settled formation to check.
     if findings.iter().all(|finding| finding.severity != Severity::Error) {
-        let settled = Settled::compute(scenario);
-        let motion = Motion::compute(scenario, &settled);
+        let settled = SettledFormation::compute(scenario);
+        let motion = FormationMotion::compute(scenario, &settled);
         findings.extend(findings_of_settled_formation(scenario, &settled, motion.as_ref()));
     }
     findings.sort_by_key(|finding| finding.severity != Severity::Error);
@@ -46,22 +48,23 @@ pub fn check(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Runs the checks that do not need the settled formation.
-pub(super) fn findings_before_settling(scenario: &Scenario) -> Vec<Finding> {
-    let checks: [fn(&Scenario) -> Vec<Finding>; 14] = [
-        leaders_hear_leaders,
-        references,
+pub(super) fn findings_without_settled_formation(scenario: &Scenario) -> Vec<Finding> {
+    let checks: [fn(&Scenario) -> Vec<Finding>; 15] = [
+        check_in_neighbors_of_leaders,
+        check_references,
         check_velocity_feedback,
         check_spare_cycles,
-        liars,
-        offsets,
-        speeds,
-        ramps,
-        start_distances,
+        check_liar_tolerance,
+        check_offsets,
+        check_speeds,
+        check_ramps,
+        check_start_distances,
         check_wall_support,
-        start_clearances,
-        sensing,
+        check_start_clearances,
+        check_sensing_radius,
         check_neighbor_count,
         avoidance_advice,
+        check_team,
     ];
     checks.into_iter().flat_map(|check| check(scenario)).collect()
 }
@@ -69,45 +72,48 @@ pub(super) fn findings_before_settling(scenario: &Scenario) -> Vec<Finding> {
 /// Runs the other checks of a scenario without errors.
 pub(super) fn findings_of_settled_formation(
     scenario: &Scenario,
-    settled: &Settled,
-    motion: Option<&Motion>,
+    settled: &SettledFormation,
+    motion: Option<&FormationMotion>,
 ) -> Vec<Finding> {
-    let mut findings = settled_distances(scenario, settled);
+    let mut findings = check_settled_distances(scenario, settled);
     findings.extend(check_scale_opening(scenario));
-    findings.extend(goals(scenario));
-    findings.extend(dead_ends(scenario));
-    findings.extend(reversals(scenario));
+    findings.extend(check_goal_clearances(scenario));
+    findings.extend(check_dead_ends(scenario));
+    findings.extend(check_reversals(scenario));
+    findings.extend(check_car_crowd(scenario));
     if let Some(motion) = motion {
-        findings.extend(steady_speeds(scenario, motion));
-        findings.extend(steady_wheels(scenario, motion));
-        findings.extend(steady_turns(scenario, motion));
-        findings.extend(passages(scenario, motion));
+        findings.extend(check_steady_speeds(scenario, motion));
+        findings.extend(check_steady_wheel_speeds(scenario, motion));
+        findings.extend(check_steady_turn_rates(scenario, motion));
+        findings.extend(check_path_curvatures(scenario, motion));
+        findings.extend(check_wall_passages(scenario, motion));
     }
     findings
 }
 
 /// Checks that no leader and no robot with a slot hears a contained robot. P of (52) has a block of zeros there.
-fn leaders_hear_leaders(scenario: &Scenario) -> Vec<Finding> {
+fn check_in_neighbors_of_leaders(scenario: &Scenario) -> Vec<Finding> {
     let ends = |edge: &Edge| [edge.from, edge.to].map(|end| &scenario.robots[end]);
     let edges = scenario.formation_edges().map(|(index, edge)| (index, ends(edge)));
-    let wrong = edges.filter(|(_, [from, _])| from.role.reference == Reference::Middle);
+    let wrong = edges.filter(|(_, [from, _])| from.role.reference == Reference::NeighborMean);
     let finding = |(index, [from, to]): (usize, [&Robot; 2])| {
         let message = format!(
             "{} keeps a slot, but hears {}, which is contained and has none",
             to.name, from.name
         );
         let expected = "expected an in-neighbor that leads or keeps a slot (52)";
-        error(format!("edge.{index}.from"), message, expected)
+        error_finding(format!("edge.{index}.from"), message, expected)
     };
     wrong.map(finding).collect()
 }
 
 /// Checks that each robot is reached by a reference: a leader, or a common root (Assumptions 3 to 5).
-fn references(scenario: &Scenario) -> Vec<Finding> {
+fn check_references(scenario: &Scenario) -> Vec<Finding> {
     let robots = &scenario.robots;
     let goes = |robot: &&Robot| robot.goal_m.is_some();
     if let Some(goer) = robots.iter().find(goes) {
-        let is_other = |robot: &&Robot| !goes(robot) && robot.role.reference != Reference::Free;
+        let is_other =
+            |robot: &&Robot| !goes(robot) && robot.role.reference != Reference::LawTarget;
         let other = robots.iter().find(is_other);
         let finding = |other: &Robot| {
             let message = format!(
@@ -115,7 +121,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
                 goer.name, other.name
             );
             let expected = "expected a law that goes to a goal for all robots, or for none";
-            error(format!("robot.{}.law", other.name), message, expected)
+            error_finding(format!("robot.{}.law", other.name), message, expected)
         };
         return other.map(finding).into_iter().collect();
     }
@@ -131,7 +137,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
             let message = format!("no information of the leader {leader} reaches {name}");
             let expected =
                 format!("expected a path of edges from the leader {leader} (Assumptions 3 to 5)");
-            error(format!("robot.{name}"), message, expected)
+            error_finding(format!("robot.{name}"), message, expected)
         };
         return unreached.into_iter().map(finding).collect();
     }
@@ -142,7 +148,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
     let mut findings = Vec::new();
     if let [_, second, ..] = &standing.groups[..] {
         let list: Vec<String> = standing.groups.iter().take(4).map(names).collect();
-        findings.push(error(
+        findings.push(error_finding(
             format!("robot.{}", robots[second[0]].name),
             format!(
                 "the formation graph has {} separate groups without in-edges from outside: {}",
@@ -155,7 +161,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
     if let Some(&robot) = standing.uncontained.first() {
         let name = &robots[robot].name;
         let others = format_further_count(standing.uncontained.len(), "more");
-        findings.push(error(
+        findings.push(error_finding(
             format!("robot.{name}"),
             format!(
                 "{name} is contained{others}, but no robot that leads or keeps a slot reaches it"
@@ -173,13 +179,13 @@ fn format_further_count(count: usize, what: &str) -> String {
 
 /// Checks that velocity feedback between robots decays: the spectral radius of the iteration must be below 1.
 fn check_velocity_feedback(scenario: &Scenario) -> Vec<Finding> {
-    let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
+    let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.uses_feed_forward).collect();
     let graph = scenario.graph_of_offsets();
     let velocity_feedback_robots = velocity_feedback_robots(&graph, &feed_forward);
     let names: Vec<&str> =
         velocity_feedback_robots.iter().map(|&r| scenario.robots[r].name.as_str()).collect();
     let finding = |first: &&str| {
-        error(
+        error_finding(
             format!("robot.{first}"),
             format!(
                 "{} use only the velocities of each other, so velocity feedback never decays: the spectral \
@@ -197,13 +203,13 @@ fn check_velocity_feedback(scenario: &Scenario) -> Vec<Finding> {
 /// Checks that backup neighbors create no closed cycle of robots that use only each other.
 fn check_spare_cycles(scenario: &Scenario) -> Vec<Finding> {
     let name = |robot: usize| scenario.robots[robot].name.as_str();
-    let finding = |Circle { dead, robot, spare }| {
+    let finding = |DependencyCycle { failed_robot: dead, robot, spare }| {
         let [dead, robot, spare] = [dead, robot, spare].map(name);
         let nobody = match scenario.leader() {
             Some(leader) => format!("the leader {} reaches neither", name(leader)),
             None => "their velocity feedback never decays".to_owned(),
         };
-        error(
+        error_finding(
             format!("robot.{robot}.spares"),
             format!(
                 "after the failure of {dead}, {robot} uses its backup neighbor {spare}, which uses {robot}: \
@@ -212,33 +218,38 @@ fn check_spare_cycles(scenario: &Scenario) -> Vec<Finding> {
             format!("expected a backup neighbor that does not use {robot} then"),
         )
     };
-    first_circle(scenario).map(finding).into_iter().collect()
+    find_first_cycle(scenario).map(finding).into_iter().collect()
 }
 
 /// Checks that offsets add up to zero around cycles. Otherwise the formation drifts away forever if the cycle is
 /// directed, and settles at a mean that fits no offset if it is not.
-fn offsets(scenario: &Scenario) -> Vec<Finding> {
+fn check_offsets(scenario: &Scenario) -> Vec<Finding> {
     let graph = &scenario.graph;
     let reached = scenario.graph_with_spares().reachability();
     let kept: Vec<(usize, &Edge)> = scenario.formation_edges().collect();
     let keeps_place = |edge: &&Edge| scenario.robots[edge.to].role.reference == Reference::Offsets;
-    let spares =
-        scenario.repair.spares.iter().filter(keeps_place).map(|edge| (graph.edges().len(), edge));
+    let spares = scenario
+        .repair_plan
+        .spares
+        .iter()
+        .filter(keeps_place)
+        .map(|edge| (graph.edges().len(), edge));
     // Edges within strongly connected groups. Every cycle among them is a combination of directed ones.
     let within = kept.iter().copied().chain(spares);
     let within = within.filter(|(_, edge)| reached[edge.to][edge.from]);
     let within: Vec<(usize, &Edge)> = within.collect();
     let open = |edges: &[(usize, &Edge)], what: &str| {
-        let alone = FormationGraph::new(graph.robots(), edges.iter().map(|(_, e)| **e).collect());
-        let (_, open) = alone.positions_from_offsets(OFFSET_GAP_M_MAX);
+        let alone =
+            FormationGraph::new(graph.robot_count(), edges.iter().map(|(_, e)| **e).collect());
+        let (_, open) = alone.positions_from_offsets(CYCLE_CLOSING_ERROR_M_MAX);
         let cycle = open.first()?;
         let (place, ends) = edges[cycle.edge];
         let [from, to] = [ends.from, ends.to].map(|end| &scenario.robots[end].name);
-        let gap = format_short(cycle.gap_m);
+        let gap = format_short(cycle.closure_error_m);
         let is_spare = place == graph.edges().len();
         let path =
             if is_spare { format!("robot.{to}.spares") } else { format!("edge.{place}.offset_m") };
-        Some(warning(
+        Some(warning_finding(
             path,
             format!(
                 "offsets around a {what} through {from} and {to} do not add up to zero: their sum is {gap} m long"
@@ -252,18 +263,19 @@ fn offsets(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Checks that v_max T < ell, and that d keeps bodies apart.
-fn speeds(scenario: &Scenario) -> Vec<Finding> {
-    let (a, period_s) = (&scenario.avoidance, seconds(scenario.period_ns));
-    let (d, step_m) = (a.distance_min_m, a.speed_max_m_s * period_s);
+fn check_speeds(scenario: &Scenario) -> Vec<Finding> {
+    let period_s = ns_to_seconds(scenario.period_ns);
     let mut findings = Vec::new();
+    let step_m = |robot: &Robot| robot.speed_max_m_s * period_s;
     let jumps = |robot: &&Robot| {
+        let step_m = step_m(robot);
         step_m.is_finite() && step_m >= robot.front_point_m && !robot.drive().turns_freely()
     };
     if let Some(robot) = scenario.robots.iter().find(jumps) {
-        let [step, ell] = format_distinct(step_m, robot.front_point_m);
+        let [step, ell] = format_distinct(step_m(robot), robot.front_point_m);
         let most = format_short(robot.front_point_m / period_s);
-        findings.push(error(
-            "avoidance.speed_max_m_s",
+        findings.push(error_finding(
+            speed_limit_key(scenario, robot),
             format!(
                 "in one period a front point can move {step} m, which must be less than the front point \
                  distance of {} ({ell} m)",
@@ -272,19 +284,24 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
             format!("expected less than front_point_m / period_s = {most} m/s"),
         ));
     }
-    findings.extend(axle_turns(scenario));
+    findings.extend(check_axle_turns(scenario));
     // From the front point to the far side of the body.
     let reach_m = |robot: &Robot| robot.front_point_m + robot.body_radius_m.unwrap_or(0.0);
-    if let Some(robot) = scenario.robots.iter().find(|robot| d < 2.0 * reach_m(robot)) {
+    let narrow = |robot: &&Robot| 2.0 * robot.keep_m < 2.0 * reach_m(robot);
+    if let Some(robot) = scenario.robots.iter().find(narrow) {
+        let (key, d_is) = match scenario.has_different_sizes() {
+            true => (format!("robot.{}.keep_m", robot.name), "2 keep_m"),
+            false => ("avoidance.distance_min_m".to_owned(), "d"),
+        };
         let body = robot.body_radius_m.map_or(String::new(), |body_radius_m| {
             format!(", and its body reaches {} m from the axle", format_short(body_radius_m))
         });
-        findings.push(warning(
-            "avoidance.distance_min_m",
+        findings.push(warning_finding(
+            key,
             format!(
-                "d = {} m keeps front points apart, but not bodies: the front point of {} is {} m \
+                "{d_is} = {} m keeps front points apart, but not bodies: the front point of {} is {} m \
                  ahead{body}",
-                format_short(d),
+                format_short(2.0 * robot.keep_m),
                 robot.name,
                 format_short(robot.front_point_m)
             ),
@@ -294,15 +311,23 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
     findings
 }
 
+/// Returns the key that sets the speed limit of this robot.
+fn speed_limit_key(scenario: &Scenario, robot: &Robot) -> String {
+    match scenario.is_team() {
+        true => format!("robot.{}.speed_max_m_s", robot.name),
+        false => "avoidance.speed_max_m_s".to_owned(),
+    }
+}
+
 /// Warns about robots without a front point that turn far within one command timeout, and refuses methods that need
 /// one.
-fn axle_turns(scenario: &Scenario) -> Vec<Finding> {
-    let mut axles = scenario.robots.iter().filter(|robot| robot.drive().turns_freely());
-    let Some(first) = axles.next() else { return Vec::new() };
-    if scenario.method.needs_front_point {
-        let method = scenario.method.name;
+fn check_axle_turns(scenario: &Scenario) -> Vec<Finding> {
+    let axles = || scenario.robots.iter().filter(|robot| robot.drive().turns_freely());
+    let Some(first) = axles().next() else { return Vec::new() };
+    if scenario.avoidance_method.needs_front_point {
+        let method = scenario.avoidance_method.name;
         let point = match first.drive_kind {
-            DriveKind::Differential => "its axle midpoint",
+            DriveKind::Differential | DriveKind::Ackermann => "its axle midpoint",
             DriveKind::Omni => "its center",
         };
         let message = format!(
@@ -310,18 +335,20 @@ fn axle_turns(scenario: &Scenario) -> Vec<Finding> {
             first.name
         );
         let expected = "expected a differential drive with `front_point_m` above 0, or another `kind`, such as \"guard\"";
-        return vec![error("avoidance.kind", message, expected)];
+        return vec![error_finding("avoidance.kind", message, expected)];
     }
-    if scenario.method.promise != Promise::Always {
+    if scenario.avoidance_method.distance_guarantee != DistanceGuarantee::Unconditional {
         return Vec::new();
     }
-    let lifetime_s = seconds(scenario.command_lifetime_ns_max());
+    let lifetime_s = ns_to_seconds(scenario.command_lifetime_ns_max());
     let rate = |robot: &Robot| robot.turn_rate_max_rad_s.unwrap_or_default();
+    let mut axles = axles().filter(|robot| !robot.drive().is_car());
+    let Some(first) = axles.next() else { return Vec::new() };
     let fastest = axles.fold(first, |a, b| if rate(b) > rate(a) { b } else { a });
     let turn_rad = rate(fastest) * lifetime_s;
     let finding = || {
         let [turn, limit] = format_distinct(turn_rad, TURN_RAD_MAX);
-        warning(
+        warning_finding(
             format!("robot.{}.turn_rate_max_rad_s", fastest.name),
             format!(
                 "{} turns by up to {turn} rad within a command lifetime, more than {limit}: safe, but the guard \
@@ -342,12 +369,14 @@ const TURN_RAD_MAX: f64 = 0.5;
 
 /// Warns about independent ramps of speed and turn rate, with which a robot leaves the segment that the guard
 /// certifies.
-fn ramps(scenario: &Scenario) -> Vec<Finding> {
+fn check_ramps(scenario: &Scenario) -> Vec<Finding> {
     let name = scenario.first_robot_without_guarantee();
-    let name = name.filter(|_| scenario.method.promise == Promise::Always);
+    let name = name.filter(|_| {
+        scenario.avoidance_method.distance_guarantee == DistanceGuarantee::Unconditional
+    });
     let finding = |name: &str| {
-        let method = scenario.method.name;
-        warning(
+        let method = scenario.avoidance_method.name;
+        warning_finding(
             format!("robot.{name}.limits"),
             format!(
                 "speed and turn rate of {name} change independently: the {method} guarantees nothing then"
@@ -359,22 +388,42 @@ fn ramps(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Checks that all front points start at least d apart (Assumption 1).
-fn start_distances(scenario: &Scenario) -> Vec<Finding> {
-    let severity = match scenario.method.promise {
-        Promise::Always => Severity::Error,
-        Promise::Ideal => Severity::Warning,
-        Promise::Nothing => return Vec::new(),
+fn check_start_distances(scenario: &Scenario) -> Vec<Finding> {
+    let severity = match scenario.avoidance_method.distance_guarantee {
+        DistanceGuarantee::Unconditional => Severity::Error,
+        DistanceGuarantee::UnderIdealAssumptions => Severity::Warning,
+        DistanceGuarantee::NoGuarantee => return Vec::new(),
     };
-    let d = scenario.avoidance.distance_min_m;
-    let closest = closest_pair(&start_points(&scenario.robots));
+    let starts = start_front_points(&scenario.robots);
+    let by_pair = scenario.has_different_sizes();
+    let closest = match by_pair {
+        false => closest_pair(&starts),
+        true => pair_with_least_margin(scenario, &starts),
+    };
     let finding = |ClosestPair { pair, distance_m }| {
         let [a, b] = pair.map(|robot: usize| &scenario.robots[robot].name);
-        let [distance, least] = format_distinct(distance_m, d);
+        let [distance, least] = format_distinct(distance_m, scenario.start_distance_min_m(pair));
         let message = format!("the front points of {a} and {b} start {distance} m apart");
-        let expected = format!("expected at least `distance_min_m`, {least} m (Assumption 1)");
-        Finding { severity, ..warning(format!("robot.{b}.pose"), message, expected) }
+        let key = match (by_pair, scenario.classes_sensed) {
+            (false, _) => "`distance_min_m`",
+            (true, true) => "the sum of their `keep_m`",
+            (true, false) => "the larger `keep_m` of both and the largest of the team",
+        };
+        let expected = format!("expected at least {key}, {least} m (Assumption 1)");
+        Finding { severity, ..warning_finding(format!("robot.{b}.pose"), message, expected) }
     };
-    closest.filter(|closest| closest.distance_m < d).map(finding).into_iter().collect()
+    let too_close =
+        |closest: &ClosestPair| closest.distance_m < scenario.start_distance_min_m(closest.pair);
+    closest.filter(too_close).map(finding).into_iter().collect()
+}
+
+/// Returns the pair of robots whose distance exceeds their minimum distance least, or is farthest below it.
+fn pair_with_least_margin(scenario: &Scenario, points: &[Vec2]) -> Option<ClosestPair> {
+    let pairs = (0..points.len()).flat_map(|j| (0..j).map(move |i| [i, j]));
+    let pairs = pairs
+        .map(|[i, j]| ClosestPair { pair: [i, j], distance_m: (points[i] - points[j]).norm() });
+    let margin_m = |of: &ClosestPair| of.distance_m - scenario.start_distance_min_m(of.pair);
+    pairs.min_by(|a, b| margin_m(a).total_cmp(&margin_m(b)))
 }
 
 /// Warns if the method ignores walls, or if the clearance is smaller than a body.
@@ -382,9 +431,9 @@ fn check_wall_support(scenario: &Scenario) -> Vec<Finding> {
     if scenario.walls.is_empty() {
         return Vec::new();
     }
-    if !scenario.method.minds_walls {
-        let name = scenario.method.name;
-        return vec![warning(
+    if !scenario.avoidance_method.avoids_walls {
+        let name = scenario.avoidance_method.name;
+        return vec![warning_finding(
             "avoidance.kind",
             format!("avoidance \"{name}\" ignores walls: robots drive through them"),
             "expected `kind = \"guard\"`, or a scenario without walls",
@@ -395,7 +444,7 @@ fn check_wall_support(scenario: &Scenario) -> Vec<Finding> {
         let reach_m = robot.front_point_m + robot.body_radius_m?;
         let [clearance, reach] = format_distinct(clearance_m, reach_m);
         (clearance_m < reach_m).then(|| {
-            warning(
+            warning_finding(
                 "avoidance.clearance_m",
                 format!(
                     "a clearance of {clearance} m keeps front points from walls, but not bodies: the body of \
@@ -411,7 +460,7 @@ fn check_wall_support(scenario: &Scenario) -> Vec<Finding> {
 
 /// Returns the robots whose `points` are closer to a wall than `bound_m`: the robot, its distance and the bound as
 /// distinct numbers, and the name of the wall.
-fn near_walls(
+fn robots_near_walls(
     scenario: &Scenario,
     points: Vec<Vec2>,
     bound_m: f64,
@@ -426,26 +475,31 @@ fn near_walls(
 }
 
 /// Checks that all front points start at least the clearance away from walls.
-fn start_clearances(scenario: &Scenario) -> Vec<Finding> {
-    let promised = scenario.method.minds_walls && scenario.method.promise == Promise::Always;
+fn check_start_clearances(scenario: &Scenario) -> Vec<Finding> {
+    let promised = scenario.avoidance_method.avoids_walls
+        && scenario.avoidance_method.distance_guarantee == DistanceGuarantee::Unconditional;
     let severity = if promised { Severity::Error } else { Severity::Warning };
-    let starts = start_points(&scenario.robots);
-    let near = near_walls(scenario, starts, scenario.avoidance.clearance_m).into_iter();
+    let starts = start_front_points(&scenario.robots);
+    let near = robots_near_walls(scenario, starts, scenario.avoidance.clearance_m).into_iter();
     near.map(|(robot, [distance, least], wall)| {
         let message = format!("the front point of {} starts {distance} m from {wall}", robot.name);
         let expected = format!("expected at least `clearance_m`, {least} m");
-        Finding { severity, ..warning(format!("robot.{}.pose", robot.name), message, expected) }
+        Finding {
+            severity,
+            ..warning_finding(format!("robot.{}.pose", robot.name), message, expected)
+        }
     })
     .collect()
 }
 
 /// Warns about goals so close to a wall that avoidance steers the robot away.
-fn goals(scenario: &Scenario) -> Vec<Finding> {
-    let steers = scenario.method.steers_beside_walls.zip(scenario.goals_m());
+fn check_goal_clearances(scenario: &Scenario) -> Vec<Finding> {
+    let steers = scenario.avoidance_method.wall_steering_distance.zip(scenario.goals_m());
     let Some(((symbol, distance_m), goals)) = steers else { return Vec::new() };
-    let near = near_walls(scenario, goals, distance_m(&scenario.conditions())).into_iter();
+    let near = robots_near_walls(scenario, goals, distance_m(&scenario.avoidance_conditions()))
+        .into_iter();
     near.map(|(Robot { name, .. }, [distance, bound], wall)| {
-        warning(
+        warning_finding(
             format!("robot.{name}.goal_m"),
             format!(
                 "the goal of {name} is {distance} m from {wall}: avoidance steers it away from there"
@@ -457,10 +511,12 @@ fn goals(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Warns about slots and trajectories so close to a wall that avoidance steers the robot away.
-fn passages(scenario: &Scenario, motion: &Motion) -> Vec<Finding> {
-    let Some((symbol, distance_m)) = scenario.method.steers_beside_walls else { return Vec::new() };
-    let bound_m = distance_m(&scenario.conditions());
-    let passages = motion.passages.iter().zip(&scenario.robots);
+fn check_wall_passages(scenario: &Scenario, motion: &FormationMotion) -> Vec<Finding> {
+    let Some((symbol, distance_m)) = scenario.avoidance_method.wall_steering_distance else {
+        return Vec::new();
+    };
+    let bound_m = distance_m(&scenario.avoidance_conditions());
+    let passages = motion.wall_passages.iter().zip(&scenario.robots);
     let near = passages.filter_map(|(passage, robot)| passage.map(|passage| (passage, robot)));
     let near: Vec<_> = near.filter(|(passage, _)| passage.distance_m < bound_m).collect();
     let (led, others): (Vec<_>, Vec<_>) = near.into_iter().partition(|(_, robot)| robot.role.leads);
@@ -478,7 +534,7 @@ fn passages(scenario: &Scenario, motion: &Motion) -> Vec<Finding> {
                 n if n > 1 && !role.leads => format!(" ({} more are too close)", n - 1),
                 _ => String::new(),
             };
-            warning(
+            warning_finding(
                 path,
                 format!(
                     "the {what} of {name} is {distance} m from {wall} at {t} s: avoidance steers it away \
@@ -491,17 +547,17 @@ fn passages(scenario: &Scenario, motion: &Motion) -> Vec<Finding> {
 }
 
 /// Checks that the sensing radius is as large as the method requires.
-fn sensing(scenario: &Scenario) -> Vec<Finding> {
+fn check_sensing_radius(scenario: &Scenario) -> Vec<Finding> {
     let a = &scenario.avoidance;
     let needed_m = scenario.sensing_radius_needed_m();
     if a.sensing_radius_m >= needed_m {
         return Vec::new();
     }
     let [radius, needed] = format_distinct(a.sensing_radius_m, needed_m);
-    let rounded = rounded_up(needed_m);
+    let rounded = format_rounded_up(needed_m);
     let more = rounded.parse().is_ok_and(|rounded_m: f64| rounded_m > a.sensing_radius_m);
     let needed = if more { rounded } else { needed };
-    vec![error(
+    vec![error_finding(
         "avoidance.sensing_radius_m",
         format!("`sensing_radius_m` is {radius}: the {} would sense other robots too late", a.kind),
         format!("expected at least {needed} m, or no such key"),
@@ -512,18 +568,21 @@ fn sensing(scenario: &Scenario) -> Vec<Finding> {
 /// is truncated stops, because it does not know where the omitted robots are. With v_max below the cap no such crowd
 /// fits.
 fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
-    let most = match scenario.method.senses {
-        Senses::Velocities => PROXIMITY_MAX / 2,
-        Senses::Positions | Senses::Nothing => PROXIMITY_MAX,
+    let most = match scenario.avoidance_method.required_sensing {
+        RequiredSensing::PositionsAndVelocities => PROXIMITY_MAX / 2,
+        RequiredSensing::Positions | RequiredSensing::Nothing => PROXIMITY_MAX,
     };
-    let (d, radius_m) = (scenario.avoidance.distance_min_m, scenario.sensing_radius_needed_m());
-    let fit = points_max(radius_m, d) - 1.0;
+    // Two of the smallest robots are d apart.
+    let sizes_m = scenario.robots.iter().map(|robot| robot.keep_m);
+    let d = 2.0 * sizes_m.fold(f64::INFINITY, f64::min);
+    let radius_m = scenario.sensing_radius_needed_m();
+    let fit = point_count_max(radius_m, d) - 1.0;
     let others = scenario.robots.len().saturating_sub(1);
-    let promised = scenario.method.promise == Promise::Always;
+    let promised = scenario.avoidance_method.distance_guarantee == DistanceGuarantee::Unconditional;
     if !promised || others <= most || fit <= most as f64 {
         return Vec::new();
     }
-    let points = start_points(&scenario.robots);
+    let points = start_front_points(&scenario.robots);
     let near = |point: &Vec2| {
         points.iter().filter(|other| (*other - point).norm() <= radius_m).count() - 1
     };
@@ -548,34 +607,49 @@ fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
     // The radius grows with v_max.
     let fits_at = |speed_max_m_s: f64| {
         let avoidance = AvoidanceBrief { speed_max_m_s, ..scenario.avoidance.clone() };
-        let slower = Scenario { avoidance, ..scenario.clone() };
-        points_max(slower.sensing_radius_needed_m(), d) - 1.0 <= most as f64
+        let slower_robot = |robot: &Robot| Robot {
+            speed_max_m_s: robot.speed_max_m_s.min(speed_max_m_s),
+            ..robot.clone()
+        };
+        let robots = scenario.robots.iter().map(slower_robot).collect();
+        let slower = Scenario { avoidance, robots, ..scenario.clone() };
+        point_count_max(slower.sensing_radius_needed_m(), d) - 1.0 <= most as f64
     };
     let slow_m_s = bisect_largest(scenario.avoidance.speed_max_m_s, fits_at);
     let expected = match slow_m_s > 0.0 {
-        true => format!("expected at most {} m/s, or {} robots", rounded_down(slow_m_s), most + 1),
+        true => format!(
+            "expected at most {} m/s, or {} robots",
+            format_rounded_down(slow_m_s),
+            most + 1
+        ),
         false => format!("expected {} robots at most", most + 1),
     };
-    vec![warning("avoidance.speed_max_m_s", who, expected)]
+    vec![warning_finding("avoidance.speed_max_m_s", who, expected)]
 }
 
 /// Returns an upper bound on the number of points within `radius_m` of one of them, itself included, if all are at
 /// least `apart_m` apart (Oler 1961, for a disc).
-fn points_max(radius_m: f64, apart_m: f64) -> f64 {
+fn point_count_max(radius_m: f64, apart_m: f64) -> f64 {
     let radii = radius_m / apart_m;
     (2.0 / 3f64.sqrt() * PI * radii * radii + PI * radii + 1.0).floor()
 }
 
 /// Warns about settled positions so close that avoidance pushes the robots apart (Remark 1).
-fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
-    let Some((name, _)) = scenario.method.steers_within else { return Vec::new() };
-    let steered: Vec<f64> =
-        (0..scenario.robots.len()).filter_map(|i| scenario.steers_within_m(i)).collect();
+fn check_settled_distances(scenario: &Scenario, settled: &SettledFormation) -> Vec<Finding> {
+    let Some((name, _)) = scenario.avoidance_method.steering_distance else { return Vec::new() };
+    let robots = scenario.robots.len();
+    let steered: Vec<f64> = (0..robots).filter_map(|i| scenario.steering_distance_m(i)).collect();
+    let by_pair = scenario.has_different_sizes();
     let is_known = |pair: &[usize; 2]| pair.iter().all(|&robot| !scenario.is_free(robot));
     let pairs = (0..steered.len()).flat_map(|i| (0..i).map(move |j| [j, i]));
     let spare = pairs.filter(is_known).map(|[i, j]| {
-        let distance_m = settled.scale[0] * (settled.positions[i] - settled.positions[j]).norm();
-        ([i, j], distance_m, steered[i].max(steered[j]))
+        let distance_m =
+            settled.scale_range[0] * (settled.positions[i] - settled.positions[j]).norm();
+        let bound_m = match by_pair {
+            true => scenario.pair_steering_distance_m([i, j]).unwrap_or_default(),
+            false => steered[i].max(steered[j]),
+        };
+        ([i, j], distance_m, bound_m)
     });
     let tightest =
         spare.min_by(|(_, a, a_bound), (_, b, b_bound)| (a - a_bound).total_cmp(&(b - b_bound)));
@@ -584,7 +658,7 @@ fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
         let [a, b] = [i, j].map(|robot| &scenario.robots[robot].name);
         let mut edges = scenario.formation_edges();
         let direct = edges.find(|(_, e)| [e.from, e.to] == [i, j] || [e.from, e.to] == [j, i]);
-        warning(
+        warning_finding(
             direct.map_or(format!("robot.{b}"), |(edge, _)| format!("edge.{edge}.offset_m")),
             format!(
                 "in the settled formation {a} and {b} are {distance} m apart: avoidance keeps them from \
@@ -602,15 +676,15 @@ fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
 
 /// Warns about a formation with narrow gaps that does not open far or long enough while it forms.
 fn check_scale_opening(scenario: &Scenario) -> Vec<Finding> {
-    let steers = scenario.method.steers_within.zip(Opening::compute(scenario));
+    let steers = scenario.avoidance_method.steering_distance.zip(Opening::compute(scenario));
     let Some(((symbol, _), opening)) = steers else { return Vec::new() };
     match scenario.scale() {
         Some(scale @ &Scale::Closing { from, hold_s, .. }) => {
-            let closed_s = scale.closed_at_s().unwrap_or_default();
+            let closed_s = scale.closing_end_s().unwrap_or_default();
             warn_opening_too_small(scenario, &opening, symbol, [from, hold_s, closed_s])
         }
         scale => {
-            let smallest = scale.map_or(1.0, |scale| scale.range()[0]);
+            let smallest = scale.map_or(1.0, |scale| scale.value_range()[0]);
             warn_scale_never_opens(scenario, &opening, symbol, smallest).into_iter().collect()
         }
     }
@@ -632,7 +706,7 @@ fn warn_scale_never_opens(
     let [a, b] = opening.who.0.map(|robot| &scenario.robots[robot].name);
     let [gap, passage] = [smallest * opening.gap_m, opening.passage_m].map(format_short);
     let [from, hold, over] = [opening.from, opening.hold_s, opening.over_s].map(format_short);
-    Some(warning(
+    Some(warning_finding(
         format!("robot.{late}"),
         format!(
             "slots are {gap} m apart ({a} and {b}), less than 2 {symbol} = {passage} m: if {late} arrives \
@@ -658,7 +732,7 @@ fn warn_opening_too_small(
     let mut findings = Vec::new();
     if from * opening.gap_m < opening.passage_m {
         let [gap, passage] = [from * opening.gap_m, opening.passage_m].map(format_short);
-        findings.push(warning(
+        findings.push(warning_finding(
             "scale.from",
             format!(
                 "in the open formation {a} and {b} are {gap} m apart, less than 2 {symbol} = {passage} m: no \
@@ -671,7 +745,7 @@ fn warn_opening_too_small(
     if hold_s < least_s {
         let [hold, least, way, speed] =
             [hold_s, least_s, opening.way_m, opening.speed_m_s].map(format_short);
-        findings.push(warning(
+        findings.push(warning_finding(
             "scale.hold_s",
             format!(
                 "the formation starts to close at {hold} s, but {farthest} needs {least} s to reach its \
@@ -680,10 +754,10 @@ fn warn_opening_too_small(
             format!("expected {} or more", format_short(opening.hold_s)),
         ));
     }
-    let duration_s = seconds(scenario.duration_ns);
+    let duration_s = ns_to_seconds(scenario.duration_ns);
     if closed_s > duration_s {
         let [closed, duration] = [closed_s, duration_s].map(format_short);
-        findings.push(warning(
+        findings.push(warning_finding(
             "scale",
             format!("the formation is closed at {closed} s, but the run ends at {duration} s"),
             "expected a longer run, or shorter times",
@@ -693,20 +767,20 @@ fn warn_opening_too_small(
 }
 
 /// Warns if a robot must be faster than v_max to stay in its slot.
-fn steady_speeds(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
-    if !scenario.method.clamps_speed {
+fn check_steady_speeds(scenario: &Scenario, motion: &FormationMotion) -> Option<Finding> {
+    if !scenario.avoidance_method.clamps_speed {
         return None;
     }
-    let v_max = scenario.avoidance.speed_max_m_s;
-    let front = |peak: &Peak| Some(peak.front_speed_m_s);
-    let (robot, speed_m_s, _) =
-        match find_worst_limit_excess(scenario, &motion.peaks, front, |_| Some(v_max)) {
+    let v_max = |robot: &Robot| Some(robot.speed_max_m_s);
+    let front = |peak: &PeakSpeeds| Some(peak.front_speed_m_s);
+    let (robot, speed_m_s, limit_m_s) =
+        match find_worst_limit_excess(scenario, &motion.peak_speeds, front, v_max) {
             Some((fastest, _)) => fastest,
-            None => return transient(scenario, motion, 0, "", front, |_| Some(v_max)),
+            None => return check_transient_speeds(scenario, motion, 0, "", front, v_max),
         };
-    let [needed, limit] = format_distinct(speed_m_s, v_max);
-    Some(warning(
-        "avoidance.speed_max_m_s",
+    let [needed, limit] = format_distinct(speed_m_s, limit_m_s);
+    Some(warning_finding(
+        speed_limit_key(scenario, &scenario.robots[robot]),
         format!(
             "to stay in its slot {} must move at {needed} m/s, faster than the speed limit of {limit} m/s",
             scenario.robots[robot].name
@@ -716,17 +790,18 @@ fn steady_speeds(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
 }
 
 /// Warns if a wheel must be faster than its limit to stay in the slot.
-fn steady_wheels(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
+fn check_steady_wheel_speeds(scenario: &Scenario, motion: &FormationMotion) -> Option<Finding> {
     let limit = |robot: &Robot| robot.wheels.map(|wheels| wheels.speed_max_m_s);
-    let rim = |peak: &Peak| peak.rim_speed_m_s;
-    let Some((worst, slow)) = find_worst_limit_excess(scenario, &motion.peaks, rim, limit) else {
-        return transient(scenario, motion, 1, "a wheel of ", rim, limit);
+    let rim = |peak: &PeakSpeeds| peak.rim_speed_m_s;
+    let Some((worst, slow)) = find_worst_limit_excess(scenario, &motion.peak_speeds, rim, limit)
+    else {
+        return check_transient_speeds(scenario, motion, 1, "a wheel of ", rim, limit);
     };
     let (robot, rim_m_s, limit_m_s) = worst;
     let name = &scenario.robots[robot].name;
     let others = format_further_count(slow, "more cannot follow");
     let [needed, limit] = format_distinct(rim_m_s, limit_m_s);
-    Some(warning(
+    Some(warning_finding(
         format!("robot.{name}.wheels.speed_max_m_s"),
         format!(
             "to stay in the slot, a wheel of {name} must move at {needed} m/s, faster than its limit \
@@ -737,18 +812,19 @@ fn steady_wheels(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
 }
 
 /// Warns if a robot at its axle midpoint must turn faster than w_max to stay in its slot: where its path is tight.
-fn steady_turns(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
+fn check_steady_turn_rates(scenario: &Scenario, motion: &FormationMotion) -> Option<Finding> {
     let limit = |robot: &Robot| {
-        robot.drive().moves_along_heading().then_some(robot.turn_rate_max_rad_s).flatten()
+        let turns = robot.drive().moves_along_heading() && !robot.drive().is_car();
+        turns.then_some(robot.turn_rate_max_rad_s).flatten()
     };
-    let turn = |peak: &Peak| Some(peak.w_rad_s);
+    let turn = |peak: &PeakSpeeds| Some(peak.w_rad_s);
     let ((robot, turn_rad_s, limit_rad_s), tight) =
-        find_worst_limit_excess(scenario, &motion.peaks, turn, limit)?;
+        find_worst_limit_excess(scenario, &motion.peak_speeds, turn, limit)?;
     let name = &scenario.robots[robot].name;
     let others = format_further_count(tight, "more leave theirs");
     let [needed, limit] = format_distinct(turn_rad_s, limit_rad_s);
-    let t = format_short(motion.peaks_at_s[robot][2]);
-    Some(warning(
+    let t = format_short(motion.peak_times_s[robot][2]);
+    Some(warning_finding(
         format!("robot.{name}.turn_rate_max_rad_s"),
         format!(
             "the slot of {name} turns at {needed} rad/s at {t} s, faster than the robot's limit of {limit} rad/s: \
@@ -762,8 +838,8 @@ fn steady_turns(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
 /// robots that exceed theirs.
 fn find_worst_limit_excess(
     scenario: &Scenario,
-    peaks: &[Peak],
-    speed_m_s: impl Fn(&Peak) -> Option<f64>,
+    peaks: &[PeakSpeeds],
+    speed_m_s: impl Fn(&PeakSpeeds) -> Option<f64>,
     limit_m_s: impl Fn(&Robot) -> Option<f64>,
 ) -> Option<((usize, f64, f64), usize)> {
     let robots = scenario.robots.iter().zip(peaks).enumerate();
@@ -777,22 +853,22 @@ fn find_worst_limit_excess(
 
 /// Warns about a robot that exceeds its limit only while the leader turns into its path. `which` selects the time of
 /// its peaks.
-fn transient(
+fn check_transient_speeds(
     scenario: &Scenario,
-    motion: &Motion,
+    motion: &FormationMotion,
     which: usize,
     what: &str,
-    speed_m_s: impl Fn(&Peak) -> Option<f64>,
+    speed_m_s: impl Fn(&PeakSpeeds) -> Option<f64>,
     limit_m_s: impl Fn(&Robot) -> Option<f64>,
 ) -> Option<Finding> {
     let (transient, leader) = (motion.transient.as_ref()?, scenario.leader()?);
     let ((i, needed_m_s, limit), _) =
-        find_worst_limit_excess(scenario, &transient.peaks, &speed_m_s, limit_m_s)?;
+        find_worst_limit_excess(scenario, &transient.peak_speeds, &speed_m_s, limit_m_s)?;
     let leader = &scenario.robots[leader].name;
-    let settled_m_s = speed_m_s(&motion.peaks[i]).unwrap_or_default();
+    let settled_m_s = speed_m_s(&motion.peak_speeds[i]).unwrap_or_default();
     let [needed, settled, limit, t] =
-        [needed_m_s, settled_m_s, limit, transient.peaks_at_s[i][which]].map(format_short);
-    Some(warning(
+        [needed_m_s, settled_m_s, limit, transient.peak_times_s[i][which]].map(format_short);
+    Some(warning_finding(
         format!("robot.{leader}.pose.heading_rad"),
         format!(
             "while the leader {leader} turns into its path, {what}{} would have to move at {needed} m/s at \
@@ -808,9 +884,22 @@ fn transient(
 
 /// Returns the advice of the avoidance method.
 fn avoidance_advice(scenario: &Scenario) -> Vec<Finding> {
-    let advice = (scenario.method.advice)(&scenario.conditions());
-    let finding = |Advice { key, message, expected }: Advice| {
-        warning(format!("avoidance.{key}"), message, expected)
-    };
+    let advise = scenario.avoidance_method.find_warning;
+    if scenario.is_team() {
+        let of_robot = |i: usize| {
+            let own = scenario.avoidance_of(i, Pace::Realtime);
+            let AvoidanceWarning { key, message, expected_value } =
+                advise(&scenario.conditions_of(i, &own))?;
+            let name = &scenario.robots[i].name;
+            let message = format!("{name}: {message}");
+            Some(warning_finding(format!("robot.{name}.{key}"), message, expected_value))
+        };
+        return (0..scenario.robots.len()).find_map(of_robot).into_iter().collect();
+    }
+    let advice = advise(&scenario.avoidance_conditions());
+    let finding =
+        |AvoidanceWarning { key, message, expected_value: expected }: AvoidanceWarning| {
+            warning_finding(format!("avoidance.{key}"), message, expected)
+        };
     advice.map(finding).into_iter().collect()
 }

@@ -1,19 +1,19 @@
 //! Robustness of the graph against Byzantine robots, and whether it suffices for the resilient laws (W-MSR).
 
 use formation::robustness::{
-    ROBOTS_EXACT_MAX, bootstrap_percolation_failures, liars_total_max, robustness, robustness_max,
-    strong_robustness,
+    EXACT_ROBUSTNESS_ROBOTS_MAX, bootstrap_percolation_failures, liars_total_max, robustness,
+    robustness_upper_bound, strong_robustness,
 };
 use protocol::law::Reference;
 use serde::Serialize;
 
-use super::finding::{Finding, NAMES_MAX, error, warning};
+use super::finding::{Finding, NAMES_MAX, error_finding, warning_finding};
 use crate::scenario::diagnostic::format_list;
 use crate::scenario::{FaultKind, Robot, Scenario};
 
 /// Robustness of the graph against Byzantine robots.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Liars {
+pub struct LiarTolerance {
     /// F, maximum number of Byzantine in-neighbors that the laws tolerate.
     pub liars_max: usize,
     /// Largest r for which the graph is r-robust.
@@ -30,9 +30,9 @@ pub struct Liars {
     pub in_all: Option<usize>,
 }
 
-impl Liars {
+impl LiarTolerance {
     /// Computes the robustness, or returns `None` if the scenario has neither Byzantine robots nor resilient laws.
-    pub(super) fn compute(scenario: &Scenario) -> Option<Liars> {
+    pub(super) fn compute(scenario: &Scenario) -> Option<LiarTolerance> {
         let lies = |kind: &FaultKind| matches!(kind, FaultKind::Lie { .. });
         let liars_max = scenario.robots.iter().map(Robot::liars_max).max().unwrap_or(0);
         if liars_max == 0 && !scenario.faults.iter().any(|fault| lies(&fault.kind)) {
@@ -40,10 +40,10 @@ impl Liars {
         }
         let (graph, trusted) = (&scenario.graph, trusted_robots(scenario));
         let is_led = trusted.contains(&true);
-        let is_exact = graph.robots() <= ROBOTS_EXACT_MAX;
-        let robust = if is_exact { robustness(graph) } else { robustness_max(graph) };
+        let is_exact = graph.robot_count() <= EXACT_ROBUSTNESS_ROBOTS_MAX;
+        let robust = if is_exact { robustness(graph) } else { robustness_upper_bound(graph) };
         let strong = is_led.then(|| strong_robustness(graph, &trusted));
-        Some(Liars {
+        Some(LiarTolerance {
             liars_max,
             robustness: robust,
             robustness_is_bound: !is_exact,
@@ -85,7 +85,7 @@ fn trusted_robots(scenario: &Scenario) -> Vec<bool> {
 }
 
 /// Checks that robots with a resilient law have enough in-neighbors, and that the graph is robust enough.
-pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
+pub(super) fn check_liar_tolerance(scenario: &Scenario) -> Vec<Finding> {
     let (robots, graph, trusted) = (&scenario.robots, &scenario.graph, trusted_robots(scenario));
     let name = |i: usize| robots[i].name.as_str();
     let leader = scenario.leader().map_or("a leader", name);
@@ -98,7 +98,7 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
     let few = |&&i: &&usize| !heard(i).any(|from| trusted[from]) && heard(i).count() < needed(i);
     if let Some(&i) = careful.iter().find(few) {
         let (liars_max, count) = (robots[i].liars_max(), heard(i).count());
-        return vec![error(
+        return vec![error_finding(
             format!("robot.{}.liars_max", name(i)),
             format!(
                 "{} has liars_max = {liars_max}, but does not hear {leader} and has only {count} \
@@ -126,7 +126,7 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
     let left: Vec<&str> = left.into_iter().filter(|i| careful.contains(i)).map(name).collect();
     if let Some(first) = left.first() {
         let most = careful.iter().map(|&i| robots[i].liars_max()).max().unwrap_or(0);
-        findings.push(error(
+        findings.push(error_finding(
             format!("robot.{first}.liars_max"),
             format!(
                 "the graph does not tolerate liars_max = {most}: none of {} hears {leader}, or 2 liars_max + \
@@ -141,7 +141,7 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
     }
     if let Some(&i) = careless.first() {
         let all: Vec<&str> = careless.iter().map(|&i| name(i)).collect();
-        findings.push(warning(
+        findings.push(warning_finding(
             format!("robot.{}.law", name(i)),
             format!(
                 "Byzantine robots displace {}, and these then mislead others",
@@ -155,7 +155,7 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
         _ => None,
     });
     findings.extend(lying_leader.map(|i| {
-        warning(
+        warning_finding(
             "fault",
             format!("{} is Byzantine, but trusted: no robot discards its values", name(i)),
             "expected a Byzantine robot that does not lead",

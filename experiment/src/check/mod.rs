@@ -10,11 +10,14 @@
 //! | `circles` | does a failure close a cycle of robots that use only each other? |
 //! | `liars` | how many Byzantine robots does the graph tolerate? |
 //! | `steady` | where do the robots settle, and which speeds do they need to stay there? |
+//! | `cars` | do slots turn too tightly for a car, and are there too many cars? |
+//! | `team` | is a team of different robots covered by the proof, and do its robots sense sizes? |
 //! | `opening` | must the formation open while it forms, how far, and for how long? |
 //! | `theory` | what follows from the chapter's theory: graph, matrices, bounds? |
 //! | `report` | what does the text report contain? |
 
 mod braking;
+mod cars;
 mod circles;
 mod dead_ends;
 mod finding;
@@ -24,20 +27,21 @@ mod opening;
 mod report;
 mod reversals;
 mod steady;
+mod team;
 mod theory;
 
 pub use braking::Braking;
 pub use finding::Finding;
-pub use findings::check;
-pub use liars::Liars;
+pub use findings::check_scenario;
+pub use liars::LiarTolerance;
 pub use opening::Opening;
-pub use report::report;
-pub use steady::Peak;
-pub(crate) use steady::{leader_course, planned_positions};
+pub use report::format_report;
+pub use steady::PeakSpeeds;
+pub(crate) use steady::{leader_motion_samples, planned_positions};
 pub use theory::{
-    Aftermath, ClosingFacts, Death, Distances, EdgeCut, Epsilon, Gap, Guard, InNeighbor,
-    MatrixFacts, Repair, RobotTheory, SpeedBounds, Theory, TrajectoryFacts, TransientPeak,
-    WallFacts,
+    AvoidanceParameters, ClosestRobots, ClosingParameters, EdgeCut, EpsilonRule,
+    FailureConsequences, InNeighbor, MatrixProperties, RobotDistances, RobotFailure, RobotTheory,
+    SpeedBounds, Theory, TopologyRepair, TrajectoryRates, TransientPeak, WallClearances,
 };
 
 use formation::Vec2;
@@ -46,7 +50,7 @@ use formation::front_point::front_point;
 use crate::scenario::Robot;
 
 /// Returns the front points at the start, m.
-pub(crate) fn start_points(robots: &[Robot]) -> Vec<Vec2> {
+pub(crate) fn start_front_points(robots: &[Robot]) -> Vec<Vec2> {
     robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
 }
 
@@ -62,11 +66,11 @@ fn bisect_largest(most: f64, fits: impl Fn(f64) -> bool) -> f64 {
 }
 
 /// Returns `number` rounded down to four decimals.
-fn rounded_down(number: f64) -> String {
+fn format_rounded_down(number: f64) -> String {
     format!("{:.4}", (number * 1e4).floor() / 1e4)
 }
 
 /// Returns `number` rounded up to four decimals.
-fn rounded_up(number: f64) -> String {
+fn format_rounded_up(number: f64) -> String {
     format!("{:.4}", (number * 1e4 - 1e-6).ceil() / 1e4)
 }

@@ -13,27 +13,27 @@ use formation::portable_math;
 use formation::pose::wrap_angle;
 use serde::Serialize;
 
-use super::start_points;
+use super::start_front_points;
 use super::steady::planned_positions;
 use crate::scenario::Scenario;
 
 /// Minimum gap of an open formation, as a multiple of the gap that a robot passes through.
-const OPEN_PASSAGES: f64 = 1.05;
+const OPEN_GAP_FACTOR: f64 = 1.05;
 /// Minimum gap of an open formation divided by the square root of the number of robots, as a multiple of the gap that a
 /// robot passes through. On their way all robots meet in a crowd whose width grows with that root. A robot whose slot
 /// is close to its in-neighbors stays in the crowd. Measured by `scenarios/campaigns/lattices-open.toml`: in 20 runs of
 /// 30 robots that hear each other, 17 never left the crowd at gaps of 2.4 d, and all arrived at 7.2 d, the value of
 /// this constant.
-const OPEN_CROWD: f64 = 0.625;
+const OPEN_GAP_ROBOT_COUNT_FACTOR: f64 = 0.625;
 /// Time for which the formation stays open, as a multiple of the longest travel time.
 const OPEN_TIME_FACTOR: f64 = 2.5;
 /// Time for which the formation stays open per hop of the graph diameter, as a multiple of the longest travel time. In
 /// a row each robot can only follow the one before it.
-const HOLD_PER_HOP: f64 = 0.25;
+const OPEN_TIME_PER_HOP_FACTOR: f64 = 0.25;
 /// Factor on the open time if the graph has a directed cycle, in which robots wait for each other.
-const HOLD_MUTUAL: f64 = 1.5;
+const OPEN_TIME_CYCLE_FACTOR: f64 = 1.5;
 /// Maximum speed of slots while the formation closes, as a fraction of the robots' speed.
-const CLOSING_SPEED: f64 = 0.75;
+const CLOSING_SPEED_FRACTION_MAX: f64 = 0.75;
 
 /// Recommended opening of a formation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -69,13 +69,14 @@ impl Opening {
         let places: Vec<Vec2> = kept.iter().map(|&i| places[i]).collect();
         let closest = closest_pair(&places).filter(|closest| closest.distance_m > 0.0);
         let ClosestPair { pair, distance_m: gap_m } = closest?;
-        let steered_m = kept.iter().filter_map(|&i| scenario.steers_within_m(i));
+        let steered_m = kept.iter().filter_map(|&i| scenario.steering_distance_m(i));
         let passage_m = 2.0 * steered_m.fold(0.0, f64::max);
         let wide_m = passage_m.max(2.0 * scenario.avoidance.distance_min_m);
-        let open_m = wide_m * OPEN_PASSAGES.max(OPEN_CROWD * (kept.len() as f64).sqrt());
-        let from = rounded_up(open_m / gap_m, 1e3).max(1.0);
+        let open_m =
+            wide_m * OPEN_GAP_FACTOR.max(OPEN_GAP_ROBOT_COUNT_FACTOR * (kept.len() as f64).sqrt());
+        let from = round_up_to_fraction(open_m / gap_m, 1e3).max(1.0);
 
-        let starts = start_points(&scenario.robots);
+        let starts = start_front_points(&scenario.robots);
         let starts: Vec<Vec2> = kept.iter().map(|&i| starts[i]).collect();
         let mean = |points: &[Vec2]| points.iter().sum::<Vec2>() / points.len() as f64;
         // Slot that is the fixed point of the scaling, its position, and the rotation of the formation.
@@ -95,25 +96,26 @@ impl Opening {
         let ways_m = ways_m.map(|(place, start)| (at + from * from_fixed(place) - start).norm());
         let (farthest, way_m) = ways_m.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let reach_m = places.iter().map(|place| from_fixed(place).norm()).fold(0.0, f64::max);
-        let hops = scenario.graph.hops();
+        let hops = scenario.graph.hop_counts();
         let pairs = || kept.iter().flat_map(|&i| kept.iter().map(move |&j| (i, j)));
         let hops_max = pairs().filter_map(|(i, j)| hops[i][j]).max()?;
         let mutual = pairs().any(|(i, j)| i < j && hops[i][j].and(hops[j][i]).is_some());
-        let margin = OPEN_TIME_FACTOR.max(HOLD_PER_HOP * hops_max as f64)
-            * if mutual { HOLD_MUTUAL } else { 1.0 };
+        let margin = OPEN_TIME_FACTOR.max(OPEN_TIME_PER_HOP_FACTOR * hops_max as f64)
+            * if mutual { OPEN_TIME_CYCLE_FACTOR } else { 1.0 };
         let v_max = scenario.avoidance.speed_max_m_s;
         let speeds_m_s = kept.iter().map(|&i| scenario.robots[i].correction_max_m_s);
         let speed_m_s = speeds_m_s.map(|speed| speed.unwrap_or(v_max)).fold(v_max, f64::min);
         // The maximum speed along half a cosine is pi/2 times the mean.
-        let closing_s = 0.5 * PI * (from - 1.0) * reach_m / (CLOSING_SPEED * speed_m_s);
+        let closing_s =
+            0.5 * PI * (from - 1.0) * reach_m / (CLOSING_SPEED_FRACTION_MAX * speed_m_s);
         Some(Opening {
             gap_m,
             passage_m,
             from,
             way_m,
             speed_m_s,
-            hold_s: rounded_up(margin * way_m / speed_m_s, 1.0).max(1.0),
-            over_s: rounded_up(closing_s, 1.0).max(1.0),
+            hold_s: round_up_to_fraction(margin * way_m / speed_m_s, 1.0).max(1.0),
+            over_s: round_up_to_fraction(closing_s, 1.0).max(1.0),
             who: (pair.map(|place| kept[place]), kept[farthest]),
         })
     }
@@ -125,7 +127,7 @@ pub(super) fn find_enclosed_slot(scenario: &Scenario, passage_m: f64) -> Option<
     let kept = scenario.leaders();
     let all = planned_positions(scenario)?;
     let places: Vec<Vec2> = kept.iter().map(|&i| all[i]).collect();
-    let starts = start_points(&scenario.robots);
+    let starts = start_front_points(&scenario.robots);
     let turned_rad = scenario.leader().map_or(0.0, |i| scenario.robots[i].start.heading_rad);
     let passes = |i: usize, j: usize| {
         let begin = starts[kept[i]] - starts[kept[j]];
@@ -139,7 +141,7 @@ pub(super) fn find_enclosed_slot(scenario: &Scenario, passage_m: f64) -> Option<
     let near = |i: usize, j: usize| i != j && (places[i] - places[j]).norm() < passage_m;
     let beside: Vec<Vec<usize>> =
         (0..kept.len()).map(|i| (0..kept.len()).filter(|&j| near(i, j)).collect()).collect();
-    (0..kept.len()).find(|&i| is_ringed(i, &places, &beside)).map(|i| kept[i])
+    (0..kept.len()).find(|&i| is_enclosed_by_ring(i, &places, &beside)).map(|i| kept[i])
 }
 
 /// Returns the distance of the segment from `begin` to `end` from the origin.
@@ -151,7 +153,7 @@ fn distance_from_origin(begin: Vec2, end: Vec2) -> f64 {
 
 /// Returns whether the adjacent slots form a ring around slot `middle`. In that case the accumulated bearing of a slot,
 /// seen from `middle`, depends on the path to it.
-fn is_ringed(middle: usize, places: &[Vec2], beside: &[Vec<usize>]) -> bool {
+fn is_enclosed_by_ring(middle: usize, places: &[Vec2], beside: &[Vec<usize>]) -> bool {
     let bearing = |i: usize| {
         let from = places[i] - places[middle];
         portable_math::atan2(from.y, from.x)
@@ -182,7 +184,7 @@ fn is_ringed(middle: usize, places: &[Vec2], beside: &[Vec<usize>]) -> bool {
 }
 
 /// Rounds up to a multiple of 1 / `per_unit`.
-fn rounded_up(number: f64, per_unit: f64) -> f64 {
+fn round_up_to_fraction(number: f64, per_unit: f64) -> f64 {
     (number * per_unit - 1e-6).ceil() / per_unit
 }
 
@@ -196,7 +198,7 @@ mod tests {
 
     /// Returns a lattice of slots 0.22 m apart. All robots start at the same point and hear the robots to their left
     /// and below, or with `both_ways` all adjacent ones. There is no steering: gaps of 2 d are wide enough.
-    fn lattice(columns: usize, rows: usize, both_ways: bool) -> Scenario {
+    fn lattice_scenario(columns: usize, rows: usize, both_ways: bool) -> Scenario {
         let mut scenario = row_of_three();
         scenario.robots = vec![scenario.robots[0].clone(); columns * rows];
         let to_the_right = (0..columns * rows).filter(|i| (i + 1) % columns > 0);
@@ -212,7 +214,7 @@ mod tests {
 
     /// Returns the opening in multiples of the passage width, the open time, s, and the longest travel time, s.
     fn opening_of_grid(columns: usize, rows: usize, both_ways: bool) -> (f64, f64, f64) {
-        let scenario = lattice(columns, rows, both_ways);
+        let scenario = lattice_scenario(columns, rows, both_ways);
         let asked = Opening::compute(&scenario).expect("all robots keep a slot");
         let passage_m = 2.0 * scenario.avoidance.distance_min_m;
         let hundredths = |x: f64| (100.0 * x).round() / 100.0;
@@ -239,7 +241,7 @@ mod tests {
 
     #[test]
     fn closing_slots_move_at_most_at_three_quarters_of_the_speed() {
-        let scenario = lattice(4, 3, false);
+        let scenario = lattice_scenario(4, 3, false);
         let Opening { from, over_s, speed_m_s, .. } = Opening::compute(&scenario).unwrap();
         let scale = Scale::Closing { from, hold_s: 0.0, over_s, reopen_at_s: Vec::new() };
         let reach_m = 0.22 * f64::hypot(3.0, 2.0);
@@ -248,38 +250,34 @@ mod tests {
         assert!(fastest_m_s > 0.7 * speed_m_s, "{fastest_m_s}");
     }
 
-    fn robots_with_ring(places: &[Vec2], near_m: f64) -> Vec<usize> {
+    fn enclosed_robots(places: &[Vec2], near_m: f64) -> Vec<usize> {
         let near = |a: &Vec2, b: &Vec2| a != b && (a - b).norm() < near_m;
         let beside = |a: &Vec2| (0..places.len()).filter(|&j| near(a, &places[j])).collect();
         let beside: Vec<Vec<usize>> = places.iter().map(beside).collect();
-        (0..places.len()).filter(|&i| is_ringed(i, places, &beside)).collect()
+        (0..places.len()).filter(|&i| is_enclosed_by_ring(i, places, &beside)).collect()
     }
 
     #[test]
     fn dense_lattice_encloses_inner_slots_only() {
         let lattice: Vec<Vec2> =
             (0..12).map(|i| Vec2::new(f64::from(i % 4), f64::from(i / 4))).collect();
-        assert_eq!(robots_with_ring(&lattice, 1.1), [5, 6]);
-        assert_eq!(robots_with_ring(&lattice, 0.9), [0; 0], "no two robots are near each other");
+        assert_eq!(enclosed_robots(&lattice, 1.1), [5, 6]);
+        assert_eq!(enclosed_robots(&lattice, 0.9), [0; 0], "no two robots are near each other");
         let without_a_corner: Vec<Vec2> = lattice[1..].to_vec();
-        assert_eq!(
-            robots_with_ring(&without_a_corner, 1.1),
-            [5],
-            "r6 may be reached by the corner"
-        );
-        assert_eq!(robots_with_ring(&without_a_corner, 1.5), [4, 5], "diagonally it is too narrow");
+        assert_eq!(enclosed_robots(&without_a_corner, 1.1), [5], "r6 may be reached by the corner");
+        assert_eq!(enclosed_robots(&without_a_corner, 1.5), [4, 5], "diagonally it is too narrow");
     }
 
     #[test]
     fn row_and_pentagon_have_no_ringed_robot() {
         let row: Vec<Vec2> = (0..5).map(|i| Vec2::new(f64::from(i), 0.0)).collect();
-        assert_eq!(robots_with_ring(&row, 1.5), [0; 0]);
+        assert_eq!(enclosed_robots(&row, 1.5), [0; 0]);
         let corner =
             |i: i32| Vec2::new((0.4 * PI * f64::from(i)).cos(), (0.4 * PI * f64::from(i)).sin());
         let pentagon: Vec<Vec2> = (0..5).map(corner).collect();
-        assert_eq!(robots_with_ring(&pentagon, 1.3), [0; 0]);
+        assert_eq!(enclosed_robots(&pentagon, 1.3), [0; 0]);
         let around_one = [pentagon, vec![Vec2::zeros()]].concat();
-        assert_eq!(robots_with_ring(&around_one, 1.3), [5]);
+        assert_eq!(enclosed_robots(&around_one, 1.3), [5]);
     }
 
     #[test]

@@ -1,88 +1,98 @@
 //! Text report of `phalanx check`, with aligned columns.
 
 use std::cmp::Ordering::Equal;
+use std::collections::BTreeSet;
 use std::fmt::Write;
 
-use formation::seconds;
+use formation::ns_to_seconds;
 use protocol::number::format_short;
 
 use super::braking::Braking;
+use super::finding::NAMES_MAX;
+use super::start_front_points;
 use super::theory::{
-    Aftermath, Death, EdgeCut, Epsilon, Gap, InNeighbor, Repair, RobotTheory, Theory,
+    ClosestRobots, EdgeCut, EpsilonRule, FailureConsequences, InNeighbor, RobotFailure,
+    RobotTheory, Theory, TopologyRepair,
 };
-use crate::prediction::{broken_means, lines};
-use crate::scenario::Scenario;
+use crate::prediction::{broken_definition_text, lines_by_cause};
 use crate::scenario::diagnostic::format_list;
+use crate::scenario::{Robot, Scenario};
 
 /// Maximum number of robots for which the report shows the matrices.
 const MATRIX_ROBOTS_MAX: usize = 12;
 /// Maximum number of lines or names of a list.
-const LIST_MAX: usize = 24;
+const LIST_ITEMS_MAX: usize = 24;
 
 /// Report text: lines with a label. Continuation lines have an empty label.
-struct Page(String);
+struct ReportPage(String);
 
-impl Page {
-    fn line(&mut self, label: &str, value: impl AsRef<str>) {
+impl ReportPage {
+    fn write_line(&mut self, label: &str, value: impl AsRef<str>) {
         // Writing to a string cannot fail.
         let _ = writeln!(self.0, "{label:<24}{}", value.as_ref());
     }
 
-    /// Writes one line for each of `values`, the first with the label. After [`LIST_MAX`] lines only their number is
-    /// given.
-    fn list(&mut self, label: &str, values: impl IntoIterator<Item = String>) {
+    /// Writes one line for each of `values`, the first with the label. After [`LIST_ITEMS_MAX`] lines only their number
+    /// is given.
+    fn write_list(&mut self, label: &str, values: impl IntoIterator<Item = String>) {
         let mut values = values.into_iter();
-        for (i, value) in values.by_ref().take(LIST_MAX).enumerate() {
-            self.line(if i == 0 { label } else { "" }, value);
+        for (i, value) in values.by_ref().take(LIST_ITEMS_MAX).enumerate() {
+            self.write_line(if i == 0 { label } else { "" }, value);
         }
         match values.count() {
             0 => {}
-            more => self.line("", format!("... and {more} more: --output json has all")),
+            more => self.write_line("", format!("... and {more} more: --output json has all")),
         }
     }
 }
 
 /// Returns the report of a scenario without errors.
-pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
-    let mut page = Page(String::new());
-    page.line("scenario", theory.scenario);
-    let in_s = |ns| format_short(seconds(ns));
+pub fn format_report(scenario: &Scenario, theory: &Theory<'_>) -> String {
+    let mut page = ReportPage(String::new());
+    page.write_line("scenario", theory.scenario);
+    let in_s = |ns| format_short(ns_to_seconds(ns));
     let [duration, period] = [scenario.duration_ns, scenario.period_ns].map(in_s);
     let (ticks, seed) = (scenario.duration_ns / scenario.period_ns, scenario.seed);
-    page.line("time", format!("{duration} s in periods of {period} s: {ticks} ticks, seed {seed}"));
-    graph(&mut page, theory);
-    fragility(&mut page, theory);
+    page.write_line(
+        "time",
+        format!("{duration} s in periods of {period} s: {ticks} ticks, seed {seed}"),
+    );
+    write_graph(&mut page, scenario, theory);
+    write_failure_consequences(&mut page, theory);
     if let Some(liars) = &theory.liars {
-        page.line("liars", liars.describe(theory.leader));
+        page.write_line("liars", liars.describe(theory.leader));
     }
-    matrices(&mut page, scenario, theory);
+    write_matrices(&mut page, scenario, theory);
     write_error_bounds(&mut page, theory);
-    motion(&mut page, theory);
-    unknown_motion(&mut page, theory);
-    distances(&mut page, theory);
+    write_motion(&mut page, theory);
+    write_unknown_motion(&mut page, theory);
+    write_distances(&mut page, theory);
     write_opening(&mut page, theory);
-    avoidance(&mut page, scenario, theory);
-    inertia_and_walls(&mut page, scenario, theory);
+    write_avoidance(&mut page, scenario, theory);
+    write_inertia_and_walls(&mut page, scenario, theory);
     let [stale, lost] = [scenario.silence.stale_after_ns, scenario.silence.lost_after_ns].map(in_s);
-    page.line("silence", format!("stale after {stale} s, lost after {lost} s"));
+    page.write_line("silence", format!("stale after {stale} s, lost after {lost} s"));
     if let Some(after_ns) = scenario.repair_after_ns {
         let after = in_s(after_ns);
-        page.line(
+        page.write_line(
             "repair",
             format!("a backup neighbor replaces an in-neighbor that is lost for {after} s"),
         );
     }
     let faults = scenario.faults.iter();
     let faults =
-        faults.map(|fault| format!("{} s: {}", in_s(fault.at_ns), fault.describe(scenario)));
-    page.list("faults", faults);
+        faults.map(|fault| format!("{} s: {}", in_s(fault.start_ns), fault.describe(scenario)));
+    page.write_list("faults", faults);
     page.0
 }
 
 /// Writes the links, the roles and the reachability.
-fn graph(page: &mut Page, theory: &Theory<'_>) {
+fn write_graph(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) {
+    let by_distance = links_by_distance(scenario);
     let hears = |robot: &RobotTheory<'_>, senders: &[InNeighbor<'_>]| {
-        let heard = senders.iter().map(|hears| match hears.offset_m {
+        let heard =
+            senders.iter().filter(|hears| !by_distance.contains(&(hears.robot, robot.name)));
+        let heard = heard.map(|hears| match hears.offset_m {
             Some([x, y]) => format!("{} (slot at {0} + ({x:.3}, {y:.3}) m)", hears.robot),
             None => match hears.instead_of {
                 Some(lost) => format!("{} in place of {lost}", hears.robot),
@@ -93,11 +103,17 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         let whom = if heard.is_empty() { "no robot".to_owned() } else { heard.join(", ") };
         format!("{} hears {whom}", robot.name)
     };
-    page.list("links", theory.robots.iter().map(|robot| hears(robot, &robot.hears)));
+    let has_permanent = |robot: &&RobotTheory<'_>| {
+        let mut senders = robot.hears.iter();
+        by_distance.is_empty() || senders.any(|h| !by_distance.contains(&(h.robot, robot.name)))
+    };
+    let with_links = theory.robots.iter().filter(has_permanent);
+    page.write_list("links", with_links.map(|robot| hears(robot, &robot.hears)));
+    write_communication_range(page, scenario, by_distance.len());
     if let Some(leader) = theory.leader.filter(|_| !theory.deputies.is_empty()) {
         let who = theory.deputies.join(", then ");
-        page.line("deputies", format!("while {leader} is lost: {who}"));
-        page.line(
+        page.write_line("deputies", format!("while {leader} is lost: {who}"));
+        page.write_line(
             "",
             "the two parts of a partitioned network can have two leaders until the links are \
          restored",
@@ -105,10 +121,13 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
     }
     for one in &theory.successions {
         let who = one.deputies.join(", then ");
-        page.line("deputies", format!("in the slot of {} while it is lost: {who}", one.leader));
+        page.write_line(
+            "deputies",
+            format!("in the slot of {} while it is lost: {who}", one.leader),
+        );
     }
     let with_spares = theory.robots.iter().filter(|robot| !robot.spares.is_empty());
-    page.list("backup neighbors", with_spares.map(|robot| hears(robot, &robot.spares)));
+    page.write_list("backup neighbors", with_spares.map(|robot| hears(robot, &robot.spares)));
     let mut parts: Vec<(&str, Vec<&str>)> = Vec::new();
     for robot in &theory.robots {
         match parts.iter_mut().find(|(does, _)| *does == robot.does) {
@@ -117,7 +136,7 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         }
     }
     for (does, of_role) in parts {
-        page.line(does, format_list(&of_role, LIST_MAX));
+        page.write_line(does, format_list(&of_role, LIST_ITEMS_MAX));
     }
     let contains = theory.robots.iter().any(|robot| robot.contained);
     let reachability = match theory.leader {
@@ -134,28 +153,59 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         None if theory.roots.len() == theory.robots.len() => {
             "the information of each robot reaches all others".to_owned()
         }
-        None => format!("all robots are reached from {}", format_list(&theory.roots, LIST_MAX)),
+        None => {
+            format!("all robots are reached from {}", format_list(&theory.roots, LIST_ITEMS_MAX))
+        }
     };
-    page.line("reachability", reachability);
+    page.write_line("reachability", reachability);
     if contains {
-        page.line(
+        page.write_line(
             "",
             "a robot that leads or keeps a slot reaches each contained robot (Assumption 4)",
         );
     }
 }
 
+/// Returns the links that exist only while their ends are near each other, as names of sender and receiver.
+fn links_by_distance(scenario: &Scenario) -> BTreeSet<(&str, &str)> {
+    let first =
+        scenario.disk_graph.map_or(scenario.graph.edges().len(), |disk| disk.first_edge_index);
+    let name = |robot: usize| scenario.robots[robot].name.as_str();
+    let links = scenario.graph.edges()[first..].iter();
+    links.map(|edge| (name(edge.from), name(edge.to))).collect()
+}
+
+/// Writes the communication by distance, over this number of links.
+fn write_communication_range(page: &mut ReportPage, scenario: &Scenario, links: usize) {
+    let Some(disk) = scenario.disk_graph else { return };
+    let points = start_front_points(&scenario.robots);
+    let edges = &scenario.graph.edges()[disk.first_edge_index..];
+    let near = edges
+        .iter()
+        .filter(|edge| disk.range.contains((points[edge.from] - points[edge.to]).norm(), false));
+    let [radius, beyond] = [disk.range.radius_m, disk.range.radius_m + disk.range.hysteresis_m];
+    page.write_line(
+        "by distance",
+        format!(
+            "a robot is heard from {} m on, until it is more than {} m away; at the start {} of {links} links",
+            format_short(radius),
+            format_short(beyond),
+            near.count()
+        ),
+    );
+}
+
 /// Writes the consequences of single permanent failures of robots and links.
-fn fragility(page: &mut Page, theory: &Theory<'_>) {
+fn write_failure_consequences(page: &mut ReportPage, theory: &Theory<'_>) {
     let breaking: Vec<_> =
         theory.deaths.iter().filter(|death| death.after.has_consequences()).collect();
     if breaking.is_empty() {
-        page.line(
+        page.write_line(
             "single deaths",
             "after the permanent failure of any robot, all others keep their leader and their slots",
         );
     }
-    let death = |death: &Death<'_>| {
+    let death = |death: &RobotFailure<'_>| {
         let is_leader = theory.leader == Some(death.robot);
         let leads = if is_leader { ", the leader" } else { "" };
         let after = death.settles_after_s.map_or(String::new(), |after_s| {
@@ -170,9 +220,9 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
             acting_leaders_text(&death.after.leading, death.peak_m) + &loss_text(&death.after)
         )
     };
-    page.list("single deaths", breaking.into_iter().map(death));
+    page.write_list("single deaths", breaking.into_iter().map(death));
     if theory.breaking_cuts.is_empty() {
-        page.line(
+        page.write_line(
             "single cuts",
             "after the permanent failure of any link, all robots keep their leader and their slots",
         );
@@ -181,10 +231,10 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         let what = acting_leaders_text(&cut.after.leading, None) + &loss_text(&cut.after);
         format!("without {} -> {}: {what}", cut.from, cut.to)
     };
-    page.list("single cuts", theory.breaking_cuts.iter().map(cut));
-    page.line("", broken_means(theory.broken_m));
+    page.write_list("single cuts", theory.breaking_cuts.iter().map(cut));
+    page.write_line("", broken_definition_text(theory.broken_m));
     if theory.liars.is_some() {
-        page.line(
+        page.write_line(
             "",
             "robots with a resilient law are predicted as if they used the mean of their in-neighbors",
         );
@@ -204,10 +254,10 @@ fn acting_leaders_text(leading: &[&str], peak_m: Option<f64>) -> String {
 }
 
 /// Returns the repairs, the losses and the broken robots.
-fn loss_text(after: &Aftermath<'_>) -> String {
-    let Aftermath { repairs, loss, breaks, .. } = after;
+fn loss_text(after: &FailureConsequences<'_>) -> String {
+    let FailureConsequences { repairs, loss, breaks, .. } = after;
     let mut parts: Vec<String> = Vec::new();
-    for Repair { robot, by, .. } in repairs.iter().take(LIST_MAX) {
+    for TopologyRepair { robot, by, .. } in repairs.iter().take(LIST_ITEMS_MAX) {
         let uses = format!("{robot} uses {by}");
         match parts.last_mut().filter(|last| last.starts_with(&format!("{robot} uses "))) {
             Some(last) if last.ends_with(&format!(" {by}")) => *last += " twice",
@@ -235,16 +285,16 @@ fn loss_text(after: &Aftermath<'_>) -> String {
         match whole.len() {
             0 => {}
             1 => parts.push(format!("{} {one}", whole[0])),
-            _ => parts.push(format!("{} {many}", format_list(&whole, LIST_MAX))),
+            _ => parts.push(format!("{} {many}", format_list(&whole, LIST_ITEMS_MAX))),
         }
     }
     if !loss.groups.is_empty() {
-        let groups = loss.groups.iter().take(LIST_MAX);
-        let groups = groups.map(|group| format!("{{{}}}", format_list(group, LIST_MAX)));
+        let groups = loss.groups.iter().take(LIST_ITEMS_MAX);
+        let groups = groups.map(|group| format!("{{{}}}", format_list(group, LIST_ITEMS_MAX)));
         let groups: Vec<String> = groups.collect();
         parts.push(format!("the formation falls apart into {}", groups.join(" and ")));
     }
-    let broken = lines(breaks.iter().map(|one| (one.robot, one.why.clone())));
+    let broken = lines_by_cause(breaks.iter().map(|one| (one.robot, one.why.clone())));
     if broken.is_empty() {
         parts.push("no robot is broken".to_owned());
     }
@@ -253,7 +303,7 @@ fn loss_text(after: &Aftermath<'_>) -> String {
 }
 
 /// Writes L, A and their properties.
-fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
+fn write_matrices(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) {
     let n = theory.robots.len();
     if n <= MATRIX_ROBOTS_MAX {
         let row = |row: &Vec<f64>, width, digits| -> String {
@@ -261,10 +311,13 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
             let elements = row.iter().map(|x| if *x == 0.0 { 0.0 } else { *x });
             elements.map(|x| format!(" {x:>width$.digits$}")).collect()
         };
-        page.list("L (4)-(6)", theory.laplacian.iter().map(|elements| row(elements, 3, 0)));
-        page.list("A = Lambda L + Gamma", theory.system.iter().map(|elements| row(elements, 7, 4)));
+        page.write_list("L (4)-(6)", theory.laplacian.iter().map(|elements| row(elements, 3, 0)));
+        page.write_list(
+            "A = Lambda L + Gamma",
+            theory.system.iter().map(|elements| row(elements, 7, 4)),
+        );
     } else {
-        page.line("L, A", format!("{n} x {n}: --output json has them"));
+        page.write_line("L, A", format!("{n} x {n}: --output json has them"));
     }
     let matrix = &theory.matrix;
     let inverse = match matrix.inverse_radius.zip(matrix.inverse_norm_2) {
@@ -279,39 +332,39 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
         None => "singular: without a leader the offsets determine the shape, and the start poses its position"
             .to_owned(),
     };
-    page.line("", inverse);
-    let iterated = scenario.robots.iter().any(|robot| robot.feed_forward);
+    page.write_line("", inverse);
+    let iterated = scenario.robots.iter().any(|robot| robot.uses_feed_forward);
     let iteration = match matrix.iteration_radius {
         _ if !iterated => "none: no law uses the velocities of others".to_owned(),
         0.0 => "spectral radius 0: velocities agree exactly after some ticks".to_owned(),
         radius => format!("spectral radius {}, below 1: velocities agree", format_short(radius)),
     };
-    page.line("velocity iteration", iteration);
+    page.write_line("velocity iteration", iteration);
 }
 
 /// Writes the bounds eta, and epsilon by each rule.
-fn write_error_bounds(page: &mut Page, theory: &Theory<'_>) {
+fn write_error_bounds(page: &mut ReportPage, theory: &Theory<'_>) {
     if let Some(facts) = &theory.trajectory {
         let [m, c, horizon] = [facts.eta_m_m_s, facts.eta_c_m_s, facts.horizon_s].map(format_short);
         let etas = format!("eta_m = {m} m/s, eta_c = {c} m/s over {horizon} s");
-        page.line("trajectory and offsets", etas);
+        page.write_line("trajectory and offsets", etas);
     }
     if let Some(bounds) = &theory.bounds {
         let [lemma, norm] = [bounds.lemma_1_m_s, bounds.norm_2_m_s].map(format_short);
-        page.line(
+        page.write_line(
             "bounds on |alpha'|",
             format!(
                 "eta = {lemma} m/s by Lemma 1 (can be exceeded), {norm} m/s by the 2-norm of A^-1"
             ),
         );
         let [k, eta] = [bounds.k_m_s, bounds.eta_m_s].map(format_short);
-        page.line("", format!("with k* = {k} m/s, eta* = {eta} m/s"));
+        page.write_line("", format!("with k* = {k} m/s, eta* = {eta} m/s"));
     }
     if theory.epsilon.is_empty() {
-        page.line("epsilon", "no rule of the chapter applies to these laws");
+        page.write_line("epsilon", "no rule of the chapter applies to these laws");
     }
-    let rule = |epsilon: &Epsilon| {
-        let Epsilon { rule, source, epsilon_per_s, epsilon_norm_2_per_s } = epsilon;
+    let rule = |epsilon: &EpsilonRule| {
+        let EpsilonRule { rule, source, epsilon_per_s, epsilon_norm_2_per_s } = epsilon;
         let norm = epsilon_norm_2_per_s
             .map(|epsilon| format!(", by the 2-norm {}", format_short(epsilon)));
         format!(
@@ -320,16 +373,16 @@ fn write_error_bounds(page: &mut Page, theory: &Theory<'_>) {
             norm.unwrap_or_default()
         )
     };
-    page.list("epsilon by the rules", theory.epsilon.iter().map(rule));
+    page.write_list("epsilon by the rules", theory.epsilon.iter().map(rule));
 }
 
 /// Writes the peak speeds of all robots in the settled formation.
-fn motion(page: &mut Page, theory: &Theory<'_>) {
+fn write_motion(page: &mut ReportPage, theory: &Theory<'_>) {
     if theory.trajectory.is_none() {
         let free = theory.robots.iter().filter(|robot| robot.is_free).count();
         if free < theory.robots.len() {
             let which = if free > 0 { "all robots that are not free" } else { "all robots" };
-            page.line("once settled", format!("{which} are at rest"));
+            page.write_line("once settled", format!("{which} are at rest"));
         }
         return;
     }
@@ -348,7 +401,7 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
         )
     };
     let known = theory.robots.iter().filter(|robot| !robot.is_unknown);
-    page.list("peaks once settled", known.map(peak));
+    page.write_list("peaks once settled", known.map(peak));
     let front = |robot: &&RobotTheory<'_>| robot.transient.map(|peak| peak.front_speed_m_s);
     let fastest =
         theory.robots.iter().max_by(|a, b| front(a).partial_cmp(&front(b)).unwrap_or(Equal));
@@ -358,7 +411,7 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
     {
         let (speed_m_s, [t, tangent]) =
             (peak.front_speed_m_s, [peak.t_s, tangent_rad].map(format_short));
-        page.line(
+        page.write_line(
             "before that",
             format!(
                 "up to {speed_m_s:.4} m/s ({name} at {t} s), while the leader turns to the heading of its \
@@ -369,7 +422,7 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
     if let Some(limit_m_s) = theory.guard.speed_max_m_s {
         let fastest = theory.robots.iter().map(|robot| robot.peak.front_speed_m_s);
         let fastest_m_s = fastest.fold(0.0, f64::max);
-        page.line(
+        page.write_line(
             "",
             format!("at most {fastest_m_s:.4} of v_max = {} m/s", format_short(limit_m_s)),
         );
@@ -377,7 +430,7 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
 }
 
 /// Writes which robots move as their laws decide, so that nothing about their motion is predicted.
-fn unknown_motion(page: &mut Page, theory: &Theory<'_>) {
+fn write_unknown_motion(page: &mut ReportPage, theory: &Theory<'_>) {
     let names = |is: fn(&RobotTheory<'_>) -> bool| -> Vec<&str> {
         theory.robots.iter().filter(|robot| is(robot)).map(|robot| robot.name).collect()
     };
@@ -386,18 +439,18 @@ fn unknown_motion(page: &mut Page, theory: &Theory<'_>) {
         return;
     }
     let behind = names(|robot| robot.is_unknown && !robot.is_free);
-    let mut who = format_list(&free, LIST_MAX);
+    let mut who = format_list(&free, LIST_ITEMS_MAX);
     if !behind.is_empty() {
         who += &format!(
             ", and {}, which {} a free robot",
-            format_list(&behind, LIST_MAX),
+            format_list(&behind, LIST_ITEMS_MAX),
             match behind.len() {
                 1 => "follows",
                 _ => "follow",
             }
         );
     }
-    page.line(
+    page.write_line(
         "not predicted",
         format!(
             "the motion of {who}: the law of a free robot alone decides where it goes. Speeds of these robots, and their \
@@ -407,15 +460,15 @@ fn unknown_motion(page: &mut Page, theory: &Theory<'_>) {
 }
 
 /// Writes the settled positions and the smallest distances.
-fn distances(page: &mut Page, theory: &Theory<'_>) {
+fn write_distances(page: &mut ReportPage, theory: &Theory<'_>) {
     let place = |robot: &RobotTheory<'_>| {
         let [x, y] = robot.settled_m.map(|c| if c.abs() < 5e-5 { 0.0 } else { c });
         format!("{} ({x:.4}, {y:.4}) m", robot.name)
     };
     let settles = |robot: &&RobotTheory<'_>| !robot.is_free;
-    page.list("settled positions", theory.robots.iter().filter(settles).map(place));
-    let of = |gap: &Option<Gap<'_>>| {
-        gap.map_or("one robot alone".to_owned(), |Gap { robots: [a, b], distance_m }| {
+    page.write_list("settled positions", theory.robots.iter().filter(settles).map(place));
+    let of = |gap: &Option<ClosestRobots<'_>>| {
+        gap.map_or("one robot alone".to_owned(), |ClosestRobots { robots: [a, b], distance_m }| {
             format!("{distance_m:.4} m ({a} and {b})")
         })
     };
@@ -427,15 +480,18 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
     };
     let d = format_short(distances.distance_min_m);
     let (start, settled) = (of(&distances.start), of(&distances.settled));
-    page.line("smallest distance", format!("{start} at the start; Assumption 1 requires {d} m"));
+    page.write_line(
+        "smallest distance",
+        format!("{start} at the start; Assumption 1 requires {d} m"),
+    );
     if theory.robots.iter().all(|robot| !robot.is_free) || distances.settled.is_some() {
         let required = format!("Remark 1 requires more than {d} m");
-        page.line("", format!("{settled} once settled{at_scale}; {required}"));
+        page.write_line("", format!("{settled} once settled{at_scale}; {required}"));
     }
 }
 
 /// Writes the opening of the formation, and the opening that slots, starts and speeds require.
-fn write_opening(page: &mut Page, theory: &Theory<'_>) {
+fn write_opening(page: &mut ReportPage, theory: &Theory<'_>) {
     let Some(closing) = &theory.closing else { return };
     let times: Vec<String> =
         closing.reopen_at_s.iter().map(|&at_s| format_short(at_s) + " s").collect();
@@ -445,7 +501,7 @@ fn write_opening(page: &mut Page, theory: &Theory<'_>) {
     };
     let [from, hold, over, closed] =
         [closing.from, closing.hold_s, closing.over_s, closing.closed_at_s].map(format_short);
-    page.line(
+    page.write_line(
         "opening",
         format!(
             "scale {from} for {hold} s, then closes in {over} s{again}; closed for good at {closed} s"
@@ -454,7 +510,7 @@ fn write_opening(page: &mut Page, theory: &Theory<'_>) {
     if let Some(asked) = &closing.asked {
         let [from, gap, hold] = [asked.from, asked.gap_m, asked.hold_s].map(format_short);
         let [way, speed, over] = [asked.way_m, asked.speed_m_s, asked.over_s].map(format_short);
-        page.line(
+        page.write_line(
             "",
             format!(
                 "required: scale {from} for gaps of {gap} m, {hold} s for distances of {way} m at {speed} m/s, \
@@ -464,37 +520,58 @@ fn write_opening(page: &mut Page, theory: &Theory<'_>) {
     }
 }
 
+/// Returns the size and the speed limit of a class of robots, and its robots.
+fn class_line(scenario: &Scenario, (keep_m, speed_max_m_s): (f64, f64)) -> String {
+    let is_one = |robot: &&Robot| (robot.keep_m, robot.speed_max_m_s) == (keep_m, speed_max_m_s);
+    let names: Vec<&str> =
+        scenario.robots.iter().filter(is_one).map(|robot| robot.name.as_str()).collect();
+    let speed = match speed_max_m_s.is_finite() {
+        true => format!("v_max {} m/s", format_short(speed_max_m_s)),
+        false => "no speed limit".to_owned(),
+    };
+    format!("keep {} m, {speed}: {}", format_short(keep_m), format_list(&names, NAMES_MAX))
+}
+
 /// Writes the parameters of collision avoidance.
-fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
-    let (a, guard, method) = (&scenario.avoidance, &theory.guard, &scenario.method);
+fn write_avoidance(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) {
+    let (a, guard, method) = (&scenario.avoidance, &theory.guard, &scenario.avoidance_method);
     let speed = guard
         .speed_max_m_s
         .map(|speed_max_m_s| format!("v_max = {} m/s", format_short(speed_max_m_s)));
     let speed = speed.unwrap_or("no speed limit".to_owned());
-    page.line(
+    page.write_line(
         "avoidance",
         format!("{}, d = {} m, {speed}", a.kind, format_short(a.distance_min_m)),
     );
-    page.line("guarantees", method.promises);
-    if !method.assumes.is_empty() {
-        page.line("assumes", method.assumes);
+    if scenario.is_team() {
+        page.write_list(
+            "team",
+            scenario.classes().into_iter().map(|class| class_line(scenario, class)),
+        );
+    }
+    page.write_line("guarantees", method.guarantee_text);
+    if !method.assumptions_text.is_empty() {
+        page.write_line("assumes", method.assumptions_text);
     }
     let own = |key: &String| method.gains.iter().any(|gain| gain.key == key);
     for (key, gain) in a.gains.iter().filter(|(key, _)| own(key)) {
-        page.line("", format!("{key} = {}", format_short(*gain)));
+        page.write_line("", format!("{key} = {}", format_short(*gain)));
     }
     let [lockstep, realtime] =
         [guard.lifetime_lockstep_s, guard.lifetime_realtime_s].map(format_short);
-    page.line("command lifetime H", format!("{lockstep} s in lockstep, {realtime} s in real time"));
+    page.write_line(
+        "command lifetime H",
+        format!("{lockstep} s in lockstep, {realtime} s in real time"),
+    );
     if guard.late_s[1] > 0.0 {
         let [lockstep, realtime] = guard.late_s.map(format_short);
-        page.line(
+        page.write_line(
             "",
             format!("of that {lockstep} s and {realtime} s for delayed odometry and commands"),
         );
     }
     if let (Some((symbol, _)), Some(distance_m)) =
-        (method.steers_within, guard.deflection_distance_m)
+        (method.steering_distance, guard.deflection_distance_m)
     {
         let more = |m: Option<f64>, whose: &str| {
             m.map(|m| format!(", {m:.4} m for {whose}")).unwrap_or_default()
@@ -502,16 +579,16 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
         let followers = more(guard.following_distance_m, "followers");
         let contained = more(guard.giving_way_distance_m, "contained robots");
         let distances = format!("{distance_m:.4} m{followers}{contained}");
-        page.line(&format!("steers within {symbol}"), distances);
+        page.write_line(&format!("steers within {symbol}"), distances);
     }
     let (radius_m, needed_m) = (guard.sensing_radius_m, guard.sensing_radius_needed_m);
-    page.line("sensing radius", format!("{radius_m:.4} m, needed {needed_m:.4} m"));
+    page.write_line("sensing radius", format!("{radius_m:.4} m, needed {needed_m:.4} m"));
     if let Some(speed_cap_m_s) = guard.speed_cap_m_s {
-        page.line("recommended v_max", format!("at most {speed_cap_m_s:.4} m/s"));
+        page.write_line("recommended v_max", format!("at most {speed_cap_m_s:.4} m/s"));
     }
     if let Some(zone_m) = guard.slow_down_zone_m {
         let within_m = a.distance_min_m + zone_m;
-        page.line(
+        page.write_line(
             "slows down within",
             format!("{within_m:.4} m of another robot (d + {zone_m:.4} m)"),
         );
@@ -519,12 +596,12 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
 }
 
 /// Writes braking and wall parameters, and the reasons why distances are not guaranteed.
-fn inertia_and_walls(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
+fn write_inertia_and_walls(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) {
     let braking = theory.robots.iter().filter_map(|robot| {
         let braking = robot.braking?;
         Some((robot.name, braking_line(&braking)))
     });
-    page.list("inertia", lines(braking));
+    page.write_list("inertia", lines_by_cause(braking));
     if let Some(walls) = &theory.walls {
         let (parts, s) = (walls.parts, if walls.parts == 1 { "" } else { "s" });
         let clearance = format_short(walls.clearance_m);
@@ -532,21 +609,21 @@ fn inertia_and_walls(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) 
             walls.deflection_distance_m.map(|m| format!(", steered along them within {m:.4} m"));
         let led = led.unwrap_or_default();
         let stay = format!("{parts} convex part{s}; front points stay {clearance} m away{led}");
-        page.line("walls", stay);
+        page.write_line("walls", stay);
         let ([robot, wall], start_m) = (walls.start, walls.start_m);
-        page.line("", format!("{start_m:.4} m at the start ({robot} and {wall})"));
+        page.write_line("", format!("{start_m:.4} m at the start ({robot} and {wall})"));
     }
     if let Some(name) = scenario.first_robot_without_guarantee() {
-        page.line(
+        page.write_line(
             "",
             format!(
                 "speed and turn rate of {name} change independently: distances are not guaranteed"
             ),
         );
     }
-    if let Some(plant) = &scenario.plant {
+    if let Some(plant) = &scenario.plant_program {
         let words = plant.command_line.join(" ");
-        page.line("plant", format!("{words}: distances are measured, but not guaranteed"));
+        page.write_line("plant", format!("{words}: distances are measured, but not guaranteed"));
     }
 }
 

@@ -1,11 +1,11 @@
 //! Points at which a trajectory stops and reverses. The leader turns around after such a point, and the formation turns
 //! by 180 degrees with it.
 
-use formation::seconds;
+use formation::ns_to_seconds;
 use formation::{Vec2, portable_math};
 
-use super::finding::{Finding, warning};
-use super::steady::leader_course;
+use super::finding::{Finding, warning_finding};
+use super::steady::leader_motion_samples;
 use crate::scenario::Scenario;
 use protocol::number::format_short;
 
@@ -14,27 +14,29 @@ const STEP_S: f64 = 5e-3;
 /// Maximum number of steps.
 const STEPS_MAX: f64 = 200_000.0;
 /// Cosine of the maximum angle between heading and velocity for a leader that has settled on its path.
-const SETTLED_COS: f64 = 0.5;
+const SETTLED_ANGLE_COS_MIN: f64 = 0.5;
 
 /// Reversals of a trajectory within the run.
 #[derive(Debug, Clone, PartialEq)]
 struct Reversals {
     /// Time of the first reversal, s.
-    first_s: f64,
+    first_reversal_s: f64,
     /// Position of the first reversal, m.
-    position: Vec2,
+    first_position: Vec2,
     /// Number of reversals.
     count: usize,
 }
 
 /// Warns if the formation turns by 180 degrees after a point where the trajectory reverses.
-pub(super) fn reversals(scenario: &Scenario) -> Vec<Finding> {
+pub(super) fn check_reversals(scenario: &Scenario) -> Vec<Finding> {
     let keeps = scenario.lead.as_ref().is_none_or(|lead| lead.keep_heading);
     let has_offsets = scenario.formation_edges().any(|(_, edge)| edge.offset_m.norm() > 0.0);
     if keeps || !has_offsets {
         return Vec::new();
     }
-    let Some(Reversals { first_s, position: at, count }) = find(scenario) else {
+    let Some(Reversals { first_reversal_s: first_s, first_position: at, count }) =
+        find_reversals(scenario)
+    else {
         return Vec::new();
     };
     let [x, y] = [at.x, at.y].map(|m| format_short((m * 1e3).round() / 1e3));
@@ -43,7 +45,7 @@ pub(super) fn reversals(scenario: &Scenario) -> Vec<Finding> {
         n => format!(", and {} more times until the end", n - 1),
     };
     let t = format_short((first_s * 1e2).round() / 1e2);
-    vec![warning(
+    vec![warning_finding(
         "trajectory",
         format!(
             "reverses at {t} s, at ({x}, {y}) m{again}: the leader turns around there, and the formation turns by 180 \
@@ -55,24 +57,25 @@ pub(super) fn reversals(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Returns the reversals of the main leader's trajectory; `None` if there are none.
-fn find(scenario: &Scenario) -> Option<Reversals> {
+fn find_reversals(scenario: &Scenario) -> Option<Reversals> {
     let leader = scenario.leader()?;
-    let duration_s = seconds(scenario.duration_ns);
+    let duration_s = ns_to_seconds(scenario.duration_ns);
     let step_s = (duration_s / STEPS_MAX).max(STEP_S).min(duration_s);
     let steps = (duration_s / step_s) as usize;
     let start_rad = scenario.robots[leader].start.heading_rad;
     let mut found: Option<Reversals> = None;
     let mut is_settled = false;
-    for (t_s, target, frame) in leader_course(scenario, start_rad, step_s, steps)? {
+    for (t_s, target, frame) in leader_motion_samples(scenario, start_rad, step_s, steps)? {
         let ahead =
             Vec2::new(portable_math::cos(frame.heading_rad), portable_math::sin(frame.heading_rad));
         let cosine = target.velocity.dot(&ahead) / target.velocity.norm();
         // At rest the cosine is NaN, and the comparison is false.
-        if cosine > SETTLED_COS {
+        if cosine > SETTLED_ANGLE_COS_MIN {
             is_settled = true;
         } else if is_settled && cosine < 0.0 {
             is_settled = false;
-            let first = Reversals { first_s: t_s, position: target.position, count: 0 };
+            let first =
+                Reversals { first_reversal_s: t_s, first_position: target.position, count: 0 };
             found.get_or_insert(first).count += 1;
         }
     }

@@ -12,7 +12,7 @@ use formation::desired::Target;
 use formation::drive::DriveKind;
 use formation::frame::LeaderFrame;
 use formation::front_point::{
-    drawing_velocity, drawn_heading, front_point, front_speed, twist_for,
+    front_point, front_speed, towed_heading, towing_velocity, twist_for_front_velocity,
 };
 use formation::laplacian::{move_to_settled_positions, settled_positions};
 use formation::obstacle::Obstacles;
@@ -22,7 +22,7 @@ use formation::scale::Scale;
 use serde::Serialize;
 
 use crate::scenario::{Robot, Scenario};
-use formation::seconds;
+use formation::ns_to_seconds;
 
 /// Maximum number of simulation steps of all robots together, about a second of computation.
 const STEPS_MAX: usize = 1 << 22;
@@ -36,29 +36,29 @@ const TRANSIENT_RATIO_MAX: f64 = 1.001;
 
 /// Settled formation.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Settled {
+pub(super) struct SettledFormation {
     /// Slots at scale 1 and heading 0, relative to the leader (without one, to the first root), m; goals in the frame
     /// `map`.
     pub positions: Vec<Vec2>,
     /// Smallest and largest scale.
-    pub scale: [f64; 2],
+    pub scale_range: [f64; 2],
     /// The closest pair of robots at the smallest scale, free robots left out.
-    pub closest: Option<ClosestPair>,
-    /// For each robot, whether its motion is unknown: it is free, or follows a free robot. The slots of these robots are
-    /// their start positions.
+    pub closest_pair: Option<ClosestPair>,
+    /// For each robot, whether its motion is unknown: it is free, or follows a free robot. The slots of these robots
+    /// are their start positions.
     pub is_unknown: Vec<bool>,
 }
 
-impl Settled {
+impl SettledFormation {
     /// Computes the settled formation of a scenario without errors.
     ///
     /// # Panics
     ///
     /// If the robots have no goals and no root reaches all.
-    pub fn compute(scenario: &Scenario) -> Settled {
+    pub fn compute(scenario: &Scenario) -> SettledFormation {
         let places = planned_positions(scenario)
             .expect("a sound scenario has goals, or a root that reaches all");
-        let scale = scenario.scale().map_or([1.0; 2], Scale::range);
+        let scale = scenario.scale().map_or([1.0; 2], Scale::value_range);
         // Nothing is known of where the laws of free robots lead them.
         let is_free = |i: &usize| scenario.is_free(*i);
         let settles: Vec<usize> = (0..places.len()).filter(|i| !is_free(i)).collect();
@@ -67,12 +67,17 @@ impl Settled {
             let pair = closest.pair.map(|place| settles[place]);
             ClosestPair { pair, ..closest }
         });
-        Settled { closest, positions: places, scale, is_unknown: unknown(scenario) }
+        SettledFormation {
+            closest_pair: closest,
+            positions: places,
+            scale_range: scale,
+            is_unknown: robots_with_unknown_motion(scenario),
+        }
     }
 }
 
 /// Returns for each robot whether it is free, or follows a free robot over any number of edges.
-fn unknown(scenario: &Scenario) -> Vec<bool> {
+fn robots_with_unknown_motion(scenario: &Scenario) -> Vec<bool> {
     let robots = 0..scenario.robots.len();
     let free: Vec<usize> = robots.clone().filter(|&i| scenario.is_free(i)).collect();
     if free.is_empty() {
@@ -86,14 +91,14 @@ fn unknown(scenario: &Scenario) -> Vec<bool> {
 /// or their goals, m. Returns `None` if they do not follow from the graph.
 pub(crate) fn planned_positions(scenario: &Scenario) -> Option<Vec<Vec2>> {
     if scenario.has_free_robots() {
-        return positions_beside_free_robots(scenario);
+        return positions_with_stationary_free_robots(scenario);
     }
     let pinned = || scenario.leader().or_else(|| scenario.graph.roots().first().copied());
     scenario.goals_m().or_else(|| settled_positions(&scenario.graph, pinned()?))
 }
 
 /// Returns the slots like [`planned_positions`] if some robots are free: these are assumed to stay at their starts.
-fn positions_beside_free_robots(scenario: &Scenario) -> Option<Vec<Vec2>> {
+fn positions_with_stationary_free_robots(scenario: &Scenario) -> Option<Vec<Vec2>> {
     let anchors = scenario.anchors_m();
     let others: Vec<usize> = (0..anchors.len()).filter(|&i| anchors[i].is_none()).collect();
     let graph = scenario.graph_of_offsets();
@@ -120,9 +125,12 @@ fn positions_beside_free_robots(scenario: &Scenario) -> Option<Vec<Vec2>> {
     Some(places)
 }
 
+/// Speed below which a slot counts as being at rest, so that its path has no curvature, m/s.
+const SLOT_SPEED_MIN_M_S: f64 = 1e-3;
+
 /// Maximum speeds that one robot needs to stay in its slot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Peak {
+pub struct PeakSpeeds {
     /// |alpha'|, speed of the front point, which the speed limit bounds, m/s.
     pub front_speed_m_s: f64,
     /// |v|, linear speed, m/s.
@@ -135,28 +143,30 @@ pub struct Peak {
 
 /// Motion of the leader and the settled formation.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Motion {
+pub(super) struct FormationMotion {
     /// End of the simulated interval, which starts at 0, s. It is the duration of the run unless that takes too many
     /// steps.
     pub horizon_s: f64,
     /// eta_m, maximum of |m'|, m/s.
-    pub trajectory_speed_m_s: f64,
+    pub trajectory_speed_max_m_s: f64,
     /// eta_c, maximum of |C'_ji| over all edges with an offset, m/s.
-    pub offset_rate_m_s: f64,
+    pub offset_rate_max_m_s: f64,
     /// Peak speeds of each robot in the settled formation.
-    pub peaks: Vec<Peak>,
+    pub peak_speeds: Vec<PeakSpeeds>,
     /// Times of the peak speeds of each robot, s since the start: of the front point, of a wheel's rim, and of the turn
     /// rate.
-    pub peaks_at_s: Vec<[f64; 3]>,
+    pub peak_times_s: Vec<[f64; 3]>,
+    /// Largest curvature of the path of each car, 1/m, and its time, s; 0 for other robots.
+    pub peak_curvatures: Vec<(f64, f64)>,
     /// Smallest distance of each robot's slot from a wall. `None` without walls.
-    pub passages: Vec<Option<Passage>>,
+    pub wall_passages: Vec<Option<WallPassage>>,
     /// Initial transient, if the leader starts with another heading than its path and that makes a robot faster.
-    pub transient: Option<Transient>,
+    pub transient: Option<InitialTransient>,
 }
 
 /// Smallest distance of a slot from a wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Passage {
+pub(super) struct WallPassage {
     /// Smallest distance of the slot from the wall, m.
     pub distance_m: f64,
     /// Time, s since the start.
@@ -167,44 +177,48 @@ pub(super) struct Passage {
 
 /// Initial transient: the effect of the leader's start heading on the others until it has turned.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Transient {
+pub(super) struct InitialTransient {
     /// Heading of the leader's path at the start, rad. With this start heading there is no transient.
     pub tangent_rad: f64,
     /// Peak speeds of each robot from the start on.
-    pub peaks: Vec<Peak>,
+    pub peak_speeds: Vec<PeakSpeeds>,
     /// Times of the peak speeds of each robot, s since the start: of the front point, of a wheel's rim, and of the turn
     /// rate.
-    pub peaks_at_s: Vec<[f64; 3]>,
+    pub peak_times_s: Vec<[f64; 3]>,
 }
 
-impl Motion {
+impl FormationMotion {
     /// Computes the motion. Returns `None` without a leader, where all robots come to rest.
     ///
     /// The leader's front point is on m(t) from the start, and its heading starts as in the scenario. The effect of
     /// that heading is reported separately as the transient. The other robots start with their tangential headings.
-    pub fn compute(scenario: &Scenario, settled: &Settled) -> Option<Motion> {
+    pub fn compute(scenario: &Scenario, settled: &SettledFormation) -> Option<FormationMotion> {
         let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
         let start_rad = scenario.robots[leader].start.heading_rad;
-        let given = Motion::compute_from_heading(start_rad, scenario, settled)?;
+        let given = FormationMotion::compute_from_heading(start_rad, scenario, settled)?;
         // A path that starts at rest has a heading only after a moment.
         let begun =
             (0..=100).map(|step| lead.trajectory.target_at(f64::from(step) * STEP_S_MIN).velocity);
         let Some(tangent_rad) = begun.into_iter().find_map(heading_of) else { return Some(given) };
-        let along = Motion::compute_from_heading(tangent_rad, scenario, settled)?;
-        let faster = |(given, along): (&Peak, &Peak)| {
+        let along = FormationMotion::compute_from_heading(tangent_rad, scenario, settled)?;
+        let faster = |(given, along): (&PeakSpeeds, &PeakSpeeds)| {
             given.front_speed_m_s > TRANSIENT_RATIO_MAX * along.front_speed_m_s
                 || given.rim_speed_m_s
                     > along.rim_speed_m_s.map(|rim_m_s| TRANSIENT_RATIO_MAX * rim_m_s)
         };
-        if !given.peaks.iter().zip(&along.peaks).any(faster) {
+        if !given.peak_speeds.iter().zip(&along.peak_speeds).any(faster) {
             return Some(given);
         }
-        let Motion { peaks, peaks_at_s, .. } = given;
-        Some(Motion {
-            peaks: along.peaks,
-            peaks_at_s: along.peaks_at_s,
-            passages: along.passages,
-            transient: Some(Transient { tangent_rad, peaks, peaks_at_s }),
+        let FormationMotion { peak_speeds: peaks, peak_times_s: peaks_at_s, .. } = given;
+        Some(FormationMotion {
+            peak_speeds: along.peak_speeds,
+            peak_times_s: along.peak_times_s,
+            wall_passages: along.wall_passages,
+            transient: Some(InitialTransient {
+                tangent_rad,
+                peak_speeds: peaks,
+                peak_times_s: peaks_at_s,
+            }),
             ..given
         })
     }
@@ -213,24 +227,25 @@ impl Motion {
     fn compute_from_heading(
         leader_rad: f64,
         scenario: &Scenario,
-        settled: &Settled,
-    ) -> Option<Motion> {
+        settled: &SettledFormation,
+    ) -> Option<FormationMotion> {
         let leader = scenario.leader()?;
         let robots = &scenario.robots;
         let steps_max = (STEPS_MAX / robots.len()) as f64;
-        let duration_s = seconds(scenario.duration_ns);
+        let duration_s = ns_to_seconds(scenario.duration_ns);
         let step_s = (duration_s / steps_max).clamp(STEP_S_MIN, STEP_S_MAX).min(duration_s);
         let steps = (duration_s / step_s).ceil().min(steps_max) as usize;
         let offset_m =
             scenario.formation_edges().map(|(_, edge)| edge.offset_m.norm()).fold(0.0, f64::max);
 
-        let mut motion = Motion {
+        let mut motion = FormationMotion {
             horizon_s: (steps as f64 * step_s).min(duration_s),
-            trajectory_speed_m_s: 0.0,
-            offset_rate_m_s: 0.0,
-            peaks: vec![Peak::default(); robots.len()],
-            peaks_at_s: vec![[0.0; 3]; robots.len()],
-            passages: vec![None; robots.len()],
+            trajectory_speed_max_m_s: 0.0,
+            offset_rate_max_m_s: 0.0,
+            peak_speeds: vec![PeakSpeeds::default(); robots.len()],
+            peak_times_s: vec![[0.0; 3]; robots.len()],
+            peak_curvatures: vec![(0.0, 0.0); robots.len()],
+            wall_passages: vec![None; robots.len()],
             transient: None,
         };
         let walls = scenario.obstacles();
@@ -238,23 +253,30 @@ impl Motion {
         let mut looked = vec![(Vec2::zeros(), 0.0); robots.len()];
         let mut headings_rad: Vec<f64> = robots.iter().map(|r| r.start.heading_rad).collect();
         let mut before: Option<Vec<Vec2>> = None;
-        for (t_s, target, frame) in leader_course(scenario, leader_rad, step_s, steps)? {
+        for (t_s, target, frame) in leader_motion_samples(scenario, leader_rad, step_s, steps)? {
             headings_rad[leader] = frame.heading_rad;
             if !walls.is_empty() {
                 let places = settled.positions.iter().zip(&settled.is_unknown);
                 let places = places.map(|(&place, is_unknown)| {
-                    (!is_unknown).then(|| target.position + frame.offset(place).position)
+                    (!is_unknown).then(|| target.position + frame.transform_offset(place).position)
                 });
                 motion.update_clearances(&walls, places, t_s, &mut looked);
             }
             let places = settled.positions.iter();
-            let velocities: Vec<Vec2> =
-                places.map(|&place| target.velocity + frame.offset(place).velocity).collect();
+            let velocities: Vec<Vec2> = places
+                .map(|&place| target.velocity + frame.transform_offset(place).velocity)
+                .collect();
             for (i, robot) in robots.iter().enumerate().filter(|(i, _)| !settled.is_unknown[*i]) {
                 if i != leader && robot.drive().moves_along_heading() {
                     let was = before.as_ref().map(|_| headings_rad[i]);
                     let twist = axle_twist(velocities[i], was, &mut headings_rad[i], step_s);
-                    motion.peaks[i].update_peaks(&mut motion.peaks_at_s[i], robot, twist, t_s);
+                    motion.peak_speeds[i].update_peaks(
+                        &mut motion.peak_times_s[i],
+                        robot,
+                        twist,
+                        t_s,
+                    );
+                    motion.update_peak_curvature(i, robot, twist, t_s);
                     continue;
                 }
                 if i != leader && robot.drive_kind.is_differential() {
@@ -262,32 +284,46 @@ impl Motion {
                         None => heading_of(velocities[i]).unwrap_or(headings_rad[i]),
                         Some(before) => {
                             let between = 0.5 * (before[i] + velocities[i]);
-                            drawn_heading(headings_rad[i], robot.front_point_m, between, step_s)
+                            towed_heading(headings_rad[i], robot.front_point_m, between, step_s)
                         }
                     };
                 }
                 let twist = match (robot.drive_kind, robot.drive().turns_freely()) {
                     (DriveKind::Omni, _) => Twist::new(velocities[i].norm(), 0.0),
-                    (DriveKind::Differential, true) => {
+                    (DriveKind::Differential | DriveKind::Ackermann, true) => {
                         Twist::new(velocities[i].norm(), frame.turn_rate_rad_s)
                     }
-                    (DriveKind::Differential, false) => {
-                        twist_for(headings_rad[i], robot.front_point_m, velocities[i])
+                    (DriveKind::Differential | DriveKind::Ackermann, false) => {
+                        twist_for_front_velocity(
+                            headings_rad[i],
+                            robot.front_point_m,
+                            velocities[i],
+                        )
                     }
                 };
-                let peaks_at_s = &mut motion.peaks_at_s[i];
-                motion.peaks[i].update_peaks(peaks_at_s, robot, twist, t_s);
+                let peaks_at_s = &mut motion.peak_times_s[i];
+                motion.peak_speeds[i].update_peaks(peaks_at_s, robot, twist, t_s);
+                motion.update_peak_curvature(i, robot, twist, t_s);
             }
-            motion.trajectory_speed_m_s = motion.trajectory_speed_m_s.max(target.velocity.norm());
-            let longest = frame.offset(Vec2::new(offset_m, 0.0)).velocity.norm();
-            motion.offset_rate_m_s = motion.offset_rate_m_s.max(longest);
+            motion.trajectory_speed_max_m_s =
+                motion.trajectory_speed_max_m_s.max(target.velocity.norm());
+            let longest = frame.transform_offset(Vec2::new(offset_m, 0.0)).velocity.norm();
+            motion.offset_rate_max_m_s = motion.offset_rate_max_m_s.max(longest);
             before = Some(velocities);
         }
         Some(motion)
     }
 
-    /// Updates the smallest distances of slots from walls; `None` for a slot that is unknown. `looked`: for each slot, the position at which the distance
-    /// was last computed, and that distance, m.
+    /// Updates the largest curvature of the path of robot `i` with a twist at `t_s`, if it is a car that moves.
+    fn update_peak_curvature(&mut self, i: usize, robot: &Robot, twist: Twist, t_s: f64) {
+        let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
+        if robot.drive().is_car() && v > SLOT_SPEED_MIN_M_S && w / v > self.peak_curvatures[i].0 {
+            self.peak_curvatures[i] = (w / v, t_s);
+        }
+    }
+
+    /// Updates the smallest distances of slots from walls; `None` for a slot that is unknown. `looked`: for each slot,
+    /// the position at which the distance was last computed, and that distance, m.
     fn update_clearances(
         &mut self,
         walls: &Obstacles,
@@ -295,7 +331,7 @@ impl Motion {
         t_s: f64,
         looked: &mut [(Vec2, f64)],
     ) {
-        for ((at, passage), looked) in places.zip(&mut self.passages).zip(looked) {
+        for ((at, passage), looked) in places.zip(&mut self.wall_passages).zip(looked) {
             let Some(at) = at else { continue };
             let least_m = passage.map_or(f64::INFINITY, |passage| passage.distance_m);
             // Lower bound on the distance from any wall, by the triangle inequality.
@@ -306,14 +342,14 @@ impl Motion {
             let Some(near) = walls.nearest_obstacle(at) else { continue };
             *looked = (at, near.distance_m);
             if near.distance_m < least_m {
-                *passage = Some(Passage { distance_m: near.distance_m, t_s, wall: near.index });
+                *passage = Some(WallPassage { distance_m: near.distance_m, t_s, wall: near.index });
             }
         }
     }
 }
 
-impl Peak {
-    /// Updates the peaks with a twist at `t_s`. `peaks_at_s`: times of the peaks of front point, rim and turn rate.
+impl PeakSpeeds {
+    /// Updates the peaks with a twist at `t_s`. `peak_times_s`: times of the peaks of front point, rim and turn rate.
     fn update_peaks(&mut self, peaks_at_s: &mut [f64; 3], robot: &Robot, twist: Twist, t_s: f64) {
         let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
         let front_m_s = front_speed(robot.front_point_m, twist);
@@ -334,9 +370,9 @@ impl Peak {
 }
 
 /// Returns the time, s, and the main leader's target and frame at 0 and after each of `steps` steps. The front point is
-/// on m(t) and pulls the heading along, which starts at `heading_rad`; at the axle midpoint it is that of m'(t). Returns
-/// `None` without a leader.
-pub(crate) fn leader_course(
+/// on m(t) and pulls the heading along, which starts at `heading_rad`; at the axle midpoint it is that of m'(t).
+/// Returns `None` without a leader.
+pub(crate) fn leader_motion_samples(
     scenario: &Scenario,
     heading_rad: f64,
     step_s: f64,
@@ -349,7 +385,7 @@ pub(crate) fn leader_course(
         let t_s = step as f64 * step_s;
         let target = lead.trajectory.target_at(t_s);
         let (scale, scale_rate_per_s) = lead.scale.value_and_rate_at(t_s);
-        let still = LeaderFrame::STILL;
+        let still = LeaderFrame::IDENTITY;
         if drive.turns_freely() {
             let direction =
                 lead.trajectory.direction_at(t_s, step_s, heading_rad, lead.keep_heading);
@@ -361,11 +397,11 @@ pub(crate) fn leader_course(
         }
         if step > 0 {
             let between = lead.trajectory.target_at(t_s - 0.5 * step_s).velocity;
-            let drawing = drawing_velocity(heading_rad, between, lead.keep_heading);
-            heading_rad = drawn_heading(heading_rad, ell_m, drawing, step_s);
+            let drawing = towing_velocity(heading_rad, between, lead.keep_heading);
+            heading_rad = towed_heading(heading_rad, ell_m, drawing, step_s);
         }
-        let drawing = drawing_velocity(heading_rad, target.velocity, lead.keep_heading);
-        let turn_rate_rad_s = twist_for(heading_rad, ell_m, drawing).w_rad_s;
+        let drawing = towing_velocity(heading_rad, target.velocity, lead.keep_heading);
+        let turn_rate_rad_s = twist_for_front_velocity(heading_rad, ell_m, drawing).w_rad_s;
         let frame = LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s, ..still };
         (t_s, target, frame)
     }))
@@ -374,7 +410,7 @@ pub(crate) fn leader_course(
 /// Returns the twist of an axle midpoint with this velocity, m/s, and updates its heading, rad: the robot drives in the
 /// gear that turns it less. `was_rad` is its heading one step before, if there was one.
 fn axle_twist(velocity: Vec2, was_rad: Option<f64>, heading_rad: &mut f64, step_s: f64) -> Twist {
-    let ahead = drawing_velocity(*heading_rad, velocity, was_rad.is_some());
+    let ahead = towing_velocity(*heading_rad, velocity, was_rad.is_some());
     *heading_rad = heading_of(ahead).unwrap_or(*heading_rad);
     let turn_rad = was_rad.map_or(0.0, |was_rad| wrap_angle(*heading_rad - was_rad));
     Twist::new(velocity.norm(), turn_rad / step_s)

@@ -5,23 +5,23 @@ use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::Edge;
 use formation::laplacian::{self, Matrix};
 use formation::reachability::{Defects, Reachability};
-use formation::rewiring::{Purpose, Repaired, Rewiring};
+use formation::rewiring::{ActiveRepair, Rewiring, SenderPurpose};
 use formation::scale::Scale;
-use protocol::avoidance::{Conditions, Promise};
-use protocol::brief::{Pace, Rank};
+use protocol::avoidance::{DistanceGuarantee, MethodConditions};
+use protocol::brief::{Pace, YieldPriority};
 use protocol::law::Reference;
 use serde::Serialize;
 
 use super::braking::Braking;
 use super::finding::Finding;
-use super::findings::{findings_before_settling, findings_of_settled_formation};
-use super::liars::Liars;
+use super::findings::{findings_of_settled_formation, findings_without_settled_formation};
+use super::liars::LiarTolerance;
 use super::opening::Opening;
-use super::start_points;
-use super::steady::{Motion, Peak, Settled};
-use crate::prediction::{Broken, BrokenRobot, Predictor};
+use super::start_front_points;
+use super::steady::{FormationMotion, PeakSpeeds, SettledFormation};
+use crate::prediction::{BrokenPrediction, BrokenRobot, FailurePredictor};
 use crate::scenario::{Robot, Scenario};
-use formation::seconds;
+use formation::ns_to_seconds;
 
 /// Results of the analysis of a scenario. Rows and columns of matrices are robots in scenario order.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -43,35 +43,35 @@ pub struct Theory<'s> {
     /// Threshold for a broken robot: maximum distance from its slot in the planned formation, m.
     pub broken_m: f64,
     /// Predicted consequences of the permanent failure of each single robot, in scenario order.
-    pub deaths: Vec<Death<'s>>,
+    pub deaths: Vec<RobotFailure<'s>>,
     /// Single edges whose permanent failure disconnects or breaks a robot, or causes a repair.
     pub breaking_cuts: Vec<EdgeCut<'s>>,
     /// Robustness of the graph against Byzantine robots, if the scenario has any or uses a resilient law.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub liars: Option<Liars>,
+    pub liars: Option<LiarTolerance>,
     /// L, graph Laplacian (4)-(6).
     pub laplacian: Vec<Vec<f64>>,
     /// A = Lambda L + Gamma, system matrix (31).
     pub system: Vec<Vec<f64>>,
     /// Properties of the matrices.
-    pub matrix: MatrixFacts,
+    pub matrix: MatrixProperties,
     /// Maximum rates of the trajectory and of the offsets. `None` without a leader.
-    pub trajectory: Option<TrajectoryFacts>,
+    pub trajectory: Option<TrajectoryRates>,
     /// Bounds on |alpha'| by Lemma 1. `None` unless there is a leader and all laws have feed-forward and a bounded
     /// correction.
     pub bounds: Option<SpeedBounds>,
     /// Strength of the repulsive field by each applicable rule.
-    pub epsilon: Vec<Epsilon>,
+    pub epsilon: Vec<EpsilonRule>,
     /// Smallest distances between robots.
-    pub distances: Distances<'s>,
+    pub distances: RobotDistances<'s>,
     /// Parameters of a formation that opens and closes.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub closing: Option<ClosingFacts>,
+    pub closing: Option<ClosingParameters>,
     /// Distances from walls and obstacles, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub walls: Option<WallFacts<'s>>,
+    pub walls: Option<WallClearances<'s>>,
     /// Parameters of the collision avoidance.
-    pub guard: Guard,
+    pub guard: AvoidanceParameters,
     /// Warnings. There are no errors, because a scenario with an error is not analyzed.
     pub findings: Vec<Finding>,
 }
@@ -110,7 +110,7 @@ pub struct RobotTheory<'s> {
     /// for a robot with a goal, the goal.
     pub settled_m: [f64; 2],
     /// Maximum speeds needed to stay in its slot. Zero without a leader, and if the motion is unknown.
-    pub peak: Peak,
+    pub peak: PeakSpeeds,
     /// Maximum speed that the robot's front point would need during the initial transient of the leader, and its
     /// time. `None` unless the start heading of the leader matters.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -157,7 +157,7 @@ impl<'s> Deputies<'s> {
     /// Returns the backup leaders of all secondary leaders that have any.
     fn collect_all(scenario: &'s Scenario) -> Vec<Deputies<'s>> {
         let name = |i: usize| scenario.robots[i].name.as_str();
-        let named = scenario.repair.successions.iter().map(|one| Deputies {
+        let named = scenario.repair_plan.successions.iter().map(|one| Deputies {
             leader: name(one.leader),
             deputies: one.deputies.iter().map(|&i| name(i)).collect(),
         });
@@ -167,7 +167,7 @@ impl<'s> Deputies<'s> {
 
 /// A topology repair: a backup neighbor replaces an in-neighbor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct Repair<'s> {
+pub struct TopologyRepair<'s> {
     /// Name of the receiving robot.
     pub robot: &'s str,
     /// Name of the replacement.
@@ -176,29 +176,32 @@ pub struct Repair<'s> {
     pub instead_of: &'s str,
 }
 
-impl<'s> Repair<'s> {
+impl<'s> TopologyRepair<'s> {
     /// Returns all repairs after the robots `dead` have failed and the edges `cut` are down.
-    fn repairs_after(losses: &Losses<'s>, dead: &[usize], cut: &[usize]) -> Vec<Repair<'s>> {
+    fn repairs_after(
+        losses: &FailureAnalysis<'s>,
+        dead: &[usize],
+        cut: &[usize],
+    ) -> Vec<TopologyRepair<'s>> {
         let name = |robot: usize| losses.scenario.robots[robot].name.as_str();
-        let repairs = losses.rewiring.repairs(dead, cut).into_iter();
-        let named = |Repaired { robot, by, instead_of, .. }| Repair {
-            robot: name(robot),
-            by: name(by),
-            instead_of: name(instead_of),
-        };
+        let repairs = losses.rewiring.active_repairs(dead, cut).into_iter();
+        let named =
+            |ActiveRepair { robot, substitute: by, lost_in_neighbor: instead_of, .. }| {
+                TopologyRepair { robot: name(robot), by: name(by), instead_of: name(instead_of) }
+            };
         repairs.map(named).collect()
     }
 }
 
 /// Consequences of a permanent failure of a robot or an edge.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Aftermath<'s> {
+pub struct FailureConsequences<'s> {
     /// Names of the backup leaders that then lead.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub leading: Vec<&'s str>,
     /// Topology repairs that then take place.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub repairs: Vec<Repair<'s>>,
+    pub repairs: Vec<TopologyRepair<'s>>,
     /// Robots that lose their leader, their leaders' hull or their group.
     #[serde(flatten)]
     pub loss: Defects<&'s str>,
@@ -206,17 +209,17 @@ pub struct Aftermath<'s> {
     pub breaks: Vec<BrokenRobot<'s>>,
 }
 
-impl Aftermath<'_> {
+impl FailureConsequences<'_> {
     /// Returns whether there is any consequence.
     pub fn has_consequences(&self) -> bool {
-        let Aftermath { leading, repairs, loss, breaks } = self;
+        let FailureConsequences { leading, repairs, loss, breaks } = self;
         !(loss.is_empty() && breaks.is_empty() && repairs.is_empty() && leading.is_empty())
     }
 }
 
 /// Consequences of the failure of one robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Death<'s> {
+pub struct RobotFailure<'s> {
     /// Name of the failed robot.
     pub robot: &'s str,
     /// Maximum error of a robot that keeps a slot until a backup leader leads, m. Detours around the failed robot are
@@ -228,7 +231,7 @@ pub struct Death<'s> {
     pub settles_after_s: Option<f64>,
     /// Consequences of the failure.
     #[serde(flatten)]
-    pub after: Aftermath<'s>,
+    pub after: FailureConsequences<'s>,
 }
 
 /// Consequences of the failure of one edge.
@@ -240,12 +243,12 @@ pub struct EdgeCut<'s> {
     pub to: &'s str,
     /// Consequences of the failure.
     #[serde(flatten)]
-    pub after: Aftermath<'s>,
+    pub after: FailureConsequences<'s>,
 }
 
 /// Properties of A and of the velocity iteration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct MatrixFacts {
+pub struct MatrixProperties {
     /// Smallest real part of an eigenvalue of A. 0 without a leader: A is then singular, and the formation has a shape,
     /// but no determined position.
     pub system_eigenvalue_min: f64,
@@ -262,7 +265,7 @@ pub struct MatrixFacts {
 
 /// Maximum rates of the trajectory and of the offsets.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct TrajectoryFacts {
+pub struct TrajectoryRates {
     /// eta_m, maximum |m'|, m/s.
     pub eta_m_m_s: f64,
     /// eta_c, maximum |C'_ji| over all offsets, with the turn rate w_n of a leader on its trajectory, m/s.
@@ -290,7 +293,7 @@ pub struct SpeedBounds {
 
 /// Strength of the repulsive field (11) by one rule of the chapter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Epsilon {
+pub struct EpsilonRule {
     /// Formula of the rule.
     pub rule: &'static str,
     /// Source in the chapter.
@@ -304,7 +307,7 @@ pub struct Epsilon {
 
 /// Distance of two robots.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Gap<'s> {
+pub struct ClosestRobots<'s> {
     /// Names of the robots.
     pub robots: [&'s str; 2],
     /// Distance of the robots' front points, m.
@@ -313,21 +316,21 @@ pub struct Gap<'s> {
 
 /// Smallest distances between robots. `None` for a single robot.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Distances<'s> {
+pub struct RobotDistances<'s> {
     /// d, minimum distance, m.
     pub distance_min_m: f64,
     /// Smallest distance of two front points at the start (Assumption 1: at least d).
-    pub start: Option<Gap<'s>>,
+    pub start: Option<ClosestRobots<'s>>,
     /// Smallest distance of two settled robots at the smallest scale (Remark 1: more than d; with `guard` more than
     /// d_f).
-    pub settled: Option<Gap<'s>>,
+    pub settled: Option<ClosestRobots<'s>>,
     /// Smallest and largest scale.
     pub scale: [f64; 2],
 }
 
 /// Parameters of a formation that opens and closes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct ClosingFacts {
+pub struct ClosingParameters {
     /// Scale of the open formation.
     pub from: f64,
     /// Time for which the formation stays open, s.
@@ -343,20 +346,20 @@ pub struct ClosingFacts {
     pub asked: Option<Opening>,
 }
 
-impl ClosingFacts {
-    fn compute(scenario: &Scenario) -> Option<ClosingFacts> {
+impl ClosingParameters {
+    fn compute(scenario: &Scenario) -> Option<ClosingParameters> {
         let scale = scenario.scale()?;
         let Scale::Closing { from, hold_s, over_s, reopen_at_s } = scale.clone() else {
             return None;
         };
-        let (closed_at_s, asked) = (scale.closed_at_s()?, Opening::compute(scenario));
-        Some(ClosingFacts { from, hold_s, over_s, reopen_at_s, closed_at_s, asked })
+        let (closed_at_s, asked) = (scale.closing_end_s()?, Opening::compute(scenario));
+        Some(ClosingParameters { from, hold_s, over_s, reopen_at_s, closed_at_s, asked })
     }
 }
 
 /// Parameters of the collision avoidance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Guard {
+pub struct AvoidanceParameters {
     /// `true` if d is guaranteed regardless of late, frozen or failed robots.
     pub on: bool,
     /// H, command lifetime in lockstep, s.
@@ -384,36 +387,38 @@ pub struct Guard {
     pub speed_cap_m_s: Option<f64>,
 }
 
-impl Guard {
-    fn compute(scenario: &Scenario) -> Guard {
+impl AvoidanceParameters {
+    fn compute(scenario: &Scenario) -> AvoidanceParameters {
         let (a, conditions, method) =
-            (&scenario.avoidance, scenario.conditions(), &scenario.method);
-        let lifetime_s = |pace| seconds(scenario.command_lifetime_ns(pace));
-        let first_of = |rank| (0..scenario.robots.len()).find(|&i| scenario.rank(i) == rank);
-        let steers_within_m = |rank| first_of(rank).and_then(|i| scenario.steers_within_m(i));
-        let steers = method.steers_within;
+            (&scenario.avoidance, scenario.avoidance_conditions(), &scenario.avoidance_method);
+        let lifetime_s = |pace| ns_to_seconds(scenario.command_lifetime_ns(pace));
+        let first_of = |rank| (0..scenario.robots.len()).find(|&i| scenario.yield_rank(i) == rank);
+        let steers_within_m = |rank| first_of(rank).and_then(|i| scenario.steering_distance_m(i));
+        let steers = method.steering_distance;
         let zone = method.slow_down_zone_m.filter(|_| a.braking_time_max_s > 0.0);
-        Guard {
-            on: method.promise == Promise::Always && scenario.missing_guarantee().is_none(),
+        AvoidanceParameters {
+            on: method.distance_guarantee == DistanceGuarantee::Unconditional
+                && scenario.missing_guarantee_reason().is_none(),
             lifetime_lockstep_s: lifetime_s(Pace::Lockstep),
             lifetime_realtime_s: lifetime_s(Pace::Realtime),
-            late_s: [Pace::Lockstep, Pace::Realtime].map(|pace| seconds(scenario.late_ns(pace))),
+            late_s: [Pace::Lockstep, Pace::Realtime]
+                .map(|pace| ns_to_seconds(scenario.command_delay_ns_max(pace))),
             deflection_distance_m: steers
-                .map(|(_, m)| m(&Conditions { rank: Rank::First, ..conditions })),
-            giving_way_distance_m: steers_within_m(Rank::Contained),
-            following_distance_m: steers_within_m(Rank::Follower),
+                .map(|(_, m)| m(&MethodConditions { rank: YieldPriority::First, ..conditions })),
+            giving_way_distance_m: steers_within_m(YieldPriority::Contained),
+            following_distance_m: steers_within_m(YieldPriority::Follower),
             sensing_radius_m: a.sensing_radius_m,
             sensing_radius_needed_m: scenario.sensing_radius_needed_m(),
             slow_down_zone_m: zone.map(|m| m(&conditions)),
             speed_max_m_s: a.speed_max_m_s.is_finite().then_some(a.speed_max_m_s),
-            speed_cap_m_s: method.speed_cap_m_s.map(|m_s| m_s(&conditions)),
+            speed_cap_m_s: method.useful_speed_max_m_s.map(|m_s| m_s(&conditions)),
         }
     }
 }
 
 /// Distances from walls and obstacles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct WallFacts<'s> {
+pub struct WallClearances<'s> {
     /// Number of convex parts.
     pub parts: usize,
     /// Minimum distance that robots keep from them, m.
@@ -426,73 +431,87 @@ pub struct WallFacts<'s> {
     pub start: [&'s str; 2],
 }
 
-impl<'s> WallFacts<'s> {
-    fn compute(scenario: &'s Scenario) -> Option<WallFacts<'s>> {
+impl<'s> WallClearances<'s> {
+    fn compute(scenario: &'s Scenario) -> Option<WallClearances<'s>> {
         let obstacles = scenario.obstacles();
-        let starts = start_points(&scenario.robots).into_iter().zip(&scenario.robots);
+        let starts = start_front_points(&scenario.robots).into_iter().zip(&scenario.robots);
         let near =
             starts.filter_map(|(start, robot)| Some((robot, obstacles.nearest_obstacle(start)?)));
         let (robot, near) = near.min_by(|a, b| a.1.distance_m.total_cmp(&b.1.distance_m))?;
-        let steers = scenario.method.steers_beside_walls;
-        Some(WallFacts {
+        let steers = scenario.avoidance_method.wall_steering_distance;
+        Some(WallClearances {
             parts: scenario.walls.len(),
             clearance_m: scenario.avoidance.clearance_m,
-            deflection_distance_m: steers.map(|(_, m)| m(&scenario.conditions())),
+            deflection_distance_m: steers.map(|(_, m)| m(&scenario.avoidance_conditions())),
             start_m: near.distance_m,
             start: [&robot.name, &scenario.walls[near.index].name],
         })
     }
 }
 
-impl<'s> Distances<'s> {
-    fn compute(scenario: &'s Scenario, settled: &Settled) -> Distances<'s> {
+impl<'s> RobotDistances<'s> {
+    fn compute(scenario: &'s Scenario, settled: &SettledFormation) -> RobotDistances<'s> {
         let name = |i: usize| scenario.robots[i].name.as_str();
         let gap = |closest: Option<ClosestPair>| {
-            closest
-                .map(|ClosestPair { pair, distance_m }| Gap { robots: pair.map(name), distance_m })
+            closest.map(|ClosestPair { pair, distance_m }| ClosestRobots {
+                robots: pair.map(name),
+                distance_m,
+            })
         };
-        Distances {
+        RobotDistances {
             distance_min_m: scenario.avoidance.distance_min_m,
-            start: gap(closest_pair(&start_points(&scenario.robots))),
-            settled: gap(settled.closest),
-            scale: settled.scale,
+            start: gap(closest_pair(&start_front_points(&scenario.robots))),
+            settled: gap(settled.closest_pair),
+            scale: settled.scale_range,
         }
     }
 }
 
 /// Calculator of the consequences of single failures of robots and edges.
-struct Losses<'s> {
+struct FailureAnalysis<'s> {
     scenario: &'s Scenario,
     rewiring: Rewiring,
-    predictor: Predictor,
+    predictor: FailurePredictor,
     /// Reachability over the graph with the backup links in use.
-    repaired: Reachability,
+    reachability_with_spares: Reachability,
     /// Indices of the edges whose cut disconnects or breaks a robot.
-    breaking: Vec<usize>,
+    breaking_edges: Vec<usize>,
 }
 
-impl<'s> Losses<'s> {
-    fn new(scenario: &'s Scenario, reachability: &Reachability) -> Losses<'s> {
-        let breaking = reachability.breaking_cuts().into_iter().map(|(edge, _)| edge).collect();
+impl<'s> FailureAnalysis<'s> {
+    fn new(scenario: &'s Scenario, reachability: &Reachability) -> FailureAnalysis<'s> {
+        let breaking =
+            reachability.cuts_causing_defects().into_iter().map(|(edge, _)| edge).collect();
         let repaired = scenario.reachability_of(&scenario.graph_with_spares());
-        let (rewiring, predictor) = (scenario.rewiring(), Predictor::new(scenario));
-        Losses { scenario, rewiring, predictor, repaired, breaking }
+        let (rewiring, predictor) = (scenario.rewiring(), FailurePredictor::new(scenario));
+        FailureAnalysis {
+            scenario,
+            rewiring,
+            predictor,
+            reachability_with_spares: repaired,
+            breaking_edges: breaking,
+        }
     }
 
     /// Returns the consequences of all single robot failures, in scenario order. `progress` gets the number of
     /// completed ones.
-    fn single_deaths(&self, progress: &mut dyn FnMut(usize)) -> Vec<Death<'s>> {
+    fn single_robot_failures(&self, progress: &mut dyn FnMut(usize)) -> Vec<RobotFailure<'s>> {
         let (scenario, predictor) = (self.scenario, &self.predictor);
         let death = |(i, robot): (usize, &'s Robot)| {
             progress(i);
-            let settles_after_s = || predictor.settles_after_s(&[i]);
-            let is_planned = !scenario.repair.substitutes.is_empty();
+            let settles_after_s = || predictor.settling_time_s(&[i]);
+            let is_planned = !scenario.repair_plan.substitutes.is_empty();
             let broken = predictor.broken_robots(&[i], &[], None);
-            Death {
+            RobotFailure {
                 robot: &robot.name,
-                peak_m: predictor.peak_m(&[i], None),
+                peak_m: predictor.peak_error_m(&[i], None),
                 settles_after_s: is_planned.then(settles_after_s).flatten(),
-                after: self.aftermath(&[i], &[], self.loss(&[i], &[]), &broken),
+                after: self.failure_consequences(
+                    &[i],
+                    &[],
+                    self.defects_after_failures(&[i], &[]),
+                    &broken,
+                ),
             }
         };
         scenario.robots.iter().enumerate().map(death).collect()
@@ -502,43 +521,47 @@ impl<'s> Losses<'s> {
     /// completed ones.
     fn breaking_cuts(&self, progress: &mut dyn FnMut(usize)) -> Vec<EdgeCut<'s>> {
         let name = |i: usize| self.scenario.robots[i].name.as_str();
-        let cuts = self.predictor.single_cuts();
+        let cuts = self.predictor.single_cut_predictor();
         let cut = |(edge, ends): (usize, &Edge)| {
             progress(edge);
-            let loss = match self.breaking.contains(&edge) {
-                true => self.loss(&[], &[edge]),
+            let loss = match self.breaking_edges.contains(&edge) {
+                true => self.defects_after_failures(&[], &[edge]),
                 false => Defects::default(),
             };
-            let after = self.aftermath(&[], &[edge], loss, &cuts.broken_by_cut(edge));
+            let after = self.failure_consequences(&[], &[edge], loss, &cuts.broken_by_cut(edge));
             EdgeCut { from: name(ends.from), to: name(ends.to), after }
         };
         let edges = self.scenario.graph.edges().iter().enumerate();
         edges.map(cut).filter(|cut| cut.after.has_consequences()).collect()
     }
 
-    fn loss(&self, dead: &[usize], cut: &[usize]) -> Defects {
+    fn defects_after_failures(&self, dead: &[usize], cut: &[usize]) -> Defects {
         let silent = [cut, &self.rewiring.unused_links(dead, cut)].concat();
-        self.repaired.loss_with_leaders(&self.leading(dead, cut), dead, &silent)
+        self.reachability_with_spares.new_defects_with_leaders(
+            &self.leading_robots(dead, cut),
+            dead,
+            &silent,
+        )
     }
 
-    fn leading(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
-        let deputies = &self.scenario.repair.deputies;
-        self.rewiring.leading(self.scenario.leader(), deputies, dead, cut)
+    fn leading_robots(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
+        let deputies = &self.scenario.repair_plan.deputies;
+        self.rewiring.leading_robots(self.scenario.leader(), deputies, dead, cut)
     }
 
-    fn aftermath(
+    fn failure_consequences(
         &self,
         dead: &[usize],
         cut: &[usize],
         loss: Defects,
-        broken: &[Broken],
-    ) -> Aftermath<'s> {
+        broken: &[BrokenPrediction],
+    ) -> FailureConsequences<'s> {
         let (scenario, leader) = (self.scenario, self.scenario.leader());
         let name = |i: usize| scenario.robots[i].name.as_str();
-        let leading = self.leading(dead, cut).into_iter();
-        Aftermath {
+        let leading = self.leading_robots(dead, cut).into_iter();
+        FailureConsequences {
             leading: leading.filter(|&i| Some(i) != leader).map(name).collect(),
-            repairs: Repair::repairs_after(self, dead, cut),
+            repairs: TopologyRepair::repairs_after(self, dead, cut),
             loss: loss.map_robots(|&i| name(i)),
             breaks: broken.iter().map(|broken| broken.with_names(&scenario.robots)).collect(),
         }
@@ -548,20 +571,20 @@ impl<'s> Losses<'s> {
 impl<'s> Theory<'s> {
     /// Computes the theoretical analysis of a scenario without errors.
     pub fn compute(scenario: &'s Scenario) -> Theory<'s> {
-        Theory::with_progress(scenario, &mut |_, _| ())
+        Theory::compute_with_progress(scenario, &mut |_, _| ())
     }
 
     /// Returns the same as [`Theory::compute`]. `progress` gets the number of single deaths and cuts computed so
     /// far, and the number of all.
-    pub fn with_progress(
+    pub fn compute_with_progress(
         scenario: &'s Scenario,
         progress: &mut dyn FnMut(usize, usize),
     ) -> Theory<'s> {
         let robots = &scenario.robots;
         let name = |i: usize| robots[i].name.as_str();
-        let settled = Settled::compute(scenario);
-        let motion = Motion::compute(scenario, &settled);
-        let mut findings = findings_before_settling(scenario);
+        let settled = SettledFormation::compute(scenario);
+        let motion = FormationMotion::compute(scenario, &settled);
+        let mut findings = findings_without_settled_formation(scenario);
         findings.extend(findings_of_settled_formation(scenario, &settled, motion.as_ref()));
         let leader = scenario.leader();
         let reachability = scenario.reachability();
@@ -570,12 +593,12 @@ impl<'s> Theory<'s> {
             true => Matrix::identity(robots.len(), robots.len()),
             false => laplacian::formation_matrix(&scenario.graph_of_offsets(), leader),
         };
-        let matrix = matrix_facts(scenario, &system);
+        let matrix = matrix_properties(scenario, &system);
         let bounds = motion.as_ref().and_then(|motion| speed_bounds(robots, &matrix, motion));
         let edges = scenario.graph.edges();
-        let losses = Losses::new(scenario, &reachability);
+        let losses = FailureAnalysis::new(scenario, &reachability);
         let all = robots.len() + edges.len();
-        let deaths = losses.single_deaths(&mut |done| progress(done, all));
+        let deaths = losses.single_robot_failures(&mut |done| progress(done, all));
         let breaking_cuts = losses.breaking_cuts(&mut |done| progress(robots.len() + done, all));
         Theory {
             scenario: &scenario.name,
@@ -583,28 +606,28 @@ impl<'s> Theory<'s> {
                 .map(|i| robot_theory(scenario, &losses.rewiring, i, &settled, motion.as_ref()))
                 .collect(),
             leader: leader.map(name),
-            deputies: scenario.repair.deputies.iter().map(|&i| name(i)).collect(),
+            deputies: scenario.repair_plan.deputies.iter().map(|&i| name(i)).collect(),
             successions: Deputies::collect_all(scenario),
             roots: scenario.graph.roots().into_iter().map(name).collect(),
-            broken_m: losses.predictor.bound_m(),
+            broken_m: losses.predictor.broken_threshold_m(),
             deaths,
             breaking_cuts,
-            liars: Liars::compute(scenario),
-            laplacian: rows(&laplacian::laplacian(&scenario.graph)),
-            system: rows(&system),
+            liars: LiarTolerance::compute(scenario),
+            laplacian: matrix_rows(&laplacian::laplacian(&scenario.graph)),
+            system: matrix_rows(&system),
             matrix,
-            trajectory: motion.as_ref().map(|motion| TrajectoryFacts {
-                eta_m_m_s: motion.trajectory_speed_m_s,
-                eta_c_m_s: motion.offset_rate_m_s,
+            trajectory: motion.as_ref().map(|motion| TrajectoryRates {
+                eta_m_m_s: motion.trajectory_speed_max_m_s,
+                eta_c_m_s: motion.offset_rate_max_m_s,
                 horizon_s: motion.horizon_s,
                 tangent_rad: motion.transient.as_ref().map(|transient| transient.tangent_rad),
             }),
             bounds,
             epsilon: epsilon_rules(scenario, bounds),
-            distances: Distances::compute(scenario, &settled),
-            closing: ClosingFacts::compute(scenario),
-            walls: WallFacts::compute(scenario),
-            guard: Guard::compute(scenario),
+            distances: RobotDistances::compute(scenario, &settled),
+            closing: ClosingParameters::compute(scenario),
+            walls: WallClearances::compute(scenario),
+            guard: AvoidanceParameters::compute(scenario),
             findings,
         }
     }
@@ -620,8 +643,8 @@ fn robot_theory<'s>(
     scenario: &'s Scenario,
     rewiring: &Rewiring,
     i: usize,
-    settled: &Settled,
-    motion: Option<&Motion>,
+    settled: &SettledFormation,
+    motion: Option<&FormationMotion>,
 ) -> RobotTheory<'s> {
     let robot = &scenario.robots[i];
     let hears = |edge: &Edge| InNeighbor {
@@ -630,8 +653,8 @@ fn robot_theory<'s>(
         instead_of: None,
     };
     let name = |robot: usize| scenario.robots[robot].name.as_str();
-    let (receiver, incoming) = (rewiring.receiver(i), rewiring.incoming(i));
-    let with = |purpose: Purpose| {
+    let (receiver, incoming) = (rewiring.receiver(i), rewiring.incoming_links(i));
+    let with = |purpose: SenderPurpose| {
         let senders = receiver.senders().iter().zip(incoming);
         senders.filter(move |(one, _)| one.purpose == purpose).map(|(_, &link)| link)
     };
@@ -641,21 +664,22 @@ fn robot_theory<'s>(
         instead_of: Some(name(lost)),
     };
     let plans = receiver.substitutes().iter();
-    let planned = plans.flat_map(|plan| plan.by.iter().map(|&by| instead(by, plan.lost)));
+    let planned = plans
+        .flat_map(|plan| plan.substitutes.iter().map(|&by| instead(by, plan.lost_in_neighbor)));
     let taken = receiver.successions().iter().flat_map(|one| {
         let better = one.deputies.iter().copied().take_while(|&deputy| deputy != i);
-        let own = with(Purpose::LeaderSlot).map(|link| rewiring.links()[link].from);
+        let own = with(SenderPurpose::KeepLeaderSlot).map(|link| rewiring.links()[link].from);
         let by = better.chain(own.filter(|_| one.deputies.contains(&i)));
         by.map(|by| instead(by, one.leader)).collect::<Vec<_>>()
     });
     let planned: Vec<InNeighbor<'_>> = planned.chain(taken).collect();
-    let spares = with(Purpose::AnyLost).map(|link| &rewiring.links()[link]);
-    let at_rest = Peak { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..Peak::default() };
+    let spares = with(SenderPurpose::ReplaceAnyLost).map(|link| &rewiring.links()[link]);
+    let at_rest = PeakSpeeds { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..PeakSpeeds::default() };
     RobotTheory {
         name: &robot.name,
         role: robot.role.name,
-        does: robot.role.does,
-        contained: robot.role.reference == Reference::Middle,
+        does: robot.role.verb_phrase,
+        contained: robot.role.reference == Reference::NeighborMean,
         has_goal: robot.goal_m.is_some(),
         is_free: scenario.is_free(i),
         is_unknown: settled.is_unknown[i],
@@ -663,25 +687,26 @@ fn robot_theory<'s>(
         hears: scenario.graph.incoming_edges(i).map(hears).collect(),
         spares: spares.map(hears).chain(planned).collect(),
         settled_m: settled.positions[i].into(),
-        peak: motion.map_or(at_rest, |motion| motion.peaks[i]),
+        peak: motion.map_or(at_rest, |motion| motion.peak_speeds[i]),
         transient: motion.and_then(|motion| motion.transient.as_ref()).map(|transient| {
-            let front_speed_m_s = transient.peaks[i].front_speed_m_s;
-            TransientPeak { front_speed_m_s, t_s: transient.peaks_at_s[i][0] }
+            let front_speed_m_s = transient.peak_speeds[i].front_speed_m_s;
+            TransientPeak { front_speed_m_s, t_s: transient.peak_times_s[i][0] }
         }),
         braking: Braking::for_robot(scenario, i),
         rim_speed_max_m_s: robot.wheels.map(|wheels| wheels.speed_max_m_s),
     }
 }
 
-fn matrix_facts(scenario: &Scenario, system: &Matrix) -> MatrixFacts {
+fn matrix_properties(scenario: &Scenario, system: &Matrix) -> MatrixProperties {
     let graph = &scenario.graph;
-    let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
-    let iteration_radius = laplacian::spectral_radius(&laplacian::iteration(graph, &feed_forward));
+    let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.uses_feed_forward).collect();
+    let iteration_radius =
+        laplacian::spectral_radius(&laplacian::velocity_iteration_matrix(graph, &feed_forward));
     // In a valid scenario the leader reaches all robots, so A is an M-matrix. Without a leader the vector of ones
     // solves A x = 0.
     let placed = scenario.leader().is_some() || scenario.anchors_m().iter().all(Option::is_some);
-    let Some(inverse) = placed.then(|| system.clone().try_inverse()).flatten() else {
-        return MatrixFacts {
+    let Some(inverse_norm_2) = placed.then(|| laplacian::inverse_norm_2(system)).flatten() else {
+        return MatrixProperties {
             system_eigenvalue_min: 0.0,
             m_matrix: false,
             inverse_radius: None,
@@ -694,13 +719,13 @@ fn matrix_facts(scenario: &Scenario, system: &Matrix) -> MatrixFacts {
     } else {
         let hears = |robot: &Robot| !robot.role.reference.is_local();
         let hears: Vec<bool> = scenario.robots.iter().map(hears).collect();
-        laplacian::spectral_radius(&laplacian::iteration(graph, &hears))
+        laplacian::spectral_radius(&laplacian::velocity_iteration_matrix(graph, &hears))
     };
-    MatrixFacts {
+    MatrixProperties {
         system_eigenvalue_min: 1.0 - radius,
         m_matrix: radius < 1.0,
         inverse_radius: Some(1.0 / (1.0 - radius)),
-        inverse_norm_2: Some(laplacian::norm_2(&inverse)),
+        inverse_norm_2: Some(inverse_norm_2),
         iteration_radius,
     }
 }
@@ -712,13 +737,17 @@ fn correction_max_m_s(robots: &[Robot]) -> Option<f64> {
 }
 
 /// Returns the bounds by Lemma 1 and by the 2-norm, or `None` if Lemma 1 does not apply.
-fn speed_bounds(robots: &[Robot], matrix: &MatrixFacts, motion: &Motion) -> Option<SpeedBounds> {
-    if !robots.iter().all(|robot| robot.feed_forward) {
+fn speed_bounds(
+    robots: &[Robot],
+    matrix: &MatrixProperties,
+    motion: &FormationMotion,
+) -> Option<SpeedBounds> {
+    if !robots.iter().all(|robot| robot.uses_feed_forward) {
         return None;
     }
     let n = robots.len() as f64;
     let k = correction_max_m_s(robots)?;
-    let eta = motion.trajectory_speed_m_s.max(motion.offset_rate_m_s);
+    let eta = motion.trajectory_speed_max_m_s.max(motion.offset_rate_max_m_s);
     let right = k * (2.0 * n).sqrt() + eta * n.sqrt();
     Some(SpeedBounds {
         k_m_s: k,
@@ -728,10 +757,10 @@ fn speed_bounds(robots: &[Robot], matrix: &MatrixFacts, motion: &Motion) -> Opti
     })
 }
 
-fn epsilon_rules(scenario: &Scenario, bounds: Option<SpeedBounds>) -> Vec<Epsilon> {
+fn epsilon_rules(scenario: &Scenario, bounds: Option<SpeedBounds>) -> Vec<EpsilonRule> {
     let d = scenario.avoidance.distance_min_m;
     let by = |rules: &[(&'static str, f64, &'static str)], speed_m_s: f64, norm_2: Option<f64>| {
-        let rules = rules.iter().map(|&(rule, factor, source)| Epsilon {
+        let rules = rules.iter().map(|&(rule, factor, source)| EpsilonRule {
             rule,
             source,
             epsilon_per_s: factor * speed_m_s / d,
@@ -747,7 +776,8 @@ fn epsilon_rules(scenario: &Scenario, bounds: Option<SpeedBounds>) -> Vec<Epsilo
         ];
         return by(&rules, lemma_1_m_s, Some(norm_2_m_s));
     }
-    let unit = |robot: &Robot| robot.role.reference == Reference::Offsets && !robot.feed_forward;
+    let unit =
+        |robot: &Robot| robot.role.reference == Reference::Offsets && !robot.uses_feed_forward;
     match correction_max_m_s(&scenario.robots).filter(|_| scenario.robots.iter().all(unit)) {
         Some(mu) => {
             let rules =
@@ -758,6 +788,6 @@ fn epsilon_rules(scenario: &Scenario, bounds: Option<SpeedBounds>) -> Vec<Epsilo
     }
 }
 
-fn rows(matrix: &Matrix) -> Vec<Vec<f64>> {
+fn matrix_rows(matrix: &Matrix) -> Vec<Vec<f64>> {
     matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
 }

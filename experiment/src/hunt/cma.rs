@@ -15,12 +15,12 @@ pub(super) struct Cma {
     /// Covariance matrix (C).
     covariance: Vec<Vec<f64>>,
     /// Cholesky factor (A) of the covariance matrix.
-    factor: Vec<Vec<f64>>,
-    path_sigma: Vec<f64>,
-    path_c: Vec<f64>,
+    cholesky_factor: Vec<Vec<f64>>,
+    sigma_evolution_path: Vec<f64>,
+    covariance_evolution_path: Vec<f64>,
     generation: i32,
     /// Standard normal vectors of the current points, before the multiplication by A.
-    drawn: Vec<Vec<f64>>,
+    standard_normal_samples: Vec<Vec<f64>>,
 }
 
 impl Cma {
@@ -32,12 +32,12 @@ impl Cma {
         Cma {
             mean,
             sigma,
-            factor: identity.clone(),
+            cholesky_factor: identity.clone(),
             covariance: identity,
-            path_sigma: vec![0.0; n],
-            path_c: vec![0.0; n],
+            sigma_evolution_path: vec![0.0; n],
+            covariance_evolution_path: vec![0.0; n],
             generation: 0,
-            drawn: Vec::new(),
+            standard_normal_samples: Vec::new(),
         }
     }
 
@@ -48,13 +48,17 @@ impl Cma {
         lambda: usize,
     ) -> Vec<Vec<f64>> {
         let n = self.mean.len();
-        self.drawn =
+        self.standard_normal_samples =
             (0..lambda).map(|_| (0..n).map(|_| draw_standard_normal(random)).collect()).collect();
         let point = |z: &Vec<f64>| {
-            let y = product(&self.factor, z);
-            self.mean.iter().zip(y).map(|(m, y)| reflected(m + self.sigma * y)).collect()
+            let y = matrix_vector_product(&self.cholesky_factor, z);
+            self.mean
+                .iter()
+                .zip(y)
+                .map(|(m, y)| reflect_into_unit_interval(m + self.sigma * y))
+                .collect()
         };
-        self.drawn.iter().map(point).collect()
+        self.standard_normal_samples.iter().map(point).collect()
     }
 
     /// Updates the distribution with the points and their costs. Smaller costs are better.
@@ -78,21 +82,22 @@ impl Cma {
         let c_mu = (2.0 * (mu_eff - 2.0 + 1.0 / mu_eff)
             / (portable_math::square(n + 2.0) + mu_eff))
             .min(1.0 - c_1);
-        let best: Vec<&Vec<f64>> = order[..mu].iter().map(|&i| &self.drawn[i]).collect();
+        let best: Vec<&Vec<f64>> =
+            order[..mu].iter().map(|&i| &self.standard_normal_samples[i]).collect();
         let weighted = |i: usize| weights.iter().zip(&best).map(|(w, z)| w * z[i]).sum::<f64>();
         let z_mean: Vec<f64> = (0..self.mean.len()).map(weighted).collect();
-        let y_mean = product(&self.factor, &z_mean);
+        let y_mean = matrix_vector_product(&self.cholesky_factor, &z_mean);
         for (m, y) in self.mean.iter_mut().zip(&y_mean) {
-            *m = reflected(*m + self.sigma * y);
+            *m = reflect_into_unit_interval(*m + self.sigma * y);
         }
         // Step size. (43) (44)
         let keep = (c_sigma * (2.0 - c_sigma) * mu_eff).sqrt();
-        for (p, z) in self.path_sigma.iter_mut().zip(&z_mean) {
+        for (p, z) in self.sigma_evolution_path.iter_mut().zip(&z_mean) {
             *p = (1.0 - c_sigma) * *p + keep * z;
         }
         self.generation += 1;
         let chi = n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n));
-        let length = self.path_sigma.iter().map(|p| p * p).sum::<f64>().sqrt();
+        let length = self.sigma_evolution_path.iter().map(|p| p * p).sum::<f64>().sqrt();
         self.sigma =
             (self.sigma * portable_math::exp(c_sigma / damping * (length / chi - 1.0))).min(1.0);
         // Covariance. (45) (47)
@@ -100,34 +105,37 @@ impl Cma {
             (1.0 - portable_math::pow(1.0 - c_sigma, f64::from(2 * self.generation))).sqrt();
         let moves = f64::from(length / settled < (1.4 + 2.0 / (n + 1.0)) * chi);
         let keep = moves * (c_c * (2.0 - c_c) * mu_eff).sqrt();
-        for (p, y) in self.path_c.iter_mut().zip(&y_mean) {
+        for (p, y) in self.covariance_evolution_path.iter_mut().zip(&y_mean) {
             *p = (1.0 - c_c) * *p + keep * y;
         }
-        let steps: Vec<Vec<f64>> = best.iter().map(|z| product(&self.factor, z)).collect();
+        let steps: Vec<Vec<f64>> =
+            best.iter().map(|z| matrix_vector_product(&self.cholesky_factor, z)).collect();
         let forget = 1.0 - c_1 - c_mu + (1.0 - moves) * c_1 * c_c * (2.0 - c_c);
         for (i, row) in self.covariance.iter_mut().enumerate() {
             for (j, c) in row.iter_mut().enumerate() {
                 let of_steps: f64 = weights.iter().zip(&steps).map(|(w, y)| w * y[i] * y[j]).sum();
-                *c = forget * *c + c_1 * self.path_c[i] * self.path_c[j] + c_mu * of_steps;
+                *c = forget * *c
+                    + c_1 * self.covariance_evolution_path[i] * self.covariance_evolution_path[j]
+                    + c_mu * of_steps;
             }
         }
-        self.factor = cholesky(&self.covariance);
+        self.cholesky_factor = cholesky(&self.covariance);
     }
 }
 
 /// Draws a standard normal number (Box-Muller transform).
 pub(super) fn draw_standard_normal(random: &mut SplitMix64) -> f64 {
-    let radius = (-2.0 * portable_math::ln(1.0 - random.unit())).sqrt();
-    radius * portable_math::cos(std::f64::consts::TAU * random.unit())
+    let radius = (-2.0 * portable_math::ln(1.0 - random.draw_unit())).sqrt();
+    radius * portable_math::cos(std::f64::consts::TAU * random.draw_unit())
 }
 
 /// Reflects a number at 0 and 1 into [0, 1].
-pub(super) fn reflected(x: f64) -> f64 {
+pub(super) fn reflect_into_unit_interval(x: f64) -> f64 {
     let x = x.rem_euclid(2.0);
     if x > 1.0 { 2.0 - x } else { x }
 }
 
-fn product(matrix: &[Vec<f64>], vector: &[f64]) -> Vec<f64> {
+fn matrix_vector_product(matrix: &[Vec<f64>], vector: &[f64]) -> Vec<f64> {
     matrix.iter().map(|row| row.iter().zip(vector).map(|(a, b)| a * b).sum()).collect()
 }
 

@@ -3,19 +3,25 @@
 use std::collections::BTreeSet;
 use std::fmt::{self, Display};
 
+use formation::ns_to_seconds;
 use formation::pose::Pose;
-use formation::seconds;
 
 use crate::campaign::starts::start_assignment;
 use crate::scenario::Scenario;
 use crate::scenario::read::Overrides;
 
 /// Name that stands for all robots.
-pub(super) const EVERY: &str = "*";
+pub(super) const ALL_ROBOTS: &str = "*";
+
+/// Component of a `lie` that changes the numbers of messages. The words of the fault name it on the command line.
+pub(super) const MESSAGE_NUMBERS: &str = "message numbers";
+
+/// Component of a `lie` that inverts bits of messages.
+pub(super) const MESSAGE_BITS: &str = "message bits";
 
 /// Changes that turn a scenario into a run.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Plan {
+pub struct RunPlan {
     /// Indices and start poses of the robots with changed starts.
     pub starts: Vec<(usize, Pose)>,
     /// Injected faults.
@@ -30,49 +36,50 @@ pub struct PlannedFault {
     /// Kind, the first word.
     pub kind: &'static str,
     /// Names of the affected robot, or of the sender and the receiver of a link. `*` stands for all robots.
-    pub who: Vec<String>,
-    /// Affected stream or sensor of the robot, or "".
-    pub what: &'static str,
+    pub target_names: Vec<String>,
+    /// Affected stream or sensor of the robot, or part of the messages that a `lie` changes. Empty for a fault of the whole target.
+    pub target_component: &'static str,
     /// Further keywords of the fault, each with its number.
-    pub amounts: Vec<(&'static str, Option<f64>)>,
+    pub parameters: Vec<(&'static str, Option<f64>)>,
     /// Start time, ns.
-    pub at_ns: u64,
+    pub start_ns: u64,
     /// Duration, ns; for a kill, the time until the restart. `None`: until the end of the run, or no restart.
-    pub for_ns: Option<u64>,
+    pub duration_ns: Option<u64>,
 }
 
 impl Display for PlannedFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}", self.kind, self.who.join("->"))?;
-        if !self.what.is_empty() {
-            write!(f, " {}", self.what)?;
+        write!(f, "{} {}", self.kind, self.target_names.join("->"))?;
+        if !["", MESSAGE_NUMBERS, MESSAGE_BITS].contains(&self.target_component) {
+            write!(f, " {}", self.target_component)?;
         }
-        for (word, amount) in &self.amounts {
+        for (word, amount) in &self.parameters {
             write!(f, " {word}")?;
             amount.map_or(Ok(()), |amount| write!(f, " {amount}"))?;
         }
-        write!(f, " @{}", seconds(self.at_ns))?;
+        write!(f, " @{}", ns_to_seconds(self.start_ns))?;
         let word = if self.kind == "kill" { "restart" } else { "for" };
-        self.for_ns.map_or(Ok(()), |for_ns| write!(f, " {word} {}", seconds(for_ns)))
+        self.duration_ns.map_or(Ok(()), |for_ns| write!(f, " {word} {}", ns_to_seconds(for_ns)))
     }
 }
 
-impl Plan {
+impl RunPlan {
     /// Returns the overrides that turn the scenario into this run.
     pub fn overrides(&self, scenario: &Scenario) -> Overrides {
         let start =
             |&(robot, pose): &(usize, Pose)| start_assignment(&scenario.robots[robot].name, pose);
         let gain = |(key, value): &(String, f64)| format!("{key}={value:?}");
         Overrides {
-            set: self.starts.iter().map(start).chain(self.gains.iter().map(gain)).collect(),
+            assignments: self.starts.iter().map(start).chain(self.gains.iter().map(gain)).collect(),
             faults: self.faults.iter().map(ToString::to_string).collect(),
             seed: None,
         }
     }
 
     /// Returns the plan with only the faults that match one of `kept` in kind and affected component.
-    pub fn with_only(mut self, kept: &[PlannedFault]) -> Plan {
-        let what = |fault: &PlannedFault| (fault.kind, fault.who.clone(), fault.what);
+    pub fn with_only_faults(mut self, kept: &[PlannedFault]) -> RunPlan {
+        let what =
+            |fault: &PlannedFault| (fault.kind, fault.target_names.clone(), fault.target_component);
         let mut left: Vec<_> = kept.iter().map(what).collect();
         self.faults.retain(|fault| {
             let place = left.iter().position(|kept| *kept == what(fault));
@@ -83,7 +90,7 @@ impl Plan {
 
     /// Returns the robot names in its faults, including `*`.
     pub(super) fn faulty_robot_names(&self) -> BTreeSet<&str> {
-        self.faults.iter().flat_map(|fault| &fault.who).map(String::as_str).collect()
+        self.faults.iter().flat_map(|fault| &fault.target_names).map(String::as_str).collect()
     }
 }
 

@@ -12,30 +12,30 @@ use std::collections::BTreeMap;
 use formation::portable_math;
 use formation::random::SplitMix64;
 
-use crate::hunt::cma::{Cma, draw_standard_normal, reflected};
-use crate::hunt::space::Shape;
+use crate::hunt::cma::{Cma, draw_standard_normal, reflect_into_unit_interval};
+use crate::hunt::space::CoordinateLayout;
 
 /// Number of uniform random points at the start.
 const UNIFORM_POINTS: usize = 96;
 /// Batch sizes: the number of points tried so far, and the size from there on.
-const BATCHES: [(usize, usize); 4] = [(0, 16), (UNIFORM_POINTS, 4), (256, 16), (1024, 64)];
+const BATCH_SIZES: [(usize, usize); 4] = [(0, 16), (UNIFORM_POINTS, 4), (256, 16), (1024, 64)];
 /// Probability that a changed coordinate is set to an end of its range, where delays and losses have most effect.
-const TO_AN_END: f64 = 0.25;
+const RANGE_END_PROBABILITY: f64 = 0.25;
 /// Minimum fraction of the points of each strategy.
-const SHARE_MIN: f64 = 0.04;
+const STRATEGY_FRACTION_MIN: f64 = 0.04;
 /// Cost resolution. Smaller differences do not count as progress.
 const COST_RESOLUTION: f64 = 1e-3;
 /// Decay factor of the success statistics of a strategy per point that it tries.
 const SUCCESS_DECAY: f64 = 0.95;
 /// Population size of CMA-ES. A generation can span several batches.
-const GENERATION: usize = 16;
+const CMA_POPULATION_SIZE: usize = 16;
 /// Number of best points that serve as parents.
-const PARENTS: usize = 8;
+const PARENT_COUNT: usize = 8;
 /// Number of generations without progress after which CMA-ES restarts.
 const STALLED_GENERATIONS_MAX: u32 = 12;
-/// Initial step of a restarted search. It gives up below [`STEP_MIN`].
-const STEP_INITIAL: f64 = 0.2;
-const STEP_MIN: f64 = 0.002;
+/// Initial step of a restarted search. It gives up below [`DESCENT_STEP_MIN`].
+const DESCENT_STEP_INITIAL: f64 = 0.2;
+const DESCENT_STEP_MIN: f64 = 0.002;
 
 /// Search strategy that proposes points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,13 +47,18 @@ pub enum Strategy {
     /// CMA-ES on the continuous coordinates, started at the best point or at a random one.
     Cma,
     /// Local descent that restarts elsewhere when it makes no progress.
-    Restarts,
+    RestartedDescent,
     /// Mutations of runs with rare events.
     Novelty,
 }
 
-const STRATEGIES: [Strategy; 5] =
-    [Strategy::Uniform, Strategy::Mutation, Strategy::Cma, Strategy::Restarts, Strategy::Novelty];
+const STRATEGIES: [Strategy; 5] = [
+    Strategy::Uniform,
+    Strategy::Mutation,
+    Strategy::Cma,
+    Strategy::RestartedDescent,
+    Strategy::Novelty,
+];
 
 impl Strategy {
     /// Returns the name of the strategy.
@@ -62,7 +67,7 @@ impl Strategy {
             Strategy::Uniform => "uniform",
             Strategy::Mutation => "mutation",
             Strategy::Cma => "cma-es",
-            Strategy::Restarts => "restarts",
+            Strategy::RestartedDescent => "restarts",
             Strategy::Novelty => "novelty",
         }
     }
@@ -83,7 +88,7 @@ pub struct Evaluation {
     /// Cost; smaller is better.
     pub cost: f64,
     /// Observed events, as numbers.
-    pub traits: Vec<u16>,
+    pub observed_events: Vec<u16>,
 }
 
 impl Evaluation {
@@ -96,25 +101,25 @@ impl Evaluation {
 /// State of a search.
 pub struct Search<'s> {
     seed: u64,
-    batch: u64,
+    batch_count: u64,
     /// Number of points proposed so far.
-    tried: usize,
-    shape: Shape,
+    proposed_count: usize,
+    coordinate_layout: CoordinateLayout,
     /// Returns for each coordinate of a point whether its run depends on it.
-    matters: &'s dyn Fn(&[f64]) -> Vec<bool>,
+    used_coordinates: &'s dyn Fn(&[f64]) -> Vec<bool>,
     /// First point to try.
     first_point: Vec<f64>,
-    uniform_only: bool,
+    is_uniform_only: bool,
     /// Random numbers of the uniform points.
-    anywhere: SplitMix64,
+    uniform_random: SplitMix64,
     /// For each strategy, the accumulated fractions of batches minus the points that it got.
-    owed: [f64; STRATEGIES.len()],
+    strategy_credit: [f64; STRATEGIES.len()],
     /// Best points found, best first.
-    best: Vec<EvaluatedPoint>,
+    best_points: Vec<EvaluatedPoint>,
     /// For each strategy, the decayed numbers of points that were among the best, and of points tried.
-    record: [(f64, f64); STRATEGIES.len()],
+    strategy_success: [(f64, f64); STRATEGIES.len()],
     /// For each observed event, the number of points with it and the best of them.
-    rare: BTreeMap<u16, (u32, EvaluatedPoint)>,
+    best_by_event: BTreeMap<u16, (u32, EvaluatedPoint)>,
     descent: Option<Descent>,
     cma: Option<CmaSearch>,
     /// Number of starts of CMA-ES.
@@ -137,8 +142,8 @@ struct CmaSearch {
     cma: Cma,
     /// Point that supplies the discrete coordinates.
     discrete_source: Vec<f64>,
-    best: f64,
-    idle: u32,
+    best_cost: f64,
+    stalled_generations: u32,
     /// Points of the current generation that are not yet proposed.
     remaining_points: Vec<Vec<f64>>,
     costs: Vec<f64>,
@@ -148,7 +153,7 @@ impl Search<'_> {
     /// Creates a search over points of this shape. It tries `own` first. `matters` returns for each coordinate of a
     /// point whether its run depends on it. With `uniform_only` all points are uniform and nothing is learned.
     pub fn new(
-        shape: Shape,
+        shape: CoordinateLayout,
         matters: &dyn Fn(&[f64]) -> Vec<bool>,
         own: Vec<f64>,
         seed: u64,
@@ -156,17 +161,17 @@ impl Search<'_> {
     ) -> Search<'_> {
         Search {
             seed,
-            batch: 0,
-            tried: 0,
-            shape,
-            matters,
+            batch_count: 0,
+            proposed_count: 0,
+            coordinate_layout: shape,
+            used_coordinates: matters,
             first_point: own,
-            uniform_only,
-            anywhere: SplitMix64::new(SplitMix64::new(seed).next_u64()),
-            owed: Default::default(),
-            best: Vec::new(),
-            record: Default::default(),
-            rare: BTreeMap::new(),
+            is_uniform_only: uniform_only,
+            uniform_random: SplitMix64::new(SplitMix64::new(seed).next_u64()),
+            strategy_credit: Default::default(),
+            best_points: Vec::new(),
+            strategy_success: Default::default(),
+            best_by_event: BTreeMap::new(),
             descent: None,
             cma: None,
             cma_starts: 0,
@@ -176,79 +181,93 @@ impl Search<'_> {
 
     /// Returns the next batch of points.
     pub fn propose_batch(&mut self) -> &[Trial] {
-        let mut random =
-            SplitMix64::new(SplitMix64::new(self.seed ^ self.batch.rotate_left(32)).next_u64());
-        self.batch += 1;
-        let alone = self.uniform_only || self.best.is_empty() || self.tried < UNIFORM_POINTS;
+        let mut random = SplitMix64::new(
+            SplitMix64::new(self.seed ^ self.batch_count.rotate_left(32)).next_u64(),
+        );
+        self.batch_count += 1;
+        let alone = self.is_uniform_only
+            || self.best_points.is_empty()
+            || self.proposed_count < UNIFORM_POINTS;
         let is_due = |(from, size): &&(usize, usize)| {
-            *from <= self.tried && !(alone && *size < BATCHES[0].1)
+            *from <= self.proposed_count && !(alone && *size < BATCH_SIZES[0].1)
         };
-        let size = BATCHES.iter().rfind(is_due).map_or(1, |(_, size)| *size);
+        let size = BATCH_SIZES.iter().rfind(is_due).map_or(1, |(_, size)| *size);
         let counts = match alone {
             true => [size, 0, 0, 0, 0],
-            false => self.shares(size),
+            false => self.allocate_batch(size),
         };
         self.pending_trials.clear();
         for (proposed_by, count) in STRATEGIES.into_iter().zip(counts) {
-            let points = self.points(proposed_by, count, &mut random);
+            let points = self.propose_points(proposed_by, count, &mut random);
             self.pending_trials
                 .extend(points.into_iter().map(|point| Trial { proposed_by, point }));
         }
         // Replaces points that the generation lacks.
         for _ in self.pending_trials.len()..size {
-            let point = self.mutated(&mut random);
+            let point = self.mutate_best_point(&mut random);
             self.pending_trials.push(Trial { proposed_by: Strategy::Mutation, point });
         }
-        if self.batch == 1 {
+        if self.batch_count == 1 {
             self.pending_trials[0].point.clone_from(&self.first_point);
         }
-        self.tried += self.pending_trials.len();
+        self.proposed_count += self.pending_trials.len();
         &self.pending_trials
     }
 
     /// Returns the number of points of a batch for each strategy.
-    fn shares(&mut self, size: usize) -> [usize; STRATEGIES.len()] {
+    fn allocate_batch(&mut self, size: usize) -> [usize; STRATEGIES.len()] {
         // Prior successes keep every strategy alive. Without any success uniform points are the best choice, because
         // margins can mislead. If all of the best are equal, they give no information.
-        let flat = self.best.len() == PARENTS && self.best[0].cost == self.best[PARENTS - 1].cost;
-        let rates = STRATEGIES.map(|member| match (self.record[member as usize], member) {
-            ((found, tried), Strategy::Uniform) => (found + 1.0) / (tried + 10.0),
-            _ if flat => 0.0,
-            ((found, tried), Strategy::Novelty) => (found + 0.5) / (tried + 10.0),
-            ((found, tried), _) => (found + 0.1) / (tried + 10.0),
-        });
+        let flat = self.best_points.len() == PARENT_COUNT
+            && self.best_points[0].cost == self.best_points[PARENT_COUNT - 1].cost;
+        let rates =
+            STRATEGIES.map(|member| match (self.strategy_success[member as usize], member) {
+                ((found, tried), Strategy::Uniform) => (found + 1.0) / (tried + 10.0),
+                _ if flat => 0.0,
+                ((found, tried), Strategy::Novelty) => (found + 0.5) / (tried + 10.0),
+                ((found, tried), _) => (found + 0.1) / (tried + 10.0),
+            });
         let all: f64 = rates.iter().sum();
-        let rest = 1.0 - SHARE_MIN * STRATEGIES.len() as f64;
+        let rest = 1.0 - STRATEGY_FRACTION_MIN * STRATEGIES.len() as f64;
         let mut counts = [0; STRATEGIES.len()];
         for _ in 0..size {
-            for (owed, rate) in self.owed.iter_mut().zip(rates) {
-                *owed += SHARE_MIN + rest * rate / all;
+            for (owed, rate) in self.strategy_credit.iter_mut().zip(rates) {
+                *owed += STRATEGY_FRACTION_MIN + rest * rate / all;
             }
-            let most = |a: &usize, b: &usize| self.owed[*a].total_cmp(&self.owed[*b]);
+            let most = |a: &usize, b: &usize| {
+                self.strategy_credit[*a].total_cmp(&self.strategy_credit[*b])
+            };
             let chosen = (0..STRATEGIES.len()).max_by(most).unwrap_or_default();
-            self.owed[chosen] -= 1.0;
+            self.strategy_credit[chosen] -= 1.0;
             counts[chosen] += 1;
         }
         counts
     }
 
-    fn points(&mut self, by: Strategy, count: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
+    fn propose_points(
+        &mut self,
+        by: Strategy,
+        count: usize,
+        random: &mut SplitMix64,
+    ) -> Vec<Vec<f64>> {
         if by == Strategy::Cma {
-            return self.cma_points(count, random);
+            return self.propose_cma_points(count, random);
         }
-        let n = self.shape.gradual.len();
+        let n = self.coordinate_layout.is_continuous.len();
         let point = |_| match by {
-            Strategy::Mutation => self.mutated(random),
-            Strategy::Restarts => self.stepped(random),
-            Strategy::Novelty => self.mutate_to_rare_event(random),
-            Strategy::Uniform | Strategy::Cma => (0..n).map(|_| self.anywhere.unit()).collect(),
+            Strategy::Mutation => self.mutate_best_point(random),
+            Strategy::RestartedDescent => self.propose_descent_point(random),
+            Strategy::Novelty => self.mutate_rare_event_point(random),
+            Strategy::Uniform | Strategy::Cma => {
+                (0..n).map(|_| self.uniform_random.draw_unit()).collect()
+            }
         };
         (0..count).map(point).collect()
     }
 
     /// Records the evaluations of the last batch. `None`: the point could not be tried.
     pub fn record_evaluations(&mut self, came: &[Option<Evaluation>]) {
-        if self.uniform_only {
+        if self.is_uniform_only {
             return;
         }
         let found = |(trial, came): (&Trial, &Option<Evaluation>)| EvaluatedPoint {
@@ -265,79 +284,91 @@ impl Search<'_> {
             its.map(|(_, found)| found.clone()).collect::<Vec<_>>()
         };
         let [uniform, stepped, drawn] =
-            [Strategy::Uniform, Strategy::Restarts, Strategy::Cma].map(of);
-        let worst = self.best.get(PARENTS - 1).map_or(f64::INFINITY, |found| found.cost);
+            [Strategy::Uniform, Strategy::RestartedDescent, Strategy::Cma].map(of);
+        let worst =
+            self.best_points.get(PARENT_COUNT - 1).map_or(f64::INFINITY, |found| found.cost);
         for ((trial, came), news) in self.pending_trials.iter().zip(came).zip(all) {
-            let (found, tried) = &mut self.record[trial.proposed_by as usize];
+            let (found, tried) = &mut self.strategy_success[trial.proposed_by as usize];
             *found = SUCCESS_DECAY * *found + f64::from(news.cost < worst);
             *tried = SUCCESS_DECAY * *tried + 1.0;
             let Some(came) = came else { continue };
-            for one in &came.traits {
-                let (count, best) = self.rare.entry(*one).or_insert((0, news.clone()));
+            for one in &came.observed_events {
+                let (count, best) = self.best_by_event.entry(*one).or_insert((0, news.clone()));
                 *count += 1;
                 // Among equals the last one is taken, so that the descent continues on a plateau.
                 if news.cost <= best.cost {
                     best.clone_from(&news);
                 }
             }
-            self.best.insert(0, news);
+            self.best_points.insert(0, news);
         }
         // The sort is stable: among equals, the last one tried.
-        self.best.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        self.best.truncate(PARENTS);
-        self.learn_descent(&uniform, &stepped);
-        self.learn_cma(&drawn);
+        self.best_points.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        self.best_points.truncate(PARENT_COUNT);
+        self.update_descent(&uniform, &stepped);
+        self.update_cma(&drawn);
     }
 
     /// Returns a mutation of one of the best points.
-    fn mutated(&self, random: &mut SplitMix64) -> Vec<f64> {
-        self.mutate(self.parent(random), random)
+    fn mutate_best_point(&self, random: &mut SplitMix64) -> Vec<f64> {
+        self.mutate_point(self.choose_parent(random), random)
     }
 
     /// Returns a mutation of the best point with a rare event. Rarer events are more likely to be chosen.
-    fn mutate_to_rare_event(&self, random: &mut SplitMix64) -> Vec<f64> {
-        let all: f64 = self.rare.values().map(|(count, _)| 1.0 / f64::from(*count)).sum();
-        let mut left = random.unit() * all;
-        let chosen = self.rare.values().find(|(count, _)| {
+    fn mutate_rare_event_point(&self, random: &mut SplitMix64) -> Vec<f64> {
+        let all: f64 = self.best_by_event.values().map(|(count, _)| 1.0 / f64::from(*count)).sum();
+        let mut left = random.draw_unit() * all;
+        let chosen = self.best_by_event.values().find(|(count, _)| {
             left -= 1.0 / f64::from(*count);
             left < 0.0
         });
-        let parent = chosen.map_or_else(|| self.parent(random), |(_, found)| found);
-        self.mutate(parent, random)
+        let parent = chosen.map_or_else(|| self.choose_parent(random), |(_, found)| found);
+        self.mutate_point(parent, random)
     }
 
     /// Chooses one of the best points. Better ones are more likely.
-    fn parent(&self, random: &mut SplitMix64) -> &EvaluatedPoint {
-        &self.best[(random.unit() * random.unit() * self.best.len() as f64) as usize]
+    fn choose_parent(&self, random: &mut SplitMix64) -> &EvaluatedPoint {
+        &self.best_points
+            [(random.draw_unit() * random.draw_unit() * self.best_points.len() as f64) as usize]
     }
 
     /// Returns a mutation of `from`: sometimes with parts of another parent or another fault, and with a few
     /// coordinates changed.
-    fn mutate(&self, from: &EvaluatedPoint, random: &mut SplitMix64) -> Vec<f64> {
+    fn mutate_point(&self, from: &EvaluatedPoint, random: &mut SplitMix64) -> Vec<f64> {
         let mut point = from.point.clone();
         if random.draw_bool(0.5) {
-            let other = &self.parent(random).point;
-            for part in self.shape.parts.iter().filter(|_| random.draw_bool(0.5)) {
+            let other = &self.choose_parent(random).point;
+            for part in
+                self.coordinate_layout.coordinate_groups.iter().filter(|_| random.draw_bool(0.5))
+            {
                 point[part.clone()].copy_from_slice(&other[part.clone()]);
             }
         }
         if random.draw_bool(0.4) {
             self.mutate_faults(&mut point, random);
         }
-        let changes = 5.0 * random.unit() * random.unit();
+        let changes = 5.0 * random.draw_unit() * random.draw_unit();
         // Step sizes from the whole cube to a thirtieth of it.
-        let step = 0.5 * portable_math::pow(0.03, random.unit());
-        self.change(&mut point, changes, step, random);
+        let step = 0.5 * portable_math::pow(0.03, random.draw_unit());
+        self.change_coordinates(&mut point, changes, step, random);
         point
     }
 
     /// Adds or replaces a fault by a random one or one of a parent.
     fn mutate_faults(&self, point: &mut [f64], random: &mut SplitMix64) {
-        let (Some(count), slots) = (self.shape.count, self.shape.faults.len()) else { return };
-        let pick = |of: usize, random: &mut SplitMix64| (random.unit() * of as f64) as usize;
+        let (Some(count), slots) =
+            (self.coordinate_layout.fault_count_index, self.coordinate_layout.fault_groups.len())
+        else {
+            return;
+        };
+        let pick = |of: usize, random: &mut SplitMix64| (random.draw_unit() * of as f64) as usize;
         let have = |point: &[f64]| ((point[count] * (slots + 1) as f64) as usize).min(slots);
-        let fault = |place: usize| self.shape.parts[self.shape.faults.start + place].clone();
-        let (now, other) = (have(point), self.parent(random));
+        let fault = |place: usize| {
+            self.coordinate_layout.coordinate_groups
+                [self.coordinate_layout.fault_groups.start + place]
+                .clone()
+        };
+        let (now, other) = (have(point), self.choose_parent(random));
         let mut place = pick(now, random);
         if now < slots && (now == 0 || random.draw_bool(0.5)) {
             place = now;
@@ -349,46 +380,52 @@ impl Search<'_> {
                 point[fault(place)].copy_from_slice(&other.point[one]);
             }
             _ => fault(place).for_each(|gene| {
-                point[gene] = match self.shape.gradual[gene] {
-                    true if random.draw_bool(TO_AN_END) => an_end(random),
-                    _ => random.unit(),
+                point[gene] = match self.coordinate_layout.is_continuous[gene] {
+                    true if random.draw_bool(RANGE_END_PROBABILITY) => draw_range_end(random),
+                    _ => random.draw_unit(),
                 }
             }),
         }
     }
 
     /// Changes one coordinate that matters, and `changes` others on average, by a step or to a random value.
-    fn change(&self, point: &mut [f64], changes: f64, step: f64, random: &mut SplitMix64) {
-        let matters = (self.matters)(point);
+    fn change_coordinates(
+        &self,
+        point: &mut [f64],
+        changes: f64,
+        step: f64,
+        random: &mut SplitMix64,
+    ) {
+        let matters = (self.used_coordinates)(point);
         let count = matters.iter().filter(|matters| **matters).count();
-        let forced = (random.unit() * count as f64) as usize;
+        let forced = (random.draw_unit() * count as f64) as usize;
         let places = (0..point.len()).filter(|&place| matters[place]).enumerate();
         for (nth, place) in places {
             if nth == forced || random.draw_bool(changes / count as f64) {
                 let x = point[place];
-                point[place] = match self.shape.gradual[place] {
-                    true if random.draw_bool(TO_AN_END) => an_end(random),
+                point[place] = match self.coordinate_layout.is_continuous[place] {
+                    true if random.draw_bool(RANGE_END_PROBABILITY) => draw_range_end(random),
                     true if random.draw_bool(0.8) => {
-                        reflected(x + step * draw_standard_normal(random))
+                        reflect_into_unit_interval(x + step * draw_standard_normal(random))
                     }
-                    _ => random.unit(),
+                    _ => random.draw_unit(),
                 };
             }
         }
     }
 
-    fn stepped(&self, random: &mut SplitMix64) -> Vec<f64> {
+    fn propose_descent_point(&self, random: &mut SplitMix64) -> Vec<f64> {
         let Some(Descent { current_point: at, step }) = &self.descent else {
-            return self.mutated(random);
+            return self.mutate_best_point(random);
         };
         let mut point = at.point.clone();
-        self.change(&mut point, 1.0, *step, random);
+        self.change_coordinates(&mut point, 1.0, *step, random);
         point
     }
 
     /// Continues the descent from a better point, or with smaller steps if there is none. Finally restarts from the
     /// best uniform point.
-    fn learn_descent(&mut self, uniform: &[EvaluatedPoint], stepped: &[EvaluatedPoint]) {
+    fn update_descent(&mut self, uniform: &[EvaluatedPoint], stepped: &[EvaluatedPoint]) {
         let least = |found: &[EvaluatedPoint]| {
             found.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned()
         };
@@ -397,44 +434,46 @@ impl Search<'_> {
                 descent.current_point = better
             }
             (Some(descent), _) => {
-                descent.step *= portable_math::pow(0.7, stepped.len() as f64 / GENERATION as f64);
+                descent.step *=
+                    portable_math::pow(0.7, stepped.len() as f64 / CMA_POPULATION_SIZE as f64);
             }
             (None, _) => {}
         }
-        if self.descent.as_ref().is_none_or(|descent| descent.step < STEP_MIN) {
+        if self.descent.as_ref().is_none_or(|descent| descent.step < DESCENT_STEP_MIN) {
             self.descent =
-                least(uniform).map(|at| Descent { current_point: at, step: STEP_INITIAL });
+                least(uniform).map(|at| Descent { current_point: at, step: DESCENT_STEP_INITIAL });
         }
     }
 
     /// Returns at most `most` points of the current generation of CMA-ES, of a new generation, or of a new search.
-    fn cma_points(&mut self, most: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
-        if most == 0 || !self.shape.gradual.contains(&true) {
+    fn propose_cma_points(&mut self, most: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
+        if most == 0 || !self.coordinate_layout.is_continuous.contains(&true) {
             return Vec::new();
         }
-        let (n, gradual) = (self.shape.gradual.len(), &self.shape.gradual);
-        let (starts, best) = (&mut self.cma_starts, &self.best[0].point);
+        let (n, gradual) =
+            (self.coordinate_layout.is_continuous.len(), &self.coordinate_layout.is_continuous);
+        let (starts, best) = (&mut self.cma_starts, &self.best_points[0].point);
         let search = self.cma.get_or_insert_with(|| {
             // Alternately started at the best point and at a random one.
             *starts += 1;
             let from = match *starts % 2 {
                 1 => best.clone(),
-                _ => (0..n).map(|_| random.unit()).collect(),
+                _ => (0..n).map(|_| random.draw_unit()).collect(),
             };
             let mean = from.iter().zip(gradual).filter(|(_, gradual)| **gradual).map(|(x, _)| *x);
-            let cma = Cma::new(mean.collect(), STEP_INITIAL);
+            let cma = Cma::new(mean.collect(), DESCENT_STEP_INITIAL);
             let (left, costs) = (Vec::new(), Vec::new());
             CmaSearch {
                 cma,
                 discrete_source: from,
-                best: f64::INFINITY,
-                idle: 0,
+                best_cost: f64::INFINITY,
+                stalled_generations: 0,
                 remaining_points: left,
                 costs,
             }
         });
         if search.remaining_points.is_empty() {
-            search.remaining_points = search.cma.sample_points(random, GENERATION);
+            search.remaining_points = search.cma.sample_points(random, CMA_POPULATION_SIZE);
         }
         let whole = |drawn: Vec<f64>| {
             let mut drawn = drawn.into_iter();
@@ -446,24 +485,27 @@ impl Search<'_> {
         search.remaining_points.drain(..count).map(whole).collect()
     }
 
-    fn learn_cma(&mut self, drawn: &[EvaluatedPoint]) {
+    fn update_cma(&mut self, drawn: &[EvaluatedPoint]) {
         let Some(search) = &mut self.cma else { return };
         search.costs.extend(drawn.iter().map(|found| found.cost));
-        if search.costs.len() < GENERATION {
+        if search.costs.len() < CMA_POPULATION_SIZE {
             return;
         }
         search.cma.update_from_costs(&search.costs);
         let least = search.costs.drain(..).fold(f64::INFINITY, f64::min);
-        search.idle = if least < search.best { 0 } else { search.idle + 1 };
-        search.best = search.best.min(least);
-        if search.idle >= STALLED_GENERATIONS_MAX || search.cma.sigma < STEP_MIN {
+        search.stalled_generations =
+            if least < search.best_cost { 0 } else { search.stalled_generations + 1 };
+        search.best_cost = search.best_cost.min(least);
+        if search.stalled_generations >= STALLED_GENERATIONS_MAX
+            || search.cma.sigma < DESCENT_STEP_MIN
+        {
             self.cma = None;
         }
     }
 }
 
 /// Returns one of the ends of a coordinate's range.
-pub(super) fn an_end(random: &mut SplitMix64) -> f64 {
+pub(super) fn draw_range_end(random: &mut SplitMix64) -> f64 {
     f64::from(u8::from(random.draw_bool(0.5)))
 }
 
@@ -471,24 +513,25 @@ pub(super) fn an_end(random: &mut SplitMix64) -> f64 {
 mod tests {
     use super::*;
 
-    fn test_shape(n: usize) -> Shape {
-        Shape { gradual: vec![true; n], ..Shape::default() }
+    fn test_layout(n: usize) -> CoordinateLayout {
+        CoordinateLayout { is_continuous: vec![true; n], ..CoordinateLayout::default() }
     }
 
-    fn all_matter(point: &[f64]) -> Vec<bool> {
+    fn all_coordinates_used(point: &[f64]) -> Vec<bool> {
         vec![true; point.len()]
     }
 
     fn evaluation_of_cost(cost: f64) -> Option<Evaluation> {
-        Some(Evaluation { cost, traits: Vec::new() })
+        Some(Evaluation { cost, observed_events: Vec::new() })
     }
 
     /// Returns the number of points tried until one costs less than 0: all of eight coordinates must be near 0.8, and
     /// one is discontinuous in its last tenth.
     fn trials_to_find(seed: u64, uniform_only: bool, most: usize) -> usize {
         let gradual: Vec<bool> = (0..9).map(|place| place < 8).collect();
-        let shape = Shape { gradual, ..Shape::default() };
-        let mut search = Search::new(shape, &all_matter, vec![0.5; 9], seed, uniform_only);
+        let shape = CoordinateLayout { is_continuous: gradual, ..CoordinateLayout::default() };
+        let mut search =
+            Search::new(shape, &all_coordinates_used, vec![0.5; 9], seed, uniform_only);
         let mut tried = 0;
         while tried < most {
             let cost = |trial: &Trial| {
@@ -521,7 +564,7 @@ mod tests {
 
     #[test]
     fn best_strategy_gets_most_trials_and_invalid_is_no_parent() {
-        let mut search = Search::new(test_shape(4), &all_matter, vec![0.5; 4], 1, false);
+        let mut search = Search::new(test_layout(4), &all_coordinates_used, vec![0.5; 4], 1, false);
         assert_eq!(search.propose_batch()[0].point, [0.5; 4]);
         for _ in 0..UNIFORM_POINTS / 8 {
             search.record_evaluations(&[const { None }; 16]);
@@ -541,12 +584,16 @@ mod tests {
             for by in by {
                 counts[by as usize] += 1;
                 cost -= 1e-3;
-                costs.push(evaluation_of_cost(if by == Strategy::Restarts { cost } else { 2.0 }));
+                costs.push(evaluation_of_cost(if by == Strategy::RestartedDescent {
+                    cost
+                } else {
+                    2.0
+                }));
             }
             search.record_evaluations(&costs);
         }
         let all: usize = counts.iter().sum();
-        assert!(counts[Strategy::Restarts as usize] > all / 3, "{counts:?}");
+        assert!(counts[Strategy::RestartedDescent as usize] > all / 3, "{counts:?}");
         assert!(counts.iter().all(|count| *count > all / 40), "{counts:?}");
     }
 
@@ -555,16 +602,17 @@ mod tests {
     #[test]
     fn search_follows_rare_events_on_a_flat_cost() {
         let trials = |uniform_only| {
-            let mut search = Search::new(test_shape(8), &all_matter, vec![0.5; 8], 7, uniform_only);
+            let mut search =
+                Search::new(test_layout(8), &all_coordinates_used, vec![0.5; 8], 7, uniform_only);
             let mut tried = 0;
             while tried < 6_000 {
                 let happens = |point: &[f64]| point.iter().take_while(|x| **x > 0.75).count();
                 let came = |trial: &Trial| {
                     let traits = (0..=happens(&trial.point) as u16).collect();
-                    Some(Evaluation { cost: 1.0, traits })
+                    Some(Evaluation { cost: 1.0, observed_events: traits })
                 };
                 let came: Vec<_> = search.propose_batch().iter().map(came).collect();
-                if came.iter().flatten().any(|came| came.traits.len() == 9) {
+                if came.iter().flatten().any(|came| came.observed_events.len() == 9) {
                     return tried;
                 }
                 tried += came.len();
@@ -579,13 +627,18 @@ mod tests {
     fn mutation_inherits_whole_faults() {
         // Faults of two coordinates each.
         let parts = vec![0..1, 1..3, 3..5];
-        let shape = Shape { gradual: vec![true; 5], parts, count: Some(0), faults: 1..3 };
-        let mut search = Search::new(shape, &all_matter, vec![0.5; 5], 1, false);
-        search.best.push(EvaluatedPoint { cost: 1.0, point: vec![0.5, 0.1, 0.2, 0.3, 0.4] });
+        let shape = CoordinateLayout {
+            is_continuous: vec![true; 5],
+            coordinate_groups: parts,
+            fault_count_index: Some(0),
+            fault_groups: 1..3,
+        };
+        let mut search = Search::new(shape, &all_coordinates_used, vec![0.5; 5], 1, false);
+        search.best_points.push(EvaluatedPoint { cost: 1.0, point: vec![0.5, 0.1, 0.2, 0.3, 0.4] });
         let mut random = SplitMix64::new(1);
         let (mut added, mut taken) = (0, 0);
         for _ in 0..100 {
-            let mut point = search.best[0].point.clone();
+            let mut point = search.best_points[0].point.clone();
             search.mutate_faults(&mut point, &mut random);
             let place = if point[0] > 2.0 / 3.0 { 3 } else { 1 };
             added += usize::from(place == 3);
@@ -597,24 +650,25 @@ mod tests {
 
     #[test]
     fn tiny_improvement_is_no_progress_and_last_equal_is_parent() {
-        let mut search = Search::new(test_shape(2), &all_matter, vec![0.5; 2], 1, false);
+        let mut search = Search::new(test_layout(2), &all_coordinates_used, vec![0.5; 2], 1, false);
         search.propose_batch();
         search.record_evaluations(&vec![evaluation_of_cost(0.31); 16]);
-        let found = search.record[Strategy::Uniform as usize].0;
+        let found = search.strategy_success[Strategy::Uniform as usize].0;
         let last = search.propose_batch().last().expect("a batch").point.clone();
         search.record_evaluations(&vec![evaluation_of_cost(0.31 - 1e-9); 16]);
-        assert!(search.record[Strategy::Uniform as usize].0 < found);
-        assert_eq!(search.best[0].point, last);
+        assert!(search.strategy_success[Strategy::Uniform as usize].0 < found);
+        assert_eq!(search.best_points[0].point, last);
         search.propose_batch();
         search.record_evaluations(&vec![evaluation_of_cost(0.30); 16]);
-        assert!(search.record[Strategy::Uniform as usize].0 > found);
+        assert!(search.strategy_success[Strategy::Uniform as usize].0 > found);
     }
 
     /// Without any gradient no strategy is better than chance. The portfolio must not be much worse.
     #[test]
     fn flat_cost_needs_at_most_1_2_times_the_trials_of_chance() {
         let anywhere = |uniform_only| {
-            let mut search = Search::new(test_shape(4), &all_matter, vec![0.5; 4], 3, uniform_only);
+            let mut search =
+                Search::new(test_layout(4), &all_coordinates_used, vec![0.5; 4], 3, uniform_only);
             let mut asked: Vec<Trial> = Vec::new();
             while asked.len() < 2_500 {
                 let batch = search.propose_batch().to_vec();
@@ -632,13 +686,14 @@ mod tests {
 
     #[test]
     fn continuous_variables_sometimes_jump_to_a_range_limit() {
-        let shape = Shape { gradual: vec![true, false], ..Shape::default() };
-        let search = Search::new(shape, &all_matter, vec![0.5; 2], 1, false);
+        let shape =
+            CoordinateLayout { is_continuous: vec![true, false], ..CoordinateLayout::default() };
+        let search = Search::new(shape, &all_coordinates_used, vec![0.5; 2], 1, false);
         let mut random = SplitMix64::new(1);
         let mut ends = [0; 2];
         for _ in 0..400 {
             let mut point = vec![0.5; 2];
-            search.change(&mut point, 2.0, 0.01, &mut random);
+            search.change_coordinates(&mut point, 2.0, 0.01, &mut random);
             for (ends, x) in ends.iter_mut().zip(point) {
                 *ends += u32::from(x == 0.0 || x == 1.0);
             }
@@ -649,11 +704,11 @@ mod tests {
     #[test]
     fn unused_coordinates_are_not_mutated() {
         let first = |point: &[f64]| (0..point.len()).map(|place| place == 0).collect();
-        let mut search = Search::new(test_shape(4), &first, vec![0.5; 4], 1, false);
+        let mut search = Search::new(test_layout(4), &first, vec![0.5; 4], 1, false);
         for _ in 0..UNIFORM_POINTS / 16 {
             search.propose_batch();
         }
-        search.best.push(EvaluatedPoint { cost: 1.0, point: vec![0.5; 4] });
+        search.best_points.push(EvaluatedPoint { cost: 1.0, point: vec![0.5; 4] });
         let asked: Vec<Trial> = (0..20).flat_map(|_| search.propose_batch().to_vec()).collect();
         let mutated: Vec<_> =
             asked.iter().filter(|trial| trial.proposed_by == Strategy::Mutation).collect();

@@ -6,97 +6,104 @@ use std::ops::Range;
 use formation::Vec2;
 use formation::closest::closest_pair;
 use formation::front_point::{front_point, rotate};
+use formation::graph::Edge;
 use formation::portable_math;
 use formation::pose::{Pose, wrap_angle};
 
-use crate::check::start_points;
-use crate::hunt::plan::{EVERY, Plan, PlannedFault, round_to_digits};
-use crate::scenario::{HuntBounds, Robot, Scenario, Varied};
+use crate::check::start_front_points;
+use crate::hunt::plan::{
+    ALL_ROBOTS, MESSAGE_BITS, MESSAGE_NUMBERS, PlannedFault, RunPlan, round_to_digits,
+};
+use crate::scenario::{HuntBounds, Robot, Scenario, VariedPart};
 
 /// Number of significant digits of decoded numbers.
 const SIGNIFICANT_DIGITS: usize = 3;
 /// Maximum number of consecutive losses, messages.
-const BURST_MAX: f64 = 20.0;
+const BURST_MESSAGES_MAX: f64 = 20.0;
+/// Maximum probability with which a bit of a message is inverted.
+const BIT_FLIPS_MAX: f64 = 0.1;
+/// Maximum difference of the factor on the numbers of a message from 1: the factor is from -2 to 4.
+const MESSAGE_SCALE_CHANGE_MAX: f64 = 3.0;
 
 /// Search space of a hunt.
-pub struct Space {
+pub struct SearchSpace {
     scenario: Scenario,
     bounds: HuntBounds,
     /// Minimum distance of two front points at the start, m.
     separation_min_m: f64,
     /// Kinds of faults with the components that each can affect.
-    kinds: Vec<(&'static str, Vec<Target>)>,
+    fault_kinds: Vec<(&'static str, Vec<AffectedTarget>)>,
     /// Groups of gains with their keys and values. The gains of a group get the same factor.
-    gains: Vec<Vec<(String, f64)>>,
+    gains: Vec<Vec<VariedGain>>,
 }
 
 /// Structure of the coordinates of a point.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Shape {
+pub struct CoordinateLayout {
     /// For each coordinate, `true` if runs depend on it continuously.
-    pub gradual: Vec<bool>,
+    pub is_continuous: Vec<bool>,
     /// Groups of coordinates, such as the start of one robot or one fault.
-    pub parts: Vec<Range<usize>>,
+    pub coordinate_groups: Vec<Range<usize>>,
     /// Index of the coordinate that determines the number of faults.
-    pub count: Option<usize>,
+    pub fault_count_index: Option<usize>,
     /// Indices in `parts` of the faults. All have the same number of coordinates with the same meaning.
-    pub faults: Range<usize>,
+    pub fault_groups: Range<usize>,
 }
 
-/// Affected robots of a fault, and the affected stream or sensor.
-type Target = (Vec<String>, &'static str);
+/// Affected robots of a fault, and the affected stream, sensor or part of messages.
+type AffectedTarget = (Vec<String>, &'static str);
 
 /// Error: the search space is empty.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("nothing would vary: {0}")]
-pub struct EmptySpace(&'static str);
+pub struct EmptySearchSpaceError(&'static str);
 
 /// Reader of the coordinates of a point, in order.
-struct Genes<'p> {
+struct CoordinateReader<'p> {
     point: &'p [f64],
     next_index: usize,
     /// For each coordinate, `true` if the result of a run depends on it continuously.
-    gradual: Vec<bool>,
-    matters: Vec<bool>,
+    is_continuous: Vec<bool>,
+    is_used: Vec<bool>,
     /// `true` if the run depends on the coordinates that are read next.
-    count: bool,
+    reads_used_coordinates: bool,
     /// Ends of the groups of coordinates.
     group_ends: Vec<usize>,
 }
 
-impl Genes<'_> {
-    fn new(point: &[f64]) -> Genes<'_> {
-        Genes {
+impl CoordinateReader<'_> {
+    fn new(point: &[f64]) -> CoordinateReader<'_> {
+        CoordinateReader {
             point,
             next_index: 0,
-            gradual: Vec::new(),
-            matters: Vec::new(),
-            count: true,
+            is_continuous: Vec::new(),
+            is_used: Vec::new(),
+            reads_used_coordinates: true,
             group_ends: Vec::new(),
         }
     }
 
-    fn next_gene(&mut self, gradual: bool) -> f64 {
+    fn next_coordinate(&mut self, gradual: bool) -> f64 {
         let gene = self.point.get(self.next_index).copied().unwrap_or(0.5);
         self.next_index += 1;
-        self.gradual.push(gradual);
-        self.matters.push(self.count);
+        self.is_continuous.push(gradual);
+        self.is_used.push(self.reads_used_coordinates);
         gene
     }
 
     /// Ends a group of coordinates.
-    fn end(&mut self) {
+    fn end_group(&mut self) {
         self.group_ends.push(self.next_index);
     }
 
     /// Reads a continuous coordinate from 0 to 1.
     fn read_unit_coordinate(&mut self) -> f64 {
-        self.next_gene(true)
+        self.next_coordinate(true)
     }
 
     /// Reads a choice among `count` options.
-    fn pick(&mut self, count: usize) -> usize {
-        ((self.next_gene(false) * count as f64) as usize).min(count.saturating_sub(1))
+    fn read_choice(&mut self, count: usize) -> usize {
+        ((self.next_coordinate(false) * count as f64) as usize).min(count.saturating_sub(1))
     }
 
     /// Reads an optional amount: `None` for the lower half of the coordinate, growing from 0 to 1 over the upper half.
@@ -106,70 +113,83 @@ impl Genes<'_> {
     }
 }
 
-impl Space {
+impl SearchSpace {
     /// Creates the search space of a scenario in which `vary` varies.
     ///
     /// # Errors
     ///
     /// The space is empty.
-    pub fn new(scenario: &Scenario, vary: &[Varied]) -> Result<Space, EmptySpace> {
-        let bounds = HuntBounds { vary: vary.to_vec(), ..scenario.hunt.clone() };
-        let own_m = closest_pair(&start_points(&scenario.robots))
+    pub fn new(
+        scenario: &Scenario,
+        vary: &[VariedPart],
+    ) -> Result<SearchSpace, EmptySearchSpaceError> {
+        let bounds = HuntBounds { varied_parts: vary.to_vec(), ..scenario.hunt_bounds.clone() };
+        let own_m = closest_pair(&start_front_points(&scenario.robots))
             .map_or(f64::INFINITY, |pair| pair.distance_m);
-        let mut space = Space {
+        let mut space = SearchSpace {
             separation_min_m: bounds.separation_min_m.min(own_m),
-            kinds: Vec::new(),
-            gains: gains(scenario),
+            fault_kinds: Vec::new(),
+            gains: gain_groups(scenario),
             scenario: scenario.clone(),
             bounds,
         };
-        space.kinds = space.bounds.kinds.iter().map(|kind| (*kind, space.targets(kind))).collect();
-        space.kinds.retain(|(_, targets)| !targets.is_empty());
-        let only = |varied| space.bounds.vary == [varied];
-        if space.bounds.vary.is_empty() {
-            Err(EmptySpace("`vary` is empty"))
-        } else if only(Varied::Gains) && space.gains.is_empty() {
-            Err(EmptySpace("no law or method of the scenario has a gain"))
-        } else if only(Varied::Faults) && space.kinds.is_empty() {
-            Err(EmptySpace("no robot or link can have any of the `kinds` of faults"))
+        space.fault_kinds = space
+            .bounds
+            .fault_kinds
+            .iter()
+            .map(|kind| (*kind, space.targets_of_kind(kind)))
+            .collect();
+        space.fault_kinds.retain(|(_, targets)| !targets.is_empty());
+        let only = |varied| space.bounds.varied_parts == [varied];
+        if space.bounds.varied_parts.is_empty() {
+            Err(EmptySearchSpaceError("`vary` is empty"))
+        } else if only(VariedPart::Gains) && space.gains.is_empty() {
+            Err(EmptySearchSpaceError("no law or method of the scenario has a gain"))
+        } else if only(VariedPart::Faults) && space.fault_kinds.is_empty() {
+            Err(EmptySearchSpaceError("no robot or link can have any of the `kinds` of faults"))
         } else {
             Ok(space)
         }
     }
 
     /// Returns the structure of the coordinates.
-    pub fn coordinate_shape(&self) -> Shape {
-        let mut genes = Genes::new(&[]);
+    pub fn coordinate_layout(&self) -> CoordinateLayout {
+        let mut genes = CoordinateReader::new(&[]);
         self.decode(&mut genes);
         let begins = [0].into_iter().chain(genes.group_ends.iter().copied());
         let parts = begins.zip(&genes.group_ends).map(|(begin, &end)| begin..end).collect();
-        let count = self.place_of_count();
+        let count = self.fault_count_index();
         let before = count
             .map_or(0, |count| genes.group_ends.iter().filter(|&&end| end <= count + 1).count());
         let faults = before..before + count.map_or(0, |_| self.bounds.faults_max);
-        Shape { gradual: genes.gradual, parts, count, faults }
+        CoordinateLayout {
+            is_continuous: genes.is_continuous,
+            coordinate_groups: parts,
+            fault_count_index: count,
+            fault_groups: faults,
+        }
     }
 
     /// Returns for each coordinate of a point whether its run depends on it. It does not depend on the coordinates of
     /// unused faults.
     pub fn used_coordinates(&self, point: &[f64]) -> Vec<bool> {
-        let mut genes = Genes::new(point);
+        let mut genes = CoordinateReader::new(point);
         self.decode(&mut genes);
-        genes.matters
+        genes.is_used
     }
 
     /// Returns the point that decodes to the unchanged scenario, as far as the bounds allow.
     pub fn unchanged_point(&self) -> Vec<f64> {
-        let mut point = vec![0.5; self.coordinate_shape().gradual.len()];
-        if let Some(count) = self.place_of_count() {
+        let mut point = vec![0.5; self.coordinate_layout().is_continuous.len()];
+        if let Some(count) = self.fault_count_index() {
             point[count] = 0.0;
         }
         point
     }
 
     /// Decodes a point to a run.
-    pub fn plan(&self, point: &[f64]) -> Plan {
-        self.decode(&mut Genes::new(point))
+    pub fn decode_plan(&self, point: &[f64]) -> RunPlan {
+        self.decode(&mut CoordinateReader::new(point))
     }
 
     /// Returns the scenario that all runs are based on.
@@ -178,11 +198,10 @@ impl Space {
     }
 
     /// Returns the single links or robots that a fault can affect in place of `*`.
-    pub(super) fn single_targets(&self, who: &[String]) -> Vec<Vec<String>> {
-        match who {
-            [_, _] => self.links(),
-            _ => self.robots(),
-        }
+    pub(super) fn single_targets(&self, fault: &PlannedFault) -> Vec<Vec<String>> {
+        let targets = self.targets_of_kind(fault.kind).into_iter();
+        let same = targets.filter(|(_, component)| *component == fault.target_component);
+        same.map(|(who, _)| who).collect()
     }
 
     /// Returns whether faults can affect all robots.
@@ -191,68 +210,73 @@ impl Space {
     }
 
     /// Returns the run with all its faults at their maximum strength.
-    pub fn maximize_faults(&self, plan: &Plan) -> Plan {
+    pub fn maximize_faults(&self, plan: &RunPlan) -> RunPlan {
         let faults = plan.faults.iter().map(|fault| self.strongest_fault(fault)).collect();
-        Plan { faults, ..plan.clone() }
+        RunPlan { faults, ..plan.clone() }
     }
 
     /// Returns the fault with the maximum duration, loss and delay within the bounds.
     pub(super) fn strongest_fault(&self, fault: &PlannedFault) -> PlannedFault {
-        let HuntBounds { until_ns, loss_max, delay_ns_max, .. } = self.bounds;
+        let HuntBounds { latest_fault_end_ns: until_ns, loss_max, delay_ns_max, .. } = self.bounds;
         let mut strongest = fault.clone();
         if fault.kind != "kill" {
-            let longest = |for_ns: u64| for_ns.max(until_ns.saturating_sub(fault.at_ns));
-            strongest.for_ns = fault.for_ns.map(longest);
+            let longest = |for_ns: u64| for_ns.max(until_ns.saturating_sub(fault.start_ns));
+            strongest.duration_ns = fault.duration_ns.map(longest);
         }
-        for (word, amount) in &mut strongest.amounts {
+        for (word, amount) in &mut strongest.parameters {
             match *word {
                 "of" => *amount = Some(loss_max),
-                "by" if fault.kind == "delay" => *amount = Some(formation::seconds(delay_ns_max)),
+                "by" if fault.kind == "delay" => {
+                    *amount = Some(formation::ns_to_seconds(delay_ns_max))
+                }
+                "noise" => *amount = Some(self.bounds.message_error_max),
+                "flips" => *amount = Some(BIT_FLIPS_MAX),
                 _ => {}
             }
         }
         strongest
     }
 
-    fn is_varied(&self, varied: Varied) -> bool {
-        self.bounds.vary.contains(&varied)
+    fn is_varied(&self, varied: VariedPart) -> bool {
+        self.bounds.varied_parts.contains(&varied)
     }
 
-    fn place_of_count(&self) -> Option<usize> {
+    fn fault_count_index(&self) -> Option<usize> {
         let before =
-            if self.is_varied(Varied::Starts) { 3 * self.scenario.robots.len() } else { 0 };
-        (self.is_varied(Varied::Faults) && !self.kinds.is_empty()).then_some(before)
+            if self.is_varied(VariedPart::Starts) { 3 * self.scenario.robots.len() } else { 0 };
+        (self.is_varied(VariedPart::Faults) && !self.fault_kinds.is_empty()).then_some(before)
     }
 
-    fn decode(&self, genes: &mut Genes<'_>) -> Plan {
-        let mut plan = Plan::default();
-        if self.is_varied(Varied::Starts) {
-            plan.starts = self.starts(genes);
+    fn decode(&self, genes: &mut CoordinateReader<'_>) -> RunPlan {
+        let mut plan = RunPlan::default();
+        if self.is_varied(VariedPart::Starts) {
+            plan.starts = self.decode_starts(genes);
         }
-        if self.is_varied(Varied::Faults) && !self.kinds.is_empty() {
-            let count = genes.pick(self.bounds.faults_max + 1);
-            genes.end();
+        if self.is_varied(VariedPart::Faults) && !self.fault_kinds.is_empty() {
+            let count = genes.read_choice(self.bounds.faults_max + 1);
+            genes.end_group();
             for fault in 0..self.bounds.faults_max {
-                genes.count = fault < count;
-                plan.faults.push(self.fault(genes));
-                genes.end();
+                genes.reads_used_coordinates = fault < count;
+                plan.faults.push(self.decode_fault(genes));
+                genes.end_group();
             }
-            genes.count = true;
+            genes.reads_used_coordinates = true;
             plan.faults.truncate(count);
         }
-        if self.is_varied(Varied::Delays) {
-            plan.faults.extend(self.delays(genes));
+        if self.is_varied(VariedPart::Delays) {
+            plan.faults.extend(self.decode_delays(genes));
         }
-        if self.is_varied(Varied::Noise) {
-            plan.faults.extend(self.noise(genes));
+        if self.is_varied(VariedPart::Noise) {
+            plan.faults.extend(self.decode_noise(genes));
         }
-        if self.is_varied(Varied::Gains) {
+        if self.is_varied(VariedPart::Gains) {
             for keys in &self.gains {
                 let [least, most] = self.bounds.gain_factors;
                 let factor = least * portable_math::pow(most / least, genes.read_unit_coordinate());
-                genes.end();
-                let gain = |(key, own): &(String, f64)| {
-                    (key.clone(), round_to_digits(own * factor, SIGNIFICANT_DIGITS))
+                genes.end_group();
+                let gain = |VariedGain { key, scenario_value: own, range: [lowest, highest] }: &VariedGain| {
+                    let value = round_to_digits(own * factor, SIGNIFICANT_DIGITS);
+                    (key.clone(), value.clamp(*lowest, *highest))
                 };
                 plan.gains.extend(keys.iter().map(gain));
             }
@@ -262,18 +286,18 @@ impl Space {
 
     /// Decodes the starts: each front point is in its box, moved toward its start in the scenario until it is far
     /// enough from others and clear of walls.
-    fn starts(&self, genes: &mut Genes<'_>) -> Vec<(usize, Pose)> {
+    fn decode_starts(&self, genes: &mut CoordinateReader<'_>) -> Vec<(usize, Pose)> {
         let robots = &self.scenario.robots;
         let walls = self.scenario.obstacles();
         let clearance_m = self.scenario.avoidance.clearance_m;
-        let mut points = start_points(robots);
+        let mut points = start_front_points(robots);
         let mut starts = Vec::new();
         for (place, robot) in robots.iter().enumerate() {
             let own = points[place];
             let [x, y] =
-                self.bounds.box_m.map(|side_m| side_m * (genes.read_unit_coordinate() - 0.5));
+                self.bounds.start_box_m.map(|side_m| side_m * (genes.read_unit_coordinate() - 0.5));
             let turn_rad = TAU * (genes.read_unit_coordinate() - 0.5);
-            genes.end();
+            genes.end_group();
             let heading_rad =
                 round_to_multiple(wrap_angle(robot.start.heading_rad + turn_rad), 1e3);
             let pose_at = |point: Vec2| {
@@ -303,23 +327,32 @@ impl Space {
         starts
     }
 
-    fn fault(&self, genes: &mut Genes<'_>) -> PlannedFault {
-        let (kind, targets) = &self.kinds[genes.pick(self.kinds.len())];
-        let (who, what) = targets[genes.pick(targets.len())].clone();
+    fn decode_fault(&self, genes: &mut CoordinateReader<'_>) -> PlannedFault {
+        let (kind, targets) = &self.fault_kinds[genes.read_choice(self.fault_kinds.len())];
+        let (who, what) = targets[genes.read_choice(targets.len())].clone();
         let [at, length, a, b] = [(); 4].map(|()| genes.read_unit_coordinate());
-        let HuntBounds { from_ns, until_ns, .. } = self.bounds;
+        let HuntBounds { earliest_fault_start_ns: from_ns, latest_fault_end_ns: until_ns, .. } =
+            self.bounds;
         let period_ns = self.scenario.period_ns;
         let latest_ns = until_ns.saturating_sub(period_ns).max(from_ns);
-        let at_ns =
-            self.ticks_ns(from_ns as f64 + at * (latest_ns - from_ns) as f64).min(latest_ns);
+        let at_ns = self
+            .round_to_periods_ns(from_ns as f64 + at * (latest_ns - from_ns) as f64)
+            .min(latest_ns);
         let rest = (until_ns - at_ns) as f64 / period_ns as f64;
         let for_ns = self
-            .ticks_ns(period_ns as f64 * portable_math::pow(rest.max(1.0), length))
+            .round_to_periods_ns(period_ns as f64 * portable_math::pow(rest.max(1.0), length))
             .max(period_ns);
         let amounts = self.fault_amounts(kind, what, [a, b]);
         // Half of the kills have no restart.
         let for_ns = (*kind != "kill" || a < 0.5).then_some(for_ns);
-        PlannedFault { kind, who, what, amounts, at_ns, for_ns }
+        PlannedFault {
+            kind,
+            target_names: who,
+            target_component: what,
+            parameters: amounts,
+            start_ns: at_ns,
+            duration_ns: for_ns,
+        }
     }
 
     /// Returns the numbers of a fault, from two coordinates.
@@ -329,19 +362,24 @@ impl Space {
         what: &str,
         [a, b]: [f64; 2],
     ) -> Vec<(&'static str, Option<f64>)> {
-        let seconds = |ns| Some(formation::seconds(ns));
+        let seconds = |ns| Some(formation::ns_to_seconds(ns));
         let (period_ns, d_m) = (self.scenario.period_ns, self.scenario.avoidance.distance_min_m);
         let loss = Some(round_to_digits(self.bounds.loss_max * a.max(0.01), 2));
         match kind {
             "slow" => vec![("by", seconds((period_ns / 10).max(1) * (1.0 + 15.0 * a) as u64))],
-            "loss" => vec![("of", loss), ("burst", Some((1.0 + b * (BURST_MAX - 1.0)).floor()))],
+            "loss" => {
+                vec![("of", loss), ("burst", Some((1.0 + b * (BURST_MESSAGES_MAX - 1.0)).floor()))]
+            }
             "bursts" => {
-                vec![("of", loss), ("mean", seconds(period_ns * (1.0 + b * BURST_MAX) as u64))]
+                vec![
+                    ("of", loss),
+                    ("mean", seconds(period_ns * (1.0 + b * BURST_MESSAGES_MAX) as u64)),
+                ]
             }
             "fading" => vec![("range", Some(round_to_digits(d_m * (1.0 + 9.0 * a), 2)))],
             "delay" => {
-                let by_ns = self.delay_ns(a);
-                let jitter_ns = self.ticks_ns((2.0 * b - 1.0).max(0.0) * by_ns as f64);
+                let by_ns = self.delay_from_fraction_ns(a);
+                let jitter_ns = self.round_to_periods_ns((2.0 * b - 1.0).max(0.0) * by_ns as f64);
                 let jitter = (jitter_ns > 0).then(|| ("jitter", seconds(jitter_ns)));
                 [("by", seconds(by_ns))].into_iter().chain(jitter).collect()
             }
@@ -352,6 +390,20 @@ impl Space {
                 let heading =
                     (what == "odometry" && heading > 0.0).then_some(("heading", Some(heading)));
                 [("by", Some(by))].into_iter().chain(heading).collect()
+            }
+            "lie" if what == MESSAGE_BITS => {
+                vec![("flips", Some(round_to_digits(BIT_FLIPS_MAX * a.max(0.01), 2)))]
+            }
+            "lie" if what == MESSAGE_NUMBERS => {
+                // Of both signs, and never so small that the message is not changed.
+                let change = (2.0 * b - 1.0).abs().max(0.01).copysign(2.0 * b - 1.0);
+                let error_max = self.bounds.message_error_max;
+                let (word, amount) = match (3.0 * a) as usize {
+                    0 => ("scale", 1.0 + MESSAGE_SCALE_CHANGE_MAX * change),
+                    1 => ("offset", error_max * change),
+                    _ => ("noise", error_max * b.max(0.01)),
+                };
+                vec![(word, Some(round_to_digits(amount, SIGNIFICANT_DIGITS)))]
             }
             "lie" => {
                 let random = ("random", Some(round_to_digits(d_m * (0.1 + 4.9 * a), 2)));
@@ -368,7 +420,7 @@ impl Space {
     }
 
     /// Decodes delays and losses over the whole run.
-    fn delays(&self, genes: &mut Genes<'_>) -> Vec<PlannedFault> {
+    fn decode_delays(&self, genes: &mut CoordinateReader<'_>) -> Vec<PlannedFault> {
         let mut faults = Vec::new();
         let links = !self.scenario.graph.edges().is_empty();
         for what in
@@ -379,50 +431,66 @@ impl Space {
                 genes.read_unit_coordinate(),
                 genes.read_optional_amount(),
             );
-            genes.end();
-            let who = vec![EVERY.to_owned(); if what.is_empty() { 2 } else { 1 }];
+            genes.end_group();
+            let who = vec![ALL_ROBOTS.to_owned(); if what.is_empty() { 2 } else { 1 }];
             let drawn = [
                 ("delay", delay.map(|share| [share, jitter])),
                 ("loss", loss.map(|share| [share, 0.0])),
             ];
             faults.extend(drawn.into_iter().filter_map(|(kind, shares)| {
                 let amounts = self.fault_amounts(kind, what, shares?);
-                Some(PlannedFault { kind, who: who.clone(), what, amounts, at_ns: 0, for_ns: None })
+                Some(PlannedFault {
+                    kind,
+                    target_names: who.clone(),
+                    target_component: what,
+                    parameters: amounts,
+                    start_ns: 0,
+                    duration_ns: None,
+                })
             }));
         }
         faults
     }
 
     /// Decodes sensor errors over the whole run.
-    fn noise(&self, genes: &mut Genes<'_>) -> Vec<PlannedFault> {
+    fn decode_noise(&self, genes: &mut CoordinateReader<'_>) -> Vec<PlannedFault> {
         let mut faults = Vec::new();
         for what in ["odometry", "proximity"] {
             let (position, heading) = (genes.read_optional_amount(), genes.read_unit_coordinate());
-            genes.end();
+            genes.end_group();
             let Some(position) = position else { continue };
             let amounts = self.fault_amounts("noise", what, [position, heading]);
-            let who = vec![EVERY.to_owned()];
-            faults.push(PlannedFault { kind: "noise", who, what, amounts, at_ns: 0, for_ns: None });
+            let who = vec![ALL_ROBOTS.to_owned()];
+            faults.push(PlannedFault {
+                kind: "noise",
+                target_names: who,
+                target_component: what,
+                parameters: amounts,
+                start_ns: 0,
+                duration_ns: None,
+            });
         }
         faults
     }
 
     /// Returns a duration as a whole number of periods, ns.
-    fn ticks_ns(&self, ns: f64) -> u64 {
+    fn round_to_periods_ns(&self, ns: f64) -> u64 {
         let period_ns = self.scenario.period_ns;
         (ns / period_ns as f64).round() as u64 * period_ns
     }
 
-    fn delay_ns(&self, share: f64) -> u64 {
+    fn delay_from_fraction_ns(&self, share: f64) -> u64 {
         let most_ns = self.bounds.delay_ns_max;
-        self.ticks_ns(share * most_ns as f64).max(self.scenario.period_ns).min(most_ns)
+        self.round_to_periods_ns(share * most_ns as f64).max(self.scenario.period_ns).min(most_ns)
     }
 
-    fn targets(&self, kind: &str) -> Vec<Target> {
-        let of_robots = |what: &'static str| self.robots().into_iter().map(move |who| (who, what));
-        let links = || self.links().into_iter().map(|who| (who, ""));
+    fn targets_of_kind(&self, kind: &str) -> Vec<AffectedTarget> {
+        let of_robots =
+            |what: &'static str| self.robot_targets().into_iter().map(move |who| (who, what));
+        let links = || self.link_targets().into_iter().map(|who| (who, ""));
         match kind {
-            "cut" | "fading" | "lie" => links().collect(),
+            "cut" | "fading" => links().collect(),
+            "lie" => links().chain(self.false_message_targets()).collect(),
             "loss" | "bursts" | "delay" => {
                 links().chain(of_robots("odometry")).chain(of_robots("commands")).collect()
             }
@@ -432,7 +500,7 @@ impl Space {
     }
 
     /// Returns the robots that faults can affect, each as a target.
-    fn robots(&self) -> Vec<Vec<String>> {
+    fn robot_targets(&self) -> Vec<Vec<String>> {
         self.bounds
             .robots
             .iter()
@@ -441,12 +509,34 @@ impl Space {
     }
 
     /// Returns the links on which these robots send.
-    fn links(&self) -> Vec<Vec<String>> {
+    fn link_targets(&self) -> Vec<Vec<String>> {
+        self.varied_edges().map(|edge| self.names_of_ends(edge)).collect()
+    }
+
+    /// Returns the links on which the laws of these robots send messages, with the parts of the messages that a lie can
+    /// change.
+    fn false_message_targets(&self) -> Vec<AffectedTarget> {
+        let components = |edge: &Edge| match self.scenario.message_format(edge.from) {
+            None => &[][..],
+            Some(format) if format.is_bytes() => &[MESSAGE_BITS],
+            Some(_) => &[MESSAGE_NUMBERS, MESSAGE_BITS],
+        };
+        self.varied_edges()
+            .flat_map(|edge| {
+                components(edge).iter().map(move |what| (self.names_of_ends(edge), *what))
+            })
+            .collect()
+    }
+
+    /// Returns the edges whose senders faults can affect.
+    fn varied_edges(&self) -> impl Iterator<Item = &Edge> {
         let edges = self.scenario.graph.edges().iter();
-        let sent = edges.filter(|edge| self.bounds.robots.contains(&edge.from));
-        let names =
-            |robots: [usize; 2]| robots.map(|robot| self.scenario.robots[robot].name.clone());
-        sent.map(|edge| names([edge.from, edge.to]).to_vec()).collect()
+        edges.filter(|edge| self.bounds.robots.contains(&edge.from))
+    }
+
+    /// Returns the names of the sender and the receiver of an edge.
+    fn names_of_ends(&self, edge: &Edge) -> Vec<String> {
+        [edge.from, edge.to].map(|robot| self.scenario.robots[robot].name.clone()).to_vec()
     }
 }
 
@@ -456,20 +546,176 @@ pub(super) fn round_to_multiple(number: f64, in_one: f64) -> f64 {
     (number * in_one).round() / in_one + 0.0
 }
 
+/// A gain that a hunt varies.
+#[derive(Debug, Clone)]
+struct VariedGain {
+    /// Key in the syntax of `--set`.
+    key: String,
+    /// Value in the scenario.
+    scenario_value: f64,
+    /// Lowest and highest value.
+    range: [f64; 2],
+}
+
+/// Range of a gain without one of its own.
+const ANY_GAIN_RANGE: [f64; 2] = [0.0, f64::INFINITY];
+
 /// Returns the groups of gains: one for each key of the laws, and those of the method.
-fn gains(scenario: &Scenario) -> Vec<Vec<(String, f64)>> {
+fn gain_groups(scenario: &Scenario) -> Vec<Vec<VariedGain>> {
     let mut keys: Vec<&String> =
         scenario.robots.iter().flat_map(|robot| robot.gains.keys()).collect();
     keys.sort();
     keys.dedup();
     let of_laws = keys.into_iter().map(|key| {
-        let gain =
-            |robot: &Robot| Some((format!("robot.{}.{key}", robot.name), *robot.gains.get(key)?));
+        let gain = |robot: &Robot| {
+            let range = robot.gain_ranges.iter().find(|(name, _)| name == key);
+            Some(VariedGain {
+                key: format!("robot.{}.{key}", robot.name),
+                scenario_value: *robot.gains.get(key)?,
+                range: range.map_or(ANY_GAIN_RANGE, |(_, range)| *range),
+            })
+        };
         scenario.robots.iter().filter_map(gain).collect()
     });
-    let of_method = scenario.method.gains.iter().filter_map(|gain| {
+    let of_method = scenario.avoidance_method.gains.iter().filter_map(|gain| {
         let own = scenario.avoidance.gains.get(gain.key)?;
-        Some(vec![(format!("avoidance.{}", gain.key), *own)])
+        Some(vec![VariedGain {
+            key: format!("avoidance.{}", gain.key),
+            scenario_value: *own,
+            range: ANY_GAIN_RANGE,
+        }])
     });
     of_laws.chain(of_method).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::borrow::Cow;
+    use std::collections::{BTreeMap, BTreeSet};
+    use std::path::Path;
+
+    use formation::random::SplitMix64;
+    use protocol::avoidance::AvoidanceDescription;
+    use protocol::catalog::Catalog;
+    use protocol::law::{LawDescription, Role};
+    use protocol::law_message::{MessageArray, MessageFormat};
+
+    use crate::scenario::read::{Overrides, read_text};
+
+    static BID_ARRAYS: [MessageArray; 1] =
+        [MessageArray { name: Cow::Borrowed("bid"), shape: Cow::Borrowed(&[]) }];
+    static NUMBERS: MessageFormat =
+        MessageFormat { bytes_max: 8, arrays: Cow::Borrowed(&BID_ARRAYS) };
+    static BYTES: MessageFormat = MessageFormat::with_bytes(4);
+
+    const THREE_LAWS: &str = r#"
+name = "three-laws"
+duration_s = 10.0
+period_s = 0.02
+[avoidance]
+kind = "none"
+distance_min_m = 0.2
+speed_max_m_s = 0.5
+[robot_defaults]
+front_point_m = 0.1
+[hunt]
+kinds = ["lie"]
+message_error_max = 2.0
+[[robot]]
+name = "r1"
+law = "numbers"
+hears = ["r2", "r3"]
+pose = { x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }
+[[robot]]
+name = "r2"
+law = "bytes"
+hears = ["r1"]
+pose = { x_m = 0.0, y_m = 1.0, heading_rad = 0.0 }
+[[robot]]
+name = "r3"
+law = "silent"
+hears = ["r1"]
+pose = { x_m = 0.0, y_m = 2.0, heading_rad = 0.0 }
+"#;
+
+    fn catalog() -> Catalog {
+        let law = |name, message| LawDescription {
+            name,
+            role: Role::FREE,
+            source: "none",
+            gain_keys: &[],
+            gain_ranges: &[],
+            feed_forward: false,
+            correction_max: None,
+            params: None,
+            message_format: message,
+            queued_messages_max: 0,
+            may_withhold_beacon: false,
+            signals: &[],
+        };
+        Catalog {
+            laws: vec![
+                law("numbers", Some(&NUMBERS)),
+                law("bytes", Some(&BYTES)),
+                law("silent", None),
+            ],
+            methods: vec![AvoidanceDescription {
+                name: "none",
+                ..AvoidanceDescription::NO_AVOIDANCE
+            }],
+        }
+    }
+
+    fn read(overrides: &Overrides) -> Scenario {
+        let read = read_text(Path::new("three-laws.toml"), THREE_LAWS, overrides, &catalog());
+        read.unwrap_or_else(|error| panic!("{overrides:?}: {}", error.render(false))).0
+    }
+
+    #[test]
+    fn false_messages_are_drawn_for_laws_that_send_them() {
+        let scenario = read(&Overrides::default());
+        let space = SearchSpace::new(&scenario, &[VariedPart::Faults]).unwrap();
+        let mut random = SplitMix64::new(1);
+        let mut words: BTreeMap<String, BTreeSet<&str>> = BTreeMap::new();
+        for _ in 0..300 {
+            let point: Vec<f64> =
+                space.unchanged_point().iter().map(|_| random.draw_unit()).collect();
+            let plan = space.maximize_faults(&space.decode_plan(&point));
+            for plan in [&space.decode_plan(&point), &plan] {
+                let faults = read(&plan.overrides(&scenario)).faults;
+                assert!(faults.len() == plan.faults.len(), "{plan:?}");
+            }
+            for fault in plan.faults {
+                let of_sender = words.entry(fault.target_names[0].clone()).or_default();
+                of_sender.extend(fault.parameters.iter().map(|(word, _)| *word));
+            }
+        }
+        let found: Vec<Vec<&str>> =
+            words.into_values().map(|words| words.into_iter().collect()).collect();
+        assert_eq!(
+            found,
+            [
+                vec!["flips", "noise", "offset", "random", "scale", "turn"],
+                vec!["flips", "random", "turn"],
+                vec!["random", "turn"],
+            ]
+        );
+    }
+
+    #[test]
+    fn false_messages_shrink_to_links_of_laws_that_send_them() {
+        let scenario = read(&Overrides::default());
+        let space = SearchSpace::new(&scenario, &[VariedPart::Faults]).unwrap();
+        let fault = |target_component| PlannedFault {
+            kind: "lie",
+            target_names: vec![ALL_ROBOTS.to_owned(); 2],
+            target_component,
+            parameters: Vec::new(),
+            start_ns: 0,
+            duration_ns: None,
+        };
+        let targets = |component| space.single_targets(&fault(component)).len();
+        assert_eq!((targets(""), targets(MESSAGE_BITS), targets(MESSAGE_NUMBERS)), (4, 3, 2));
+    }
 }

@@ -11,106 +11,126 @@ const NAMES_MAX: usize = 24;
 
 /// A broken robot: it ends off its slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Broken {
+pub struct BrokenPrediction {
     /// Index of the robot in the scenario.
     pub robot: usize,
     /// Cause for which the robot ends off its slot.
-    pub cause: Cause,
+    pub cause: BreakCause,
     /// Distance from its slot at which the robot settles, m. `None` if the moving formation leaves it behind.
-    pub off_m: Option<f64>,
+    pub slot_distance_m: Option<f64>,
     /// Distance outside the convex hull of the robots that lead or keep a slot, m, if it should be inside.
-    pub outside_m: Option<f64>,
+    pub hull_distance_m: Option<f64>,
 }
 
 /// Cause for which a robot ends off its slot. Robots are indices in the scenario.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cause {
+pub enum BreakCause {
     /// The main leader has failed: no robot tracks the trajectory (Assumptions 3, 5).
     LeaderDead {
         /// Main leader.
         leader: usize,
     },
     /// The main leader is alive, but its information does not reach the robot (Assumptions 3, 5).
-    Unled {
+    LeaderUnreachable {
         /// Main leader.
         leader: usize,
     },
     /// The robot stops while the formation moves on, because it has no in-neighbor left.
-    Stops {
+    NoInNeighbor {
         /// Lost in-neighbor.
-        lost: usize,
+        lost_in_neighbor: usize,
     },
     /// The robot uses the last known position of a lost in-neighbor, which stays behind.
-    Kept {
+    UsesLastPosition {
         /// Lost in-neighbor.
-        lost: usize,
+        lost_in_neighbor: usize,
     },
     /// The leader reaches the robot, but it also uses an in-neighbor that is left behind.
-    Pulled {
+    InNeighborLeftBehind {
         /// The in-neighbor that is left behind.
-        by: usize,
+        in_neighbor: usize,
     },
     /// No robot that leads or keeps a slot reaches the robot, so its hull is empty (Assumption 4).
     Uncontained,
     /// The desired position of the robot is different without a lost in-neighbor.
-    Without {
+    DesiredPositionChanged {
         /// Lost in-neighbor.
-        lost: usize,
+        lost_in_neighbor: usize,
     },
     /// The robot takes the slot of a lost leader.
-    TakesPlace {
+    TakesLeaderSlot {
         /// Lost leader.
-        of: usize,
+        leader: usize,
     },
     /// The robot follows an in-neighbor that is itself off its slot.
-    Follows {
+    FollowsBrokenRobot {
         /// The in-neighbor off its slot.
-        whom: usize,
+        in_neighbor: usize,
     },
     /// The desired position of the robot is closer to another robot than robots come to rest (Remark 1).
-    Taken {
+    SlotOccupied {
         /// Robot at the desired position.
-        by: usize,
+        occupant: usize,
     },
     /// Another robot wants a position too close to the slot of this one (Remark 1).
-    Crowded {
+    SlotClaimed {
         /// Robot that wants the position.
-        by: usize,
+        claimant: usize,
     },
 }
 
-impl Cause {
+impl BreakCause {
     /// Returns the keyword of the cause in files, and the robot that it refers to.
     pub fn keyword_and_robot(self) -> (&'static str, Option<usize>) {
         match self {
-            Cause::LeaderDead { leader } => ("leader-dead", Some(leader)),
-            Cause::Unled { leader } => ("unled", Some(leader)),
-            Cause::Stops { lost } => ("stops", Some(lost)),
-            Cause::Kept { lost } => ("kept", Some(lost)),
-            Cause::Pulled { by } => ("pulled", Some(by)),
-            Cause::Uncontained => ("uncontained", None),
-            Cause::Without { lost } => ("without", Some(lost)),
-            Cause::TakesPlace { of } => ("takes-place", Some(of)),
-            Cause::Follows { whom } => ("follows", Some(whom)),
-            Cause::Taken { by } => ("place-taken", Some(by)),
-            Cause::Crowded { by } => ("crowded", Some(by)),
+            BreakCause::LeaderDead { leader } => ("leader-dead", Some(leader)),
+            BreakCause::LeaderUnreachable { leader } => ("unled", Some(leader)),
+            BreakCause::NoInNeighbor { lost_in_neighbor: lost } => ("stops", Some(lost)),
+            BreakCause::UsesLastPosition { lost_in_neighbor: lost } => ("kept", Some(lost)),
+            BreakCause::InNeighborLeftBehind { in_neighbor: by } => ("pulled", Some(by)),
+            BreakCause::Uncontained => ("uncontained", None),
+            BreakCause::DesiredPositionChanged { lost_in_neighbor: lost } => {
+                ("without", Some(lost))
+            }
+            BreakCause::TakesLeaderSlot { leader: of } => ("takes-place", Some(of)),
+            BreakCause::FollowsBrokenRobot { in_neighbor: whom } => ("follows", Some(whom)),
+            BreakCause::SlotOccupied { occupant: by } => ("place-taken", Some(by)),
+            BreakCause::SlotClaimed { claimant: by } => ("crowded", Some(by)),
         }
     }
 
     /// Returns the cause as text that suits one or several robots. `name` returns the name of a robot.
     pub fn describe<'s>(self, name: impl Fn(usize) -> &'s str) -> String {
         match self {
-            Cause::LeaderDead { leader } => format!("the leader {} is dead", name(leader)),
-            Cause::Unled { leader } => format!("not reached by the leader {}", name(leader)),
-            Cause::Stops { lost } => format!("no in-neighbor left without {}", name(lost)),
-            Cause::Kept { lost } => format!("follows the last known point of {}", name(lost)),
-            Cause::Pulled { by } => format!("held back by {}, which is left behind", name(by)),
-            Cause::Uncontained => "an empty hull: no robot that leads or keeps a slot".to_owned(),
-            Cause::Without { lost } => format!("another desired position without {}", name(lost)),
-            Cause::TakesPlace { of } => format!("backup leader in the slot of {}", name(of)),
-            Cause::Follows { whom } => format!("in-neighbor {} is off its slot", name(whom)),
-            Cause::Taken { by } => format!("desired position occupied by {} (Remark 1)", name(by)),
-            Cause::Crowded { by } => {
+            BreakCause::LeaderDead { leader } => format!("the leader {} is dead", name(leader)),
+            BreakCause::LeaderUnreachable { leader } => {
+                format!("not reached by the leader {}", name(leader))
+            }
+            BreakCause::NoInNeighbor { lost_in_neighbor: lost } => {
+                format!("no in-neighbor left without {}", name(lost))
+            }
+            BreakCause::UsesLastPosition { lost_in_neighbor: lost } => {
+                format!("follows the last known point of {}", name(lost))
+            }
+            BreakCause::InNeighborLeftBehind { in_neighbor: by } => {
+                format!("held back by {}, which is left behind", name(by))
+            }
+            BreakCause::Uncontained => {
+                "an empty hull: no robot that leads or keeps a slot".to_owned()
+            }
+            BreakCause::DesiredPositionChanged { lost_in_neighbor: lost } => {
+                format!("another desired position without {}", name(lost))
+            }
+            BreakCause::TakesLeaderSlot { leader: of } => {
+                format!("backup leader in the slot of {}", name(of))
+            }
+            BreakCause::FollowsBrokenRobot { in_neighbor: whom } => {
+                format!("in-neighbor {} is off its slot", name(whom))
+            }
+            BreakCause::SlotOccupied { occupant: by } => {
+                format!("desired position occupied by {} (Remark 1)", name(by))
+            }
+            BreakCause::SlotClaimed { claimant: by } => {
                 format!("desired position too close to that of {} (Remark 1)", name(by))
             }
         }
@@ -122,7 +142,7 @@ impl Cause {
 pub struct BrokenRobot<'s> {
     /// Name of the robot.
     pub robot: &'s str,
-    /// Keyword of the cause, as in [`Cause::keyword_and_robot`].
+    /// Keyword of the cause, as in [`BreakCause::keyword_and_robot`].
     pub cause: &'static str,
     /// Name of the robot that the cause refers to.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -137,11 +157,11 @@ pub struct BrokenRobot<'s> {
     pub why: String,
 }
 
-impl Broken {
+impl BrokenPrediction {
     /// Returns the cause as text.
     pub fn describe<'s>(&self, name: impl Fn(usize) -> &'s str) -> String {
         let why = self.cause.describe(name);
-        match self.outside_m {
+        match self.hull_distance_m {
             Some(outside_m) => format!("{why}, {} m outside the hull", format_short(outside_m)),
             None => why,
         }
@@ -155,15 +175,15 @@ impl Broken {
             robot: name(self.robot),
             cause,
             by: by.map(name),
-            off_m: self.off_m,
-            outside_m: self.outside_m,
+            off_m: self.slot_distance_m,
+            outside_m: self.hull_distance_m,
             why: self.describe(name),
         }
     }
 }
 
 /// Returns the definition of a broken robot as text.
-pub fn broken_means(bound_m: f64) -> String {
+pub fn broken_definition_text(bound_m: f64) -> String {
     format!(
         "a robot is broken if, when the fault ends (a permanent one: at the end of the run), it is more than {} m \
          from its slot in the planned formation",
@@ -172,7 +192,7 @@ pub fn broken_means(bound_m: f64) -> String {
 }
 
 /// Returns one line for each cause with all its robots: `r1, r2: the leader r5 is dead`.
-pub fn lines<'a>(broken: impl IntoIterator<Item = (&'a str, String)>) -> Vec<String> {
+pub fn lines_by_cause<'a>(broken: impl IntoIterator<Item = (&'a str, String)>) -> Vec<String> {
     let mut lines: Vec<(String, Vec<&str>)> = Vec::new();
     for (robot, why) in broken {
         match lines.iter_mut().find(|(same, _)| *same == why) {

@@ -7,16 +7,16 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use formation::Vec2;
 use formation::front_point::rotate;
 use formation::hull::hull_distance;
 use formation::laplacian::move_to_settled_positions;
+use formation::{RELATIVE_ROUNDING_ERROR_MAX, Vec2};
 use protocol::law::Reference;
 
-use super::{Broken, Cause, Predictor, SurvivingGraph};
+use super::{BreakCause, BrokenPrediction, FailurePredictor, SurvivingGraph};
 
 /// Maximum number of steps of the simulation.
-const STEPS: usize = 2000;
+const STEPS_MAX: usize = 2000;
 /// Fraction of the remaining distance that a robot moves in a step.
 const STEP_FRACTION: f64 = 0.2;
 /// Maximum step, as a fraction of d_f.
@@ -24,50 +24,54 @@ const STEP_MAX_FRACTION: f64 = 0.1;
 /// Fraction of the shortfall to d_f by which a robot moves away in a step.
 const RETREAT_FRACTION: f64 = 0.25;
 /// Speed below which the simulation has converged, m per step.
-const RESTS_M: f64 = 1e-7;
+const CONVERGED_STEP_M: f64 = 1e-7;
 /// Margin, m: a slot is occupied if another robot is closer to it than d_f by more than this.
-const TAKEN_M: f64 = 1e-3;
+const OCCUPIED_MARGIN_M: f64 = 1e-3;
 
 /// Final positions of all robots after the conflicts are resolved.
 #[derive(Debug)]
-pub(super) struct Crowd {
+pub(super) struct ConflictResolution {
     /// Final position of each robot, m.
-    places: Vec<Vec2>,
+    final_positions: Vec<Vec2>,
     /// For each robot, `true` if it is not left behind and not free.
-    there: Vec<bool>,
+    is_present: Vec<bool>,
     /// `true` if a robot had to yield.
-    stirred: bool,
+    has_yielded: bool,
     /// Alternative final positions, m. In a moving formation, the position of a yielding robot around the robot that
     /// occupies its slot is not determined.
-    or_there: Vec<Vec<Vec2>>,
+    alternative_positions: Vec<Vec<Vec2>>,
 }
 
-impl Crowd {
+impl ConflictResolution {
     /// Resolves the conflicts of robots that want to settle at `places`.
     pub(super) fn resolve(
-        p: &Predictor,
+        p: &FailurePredictor,
         surviving: &SurvivingGraph,
         places: &[Vec2],
-        behind: &[Option<Broken>],
-    ) -> Crowd {
+        behind: &[Option<BrokenPrediction>],
+    ) -> ConflictResolution {
         let n = p.robots.len();
         // A moving formation leaves dead robots behind; in one at rest they stay in their slots.
         let there: Vec<bool> = (0..n)
-            .map(|i| match surviving.alive[i] {
+            .map(|i| match surviving.is_alive[i] {
                 // Nothing is known of where the law of a free robot leads it.
-                _ if p.robots[i].reference == Reference::Free => false,
+                _ if p.robots[i].reference == Reference::LawTarget => false,
                 true => behind[i].is_none(),
-                false => !surviving.moving,
+                false => !surviving.is_moving,
             })
             .collect();
-        let mut crowd =
-            Crowd { places: places.to_vec(), there, stirred: false, or_there: Vec::new() };
-        let stirred = crowd.nearer_than_planned(p, surviving);
+        let mut crowd = ConflictResolution {
+            final_positions: places.to_vec(),
+            is_present: there,
+            has_yielded: false,
+            alternative_positions: Vec::new(),
+        };
+        let stirred = crowd.find_yielding_robots(p, surviving);
         if !stirred.is_empty() {
-            crowd.stand_aside(p, surviving, &stirred);
-            crowd.stirred = true;
-            if surviving.moving {
-                crowd.or_there = crowd.rotated_around_occupants(p, surviving);
+            crowd.move_yielding_robots(p, surviving, &stirred);
+            crowd.has_yielded = true;
+            if surviving.is_moving {
+                crowd.alternative_positions = crowd.rotate_around_occupants(p, surviving);
             }
         }
         crowd
@@ -75,13 +79,13 @@ impl Crowd {
 
     /// Returns the positions of all robots with the yielding ones rotated by 90, 180 and 270 degrees around the robots
     /// that occupy their slots.
-    fn rotated_around_occupants(
+    fn rotate_around_occupants(
         &self,
-        p: &Predictor,
+        p: &FailurePredictor,
         surviving: &SurvivingGraph,
     ) -> Vec<Vec<Vec2>> {
         let off: Vec<(usize, usize)> = (0..p.robots.len())
-            .filter(|&i| self.there[i] && follows_others(p, surviving, i))
+            .filter(|&i| self.is_present[i] && follows_others(p, surviving, i))
             .filter_map(|i| {
                 Some((
                     i,
@@ -90,38 +94,44 @@ impl Crowd {
             })
             .collect();
         let stand: Vec<usize> = off.iter().map(|&(i, _)| i).collect();
-        let behind = surviving.downstream(&stand);
+        let behind = surviving.robots_downstream_of(&stand);
         let free: Vec<usize> = (0..p.robots.len())
-            .filter(|i| behind[*i] && self.there[*i] && !stand.contains(i))
+            .filter(|i| behind[*i] && self.is_present[*i] && !stand.contains(i))
             .collect();
         let turned = |quarters: f64| {
-            let mut places = self.places.clone();
+            let mut places = self.final_positions.clone();
             for &(i, by) in &off {
-                let apart = rotate(quarters * FRAC_PI_2, self.places[i] - self.places[by]);
-                places[i] = self.places[by] + apart;
+                let apart = rotate(
+                    quarters * FRAC_PI_2,
+                    self.final_positions[i] - self.final_positions[by],
+                );
+                places[i] = self.final_positions[by] + apart;
             }
-            move_to_settled_positions(&surviving.heard, &free, &mut places).map(|()| places)
+            move_to_settled_positions(&surviving.in_neighbors, &free, &mut places).map(|()| places)
         };
         [1.0, 2.0, 3.0].into_iter().filter_map(turned).collect()
     }
 
     /// Returns the yielding robots that are closer to another robot than the standoff distance and than planned.
-    fn nearer_than_planned(&self, p: &Predictor, surviving: &SurvivingGraph) -> Vec<usize> {
+    fn find_yielding_robots(&self, p: &FailurePredictor, surviving: &SurvivingGraph) -> Vec<usize> {
         let n = p.robots.len();
         // Two robots in their planned slots are as far apart as planned. With few robots off their slots, far
         // fewer pairs are compared than there are.
-        let off: Vec<bool> = (0..n).map(|i| self.places[i] != p.planned[i]).collect();
+        let off: Vec<bool> =
+            (0..n).map(|i| self.final_positions[i] != p.planned_slots[i]).collect();
         let off_from: Vec<usize> = (0..n).filter(|&j| off[j]).collect();
         let mut stirred = Vec::new();
-        for i in (0..n).filter(|&i| self.there[i]) {
+        for i in (0..n).filter(|&i| self.is_present[i]) {
             let all = (if off[i] { i + 1 } else { n })..n;
             let later = off_from.partition_point(|&j| j <= i);
             let only_off = if off[i] { &[] } else { &off_from[later..] };
-            for j in all.chain(only_off.iter().copied()).filter(|&j| self.there[j]) {
+            for j in all.chain(only_off.iter().copied()).filter(|&j| self.is_present[j]) {
                 let keep_m = p.robots[i].standoff_m.max(p.robots[j].standoff_m);
-                let near_m = p.scale[1] * (self.places[i] - self.places[j]).norm();
-                let planned_m = p.scale[1] * (p.planned[i] - p.planned[j]).norm();
-                if near_m < keep_m && near_m < planned_m - RESTS_M {
+                let near_m = p.usual_and_smallest_scale[1]
+                    * (self.final_positions[i] - self.final_positions[j]).norm();
+                let planned_m = p.usual_and_smallest_scale[1]
+                    * (p.planned_slots[i] - p.planned_slots[j]).norm();
+                if near_m < keep_m && near_m < planned_m - CONVERGED_STEP_M {
                     stirred.extend([i, j].into_iter().filter(|&i| follows_others(p, surviving, i)));
                 }
             }
@@ -130,47 +140,65 @@ impl Crowd {
     }
 
     /// Moves all affected robots from their old positions toward the desired ones.
-    fn stand_aside(&mut self, p: &Predictor, surviving: &SurvivingGraph, stirred: &[usize]) {
+    fn move_yielding_robots(
+        &mut self,
+        p: &FailurePredictor,
+        surviving: &SurvivingGraph,
+        stirred: &[usize],
+    ) {
         let n = p.robots.len();
-        let stirred = surviving.downstream(stirred);
-        let moves = |&i: &usize| self.there[i] && stirred[i] && follows_others(p, surviving, i);
+        let stirred = surviving.robots_downstream_of(stirred);
+        let moves =
+            |&i: &usize| self.is_present[i] && stirred[i] && follows_others(p, surviving, i);
         let movers: Vec<usize> = (0..n).filter(moves).collect();
-        movers.iter().for_each(|&i| self.places[i] = p.planned[i]);
-        for _ in 0..STEPS {
-            let before = self.places.clone();
-            let step = |&i: &usize| self.step(p, surviving, i);
+        movers.iter().for_each(|&i| self.final_positions[i] = p.planned_slots[i]);
+        for _ in 0..STEPS_MAX {
+            let before = self.final_positions.clone();
+            let step = |&i: &usize| self.next_step(p, surviving, i);
             let steps: Vec<Vec2> = movers.iter().map(step).collect();
             for (&i, step) in movers.iter().zip(&steps) {
-                self.places[i] = before[i] + step;
+                self.final_positions[i] = before[i] + step;
             }
-            if steps.iter().all(|step| step.norm() < RESTS_M) {
+            if steps.iter().all(|step| step.norm() < CONVERGED_STEP_M) {
                 break;
             }
         }
     }
 
     /// Returns the next step of a robot, m.
-    fn step(&self, p: &Predictor, surviving: &SurvivingGraph, i: usize) -> Vec2 {
-        let here = self.places[i];
-        let d_f = p.robots[i].standoff_m / p.scale[1];
+    fn next_step(&self, p: &FailurePredictor, surviving: &SurvivingGraph, i: usize) -> Vec2 {
+        let here = self.final_positions[i];
+        let d_f = p.robots[i].standoff_m / p.usual_and_smallest_scale[1];
         let wanted = self.desired_position(surviving, i);
         let taken = self.robot_in_desired_position(p, i, wanted);
-        let gap = taken.map(|j| wanted - self.places[j]);
+        let gap = taken.map(|j| wanted - self.final_positions[j]);
         let d_s = gap.map_or(d_f, |gap| d_f + p.robots[i].standoff_excess * (d_f - gap.norm()));
         let aim = taken.zip(gap).map_or(wanted, |(j, gap)| {
-            let other = self.places[j];
-            let beside = gap + (d_f - gap.norm()) * direction(here - other);
-            other + d_s * direction(beside)
+            let other = self.final_positions[j];
+            let beside = gap + (d_f - gap.norm()) * unit_vector(here - other);
+            other + d_s * unit_vector(beside)
         });
         let mut step = STEP_FRACTION * (aim - here);
-        for j in (0..p.robots.len()).filter(|&j| j != i && self.there[j]) {
-            let apart = here - self.places[j];
-            let n = direction(apart);
+        // A robot farther away than this takes nothing from the step.
+        let reach_m2 = |step: Vec2| {
+            let reach_m = d_f.max(d_s) + step.norm() / RETREAT_FRACTION;
+            reach_m * reach_m * (1.0 + RELATIVE_ROUNDING_ERROR_MAX)
+        };
+        let mut reached_m2 = reach_m2(step);
+        for j in (0..p.robots.len()).filter(|&j| j != i && self.is_present[j]) {
+            let apart = here - self.final_positions[j];
+            if apart.norm_squared() > reached_m2 {
+                continue;
+            }
+            let n = unit_vector(apart);
             let keep = if taken == Some(j) { d_f } else { d_s };
             let lacking = RETREAT_FRACTION * (keep - apart.norm()) - n.dot(&step);
             // Around the obstacle, unless the desired position is there.
             let around = if taken.is_some() { Vec2::zeros() } else { Vec2::new(-n.y, n.x) };
-            step += lacking.max(0.0) * (n + around);
+            if lacking > 0.0 {
+                step += lacking * (n + around);
+                reached_m2 = reach_m2(step);
+            }
         }
         let length = step.norm();
         step * (STEP_MAX_FRACTION * d_f / length.max(STEP_MAX_FRACTION * d_f))
@@ -178,36 +206,46 @@ impl Crowd {
 
     /// Returns the desired position of a robot: the mean of its in-neighbors' positions plus offsets.
     fn desired_position(&self, surviving: &SurvivingGraph, i: usize) -> Vec2 {
-        let heard = &surviving.heard[i];
-        let asked: Vec2 = heard.iter().map(|&(from, c)| self.places[from] + c).sum();
-        if heard.is_empty() { self.places[i] } else { asked / heard.len() as f64 }
+        let heard = &surviving.in_neighbors[i];
+        let asked: Vec2 = heard.iter().map(|&(from, c)| self.final_positions[from] + c).sum();
+        if heard.is_empty() { self.final_positions[i] } else { asked / heard.len() as f64 }
     }
 
     /// Returns the robot that occupies the desired position of a robot that yields, or `None`.
-    fn robot_in_desired_position(&self, p: &Predictor, i: usize, wanted: Vec2) -> Option<usize> {
-        let others = (0..p.robots.len()).filter(|&j| j != i && self.there[j]);
-        let gap = |j: usize| p.scale[1] * (wanted - self.places[j]).norm();
+    fn robot_in_desired_position(
+        &self,
+        p: &FailurePredictor,
+        i: usize,
+        wanted: Vec2,
+    ) -> Option<usize> {
+        if !p.robots[i].yields {
+            return None;
+        }
+        let others = (0..p.robots.len()).filter(|&j| j != i && self.is_present[j]);
+        let gap =
+            |j: usize| p.usual_and_smallest_scale[1] * (wanted - self.final_positions[j]).norm();
         let nearest = others.min_by(|&a, &b| gap(a).total_cmp(&gap(b)));
-        nearest.filter(|&j| p.robots[i].yields && gap(j) < p.robots[i].standoff_m - TAKEN_M)
+        nearest.filter(|&j| gap(j) < p.robots[i].standoff_m - OCCUPIED_MARGIN_M)
     }
 
     /// Returns the robot closest to a robot.
     fn nearest_robot(&self, i: usize) -> Option<usize> {
-        let gap = |j: usize| (self.places[i] - self.places[j]).norm();
-        let others = (0..self.there.len()).filter(|&j| j != i && self.there[j]);
+        let gap = |j: usize| (self.final_positions[i] - self.final_positions[j]).norm();
+        let others = (0..self.is_present.len()).filter(|&j| j != i && self.is_present[j]);
         others.min_by(|&a, &b| gap(a).total_cmp(&gap(b)))
     }
 
     /// Returns for each living robot that ends off its slot the cause and the distance, m.
     pub(super) fn causes_of_displacement(
         &self,
-        p: &Predictor,
+        p: &FailurePredictor,
         surviving: &SurvivingGraph,
-    ) -> Vec<Option<(Cause, f64)>> {
+    ) -> Vec<Option<(BreakCause, f64)>> {
         let n = p.robots.len();
-        let lives = |i: &usize| surviving.alive[*i] && self.there[*i];
-        let mut off: Vec<Vec2> =
-            (0..n).map(|i| p.scale[0] * (self.places[i] - p.planned[i])).collect();
+        let lives = |i: &usize| surviving.is_alive[*i] && self.is_present[*i];
+        let mut off: Vec<Vec2> = (0..n)
+            .map(|i| p.usual_and_smallest_scale[0] * (self.final_positions[i] - p.planned_slots[i]))
+            .collect();
         if p.leader.is_none() {
             // The formation is located by the median of the robots that keep a slot.
             let keeps = |i: &usize| p.robots[*i].reference == Reference::Offsets;
@@ -217,62 +255,79 @@ impl Crowd {
         }
         let off_m = |i: usize| off[i].norm();
         let farthest_m = |i: usize| {
-            let others = self.or_there.iter().map(|places| (places[i] - p.planned[i]).norm());
-            others.map(|off_m| p.scale[0] * off_m).fold(off_m(i), f64::max)
+            let others = self
+                .alternative_positions
+                .iter()
+                .map(|places| (places[i] - p.planned_slots[i]).norm());
+            others.map(|off_m| p.usual_and_smallest_scale[0] * off_m).fold(off_m(i), f64::max)
         };
         let cause = |i: usize| {
             let wanted = self.desired_position(surviving, i);
-            let pushed = p.scale[0] * (wanted - self.places[i]).norm() > TAKEN_M;
-            let elsewhere = |j: usize| farthest_m(j) > TAKEN_M;
+            let pushed = p.usual_and_smallest_scale[0] * (wanted - self.final_positions[i]).norm()
+                > OCCUPIED_MARGIN_M;
+            let elsewhere = |j: usize| farthest_m(j) > OCCUPIED_MARGIN_M;
             // The position it would move to because of its lost in-neighbors alone.
-            let same: Vec2 = surviving.heard[i].iter().map(|&(j, c)| p.place_of(j) + c).sum();
-            let same = same / surviving.heard[i].len().max(1) as f64;
-            let lost = surviving.lost[i].filter(|_| (same - p.planned[i]).norm() > 1e-9);
-            let whom = surviving.heard[i].iter().map(|&(j, _)| j).find(|&j| j < n && elsewhere(j));
+            let same: Vec2 =
+                surviving.in_neighbors[i].iter().map(|&(j, c)| p.planned_slot(j) + c).sum();
+            let same = same / surviving.in_neighbors[i].len().max(1) as f64;
+            let lost =
+                surviving.lost_in_neighbor[i].filter(|_| (same - p.planned_slots[i]).norm() > 1e-9);
+            let whom =
+                surviving.in_neighbors[i].iter().map(|&(j, _)| j).find(|&j| j < n && elsewhere(j));
             match (self.robot_in_desired_position(p, i, wanted), self.nearest_robot(i), lost, whom)
             {
-                (Some(by), ..) if self.stirred => Cause::Taken { by },
-                (_, Some(by), ..) if self.stirred && pushed => Cause::Crowded { by },
-                (_, _, Some(lost), _) => match surviving.takes[i] {
-                    Some(of) => Cause::TakesPlace { of },
-                    None => Cause::Without { lost },
+                (Some(by), ..) if self.has_yielded => BreakCause::SlotOccupied { occupant: by },
+                (_, Some(by), ..) if self.has_yielded && pushed => {
+                    BreakCause::SlotClaimed { claimant: by }
+                }
+                (_, _, Some(lost), _) => match surviving.replaced_leader[i] {
+                    Some(of) => BreakCause::TakesLeaderSlot { leader: of },
+                    None => BreakCause::DesiredPositionChanged { lost_in_neighbor: lost },
                 },
-                (.., Some(whom)) => Cause::Follows { whom },
-                _ => Cause::Uncontained,
+                (.., Some(whom)) => BreakCause::FollowsBrokenRobot { in_neighbor: whom },
+                _ => BreakCause::Uncontained,
             }
         };
-        let about_m = |i: usize| if off_m(i) > p.bound_m { off_m(i) } else { farthest_m(i) };
-        let broken =
-            |i: usize| (lives(&i) && farthest_m(i) > p.bound_m).then(|| (cause(i), about_m(i)));
+        let about_m =
+            |i: usize| if off_m(i) > p.broken_threshold_m { off_m(i) } else { farthest_m(i) };
+        let broken = |i: usize| {
+            (lives(&i) && farthest_m(i) > p.broken_threshold_m).then(|| (cause(i), about_m(i)))
+        };
         (0..n).map(broken).collect()
     }
 
     /// Returns the distance of a contained robot from the convex hull of the living robots that lead or keep a slot, m,
     /// or `None` if it is inside.
-    pub(super) fn outside_m(
+    pub(super) fn hull_distance_m(
         &self,
-        p: &Predictor,
+        p: &FailurePredictor,
         surviving: &SurvivingGraph,
         i: usize,
     ) -> Option<f64> {
-        let contained =
-            |i: usize| p.robots[i].reference == Reference::Middle && surviving.takes[i].is_none();
+        let contained = |i: usize| {
+            p.robots[i].reference == Reference::NeighborMean
+                && surviving.replaced_leader[i].is_none()
+        };
         let corners: Vec<Vec2> = (0..p.robots.len())
-            .filter(|&j| surviving.alive[j] && self.there[j] && !contained(j))
-            .map(|j| self.places[j])
+            .filter(|&j| surviving.is_alive[j] && self.is_present[j] && !contained(j))
+            .map(|j| self.final_positions[j])
             .collect();
-        let outside_m = p.scale[0] * hull_distance(self.places[i], &corners);
-        (contained(i) && outside_m > TAKEN_M && outside_m.is_finite()).then_some(outside_m)
+        let outside_m =
+            p.usual_and_smallest_scale[0] * hull_distance(self.final_positions[i], &corners);
+        (contained(i) && outside_m > OCCUPIED_MARGIN_M && outside_m.is_finite())
+            .then_some(outside_m)
     }
 }
 
 /// Returns whether a robot follows others. The main leader, dead robots and robots without in-neighbors do not.
-fn follows_others(p: &Predictor, surviving: &SurvivingGraph, i: usize) -> bool {
-    surviving.alive[i] && !surviving.heard[i].is_empty() && !p.robots[i].reference.is_local()
+fn follows_others(p: &FailurePredictor, surviving: &SurvivingGraph, i: usize) -> bool {
+    surviving.is_alive[i]
+        && !surviving.in_neighbors[i].is_empty()
+        && !p.robots[i].reference.is_local()
 }
 
 /// Returns the unit vector of `vector`, or that of the x axis if it is zero.
-fn direction(vector: Vec2) -> Vec2 {
+fn unit_vector(vector: Vec2) -> Vec2 {
     let length = vector.norm();
     if length > 1e-12 { vector / length } else { Vec2::new(1.0, 0.0) }
 }

@@ -3,74 +3,75 @@
 use formation::Vec2;
 
 use super::surviving_graph::{SurvivingGraph, SurvivingNeighbors};
-use super::{Broken, Predictor};
+use super::{BrokenPrediction, FailurePredictor};
 
 /// Predictor of the effect of each single cut. In a dense graph most cuts change neither reachability nor slots, which
 /// follows from two rows of the graph.
 #[derive(Debug)]
-pub struct SingleCuts<'p> {
-    predictor: &'p Predictor,
+pub struct SingleCutPredictor<'p> {
+    predictor: &'p FailurePredictor,
     /// Sender and receiver of each edge.
-    ends: Vec<[usize; 2]>,
+    edge_ends: Vec<[usize; 2]>,
     /// The formation without a fault; `None` if a robot is off its planned slot, or if there are backup leaders.
-    intact: Option<SurvivingGraph>,
+    intact_graph: Option<SurvivingGraph>,
 }
 
-impl<'p> SingleCuts<'p> {
-    pub(super) fn new(predictor: &'p Predictor) -> SingleCuts<'p> {
+impl<'p> SingleCutPredictor<'p> {
+    pub(super) fn new(predictor: &'p FailurePredictor) -> SingleCutPredictor<'p> {
         let edges = predictor.rewiring.edges().iter();
         let ends = edges.map(|edge| [edge.from, edge.to]).collect();
         let rests =
             predictor.deputies.is_empty() && predictor.broken_robots(&[], &[], None).is_empty();
-        let moving = predictor.course.as_ref().is_some_and(|course| course.is_moving(None));
+        let moving = predictor.leader_motion.as_ref().is_some_and(|course| course.is_moving(None));
         let intact = rests.then(|| SurvivingGraph::compute(predictor, &[], &[], moving));
         let intact = intact.filter(|whole| {
             let in_place = |heard: &Vec<(usize, Vec2)>, i| {
                 heard.is_empty() || predictor.recovers_slot(heard, i)
             };
-            let mut rows = whole.heard.iter().enumerate();
+            let mut rows = whole.in_neighbors.iter().enumerate();
             rows.all(|(i, heard)| in_place(heard, i))
-                && whole.left_behind(predictor).iter().all(Option::is_none)
+                && whole.robots_left_behind(predictor).iter().all(Option::is_none)
         });
-        SingleCuts { predictor, ends, intact }
+        SingleCutPredictor { predictor, edge_ends: ends, intact_graph: intact }
     }
 
-    /// Returns the robots that the permanent cut of this edge alone breaks, as [`Predictor::broken_robots`] does.
-    pub fn broken_by_cut(&self, edge: usize) -> Vec<Broken> {
-        if self.is_quick(edge) {
+    /// Returns the robots that the permanent cut of this edge alone breaks, as [`FailurePredictor::broken_robots`]
+    /// does.
+    pub fn broken_by_cut(&self, edge: usize) -> Vec<BrokenPrediction> {
+        if self.cut_breaks_no_robot(edge) {
             return Vec::new();
         }
         self.predictor.broken_robots(&[], &[edge], None)
     }
 
     /// Returns whether the cut of this edge certainly breaks no robot.
-    pub(super) fn is_quick(&self, edge: usize) -> bool {
-        self.intact.as_ref().is_some_and(|intact| self.changes_nothing(intact, edge))
+    pub(super) fn cut_breaks_no_robot(&self, edge: usize) -> bool {
+        self.intact_graph.as_ref().is_some_and(|intact| self.cut_changes_nothing(intact, edge))
     }
 
     /// Returns whether reachability and all planned slots stay the same without the edge.
-    fn changes_nothing(&self, intact: &SurvivingGraph, edge: usize) -> bool {
-        let [from, to] = self.ends[edge];
+    fn cut_changes_nothing(&self, intact: &SurvivingGraph, edge: usize) -> bool {
+        let [from, to] = self.edge_ends[edge];
         if self.predictor.robots[to].reference.is_local() {
             return true;
         }
         let n = self.predictor.robots.len();
         let row = SurvivingNeighbors::compute(self.predictor, to, &[], &[edge]);
         let mut known = vec![false; n];
-        intact.heard[to].iter().for_each(|&(other, _)| known[other] = true);
-        let mut new = row.heard.iter().filter(|(other, _)| *other < n && !known[*other]);
-        row.takes.is_none()
-            && !row.heard.is_empty()
-            && row.heard.iter().all(|&(other, _)| other < n)
-            && self.predictor.recovers_slot(&row.heard, to)
-            && new.all(|&(other, _)| intact.downstream(&[to])[other])
-            && is_connected(intact, from, to, &row.heard)
+        intact.in_neighbors[to].iter().for_each(|&(other, _)| known[other] = true);
+        let mut new = row.in_neighbors.iter().filter(|(other, _)| *other < n && !known[*other]);
+        row.replaced_leader.is_none()
+            && !row.in_neighbors.is_empty()
+            && row.in_neighbors.iter().all(|&(other, _)| other < n)
+            && self.predictor.recovers_slot(&row.in_neighbors, to)
+            && new.all(|&(other, _)| intact.robots_downstream_of(&[to])[other])
+            && is_connected(intact, from, to, &row.in_neighbors)
     }
 }
 
 /// Returns whether `from` reaches `to`, directly or over other robots, if `heard` are the in-neighbors of `to`.
 fn is_connected(intact: &SurvivingGraph, from: usize, to: usize, heard: &[(usize, Vec2)]) -> bool {
-    let n = intact.heard.len();
+    let n = intact.in_neighbors.len();
     let mut seen = vec![false; n];
     seen[to] = true;
     let mut open = vec![heard];
@@ -80,7 +81,7 @@ fn is_connected(intact: &SurvivingGraph, from: usize, to: usize, heard: &[(usize
         }
         for &(other, _) in row.iter().filter(|(other, _)| *other < n) {
             if !std::mem::replace(&mut seen[other], true) {
-                open.push(&intact.heard[other]);
+                open.push(&intact.in_neighbors[other]);
             }
         }
     }

@@ -3,15 +3,15 @@
 use formation::Vec2;
 use formation::desired::Target;
 use formation::frame::LeaderFrame;
-use formation::seconds;
+use formation::ns_to_seconds;
 
-use crate::check::leader_course;
+use crate::check::leader_motion_samples;
 use crate::scenario::Scenario;
 
 /// Number of intervals in which the trajectory is sampled.
-const SAMPLES: usize = 1000;
+const SAMPLE_INTERVALS: usize = 1000;
 /// Maximum displacement of a leader that counts as at rest, m.
-const AT_REST_M: f64 = 1e-6;
+const AT_REST_DISPLACEMENT_M_MAX: f64 = 1e-6;
 
 /// Sampled motion of the main leader on its trajectory.
 #[derive(Debug, Clone)]
@@ -20,55 +20,59 @@ pub(super) struct LeaderMotion {
     /// Samples: m, m, m', m/s, and the leader's frame.
     samples: Vec<(Target, LeaderFrame)>,
     /// Index of the first sample at which it is at rest.
-    at_rest_from: usize,
+    first_at_rest_index: usize,
 }
 
 impl LeaderMotion {
     /// Samples the motion, or returns `None` without a leader.
     pub(super) fn from_scenario(scenario: &Scenario) -> Option<LeaderMotion> {
         let leader = scenario.leader()?;
-        let step_s = seconds(scenario.duration_ns) / SAMPLES as f64;
+        let step_s = ns_to_seconds(scenario.duration_ns) / SAMPLE_INTERVALS as f64;
         let start_rad = scenario.robots[leader].start.heading_rad;
-        let course = leader_course(scenario, start_rad, step_s, SAMPLES)?;
+        let course = leader_motion_samples(scenario, start_rad, step_s, SAMPLE_INTERVALS)?;
         let samples: Vec<_> = course.map(|(_, target, frame)| (target, frame)).collect();
-        let (last, last_frame) = samples[SAMPLES];
+        let (last, last_frame) = samples[SAMPLE_INTERVALS];
         let moving = samples.iter().rposition(|(target, frame)| {
-            (target.position - last.position).norm() > AT_REST_M
-                || (frame.scale - last_frame.scale).abs() > AT_REST_M
+            (target.position - last.position).norm() > AT_REST_DISPLACEMENT_M_MAX
+                || (frame.scale - last_frame.scale).abs() > AT_REST_DISPLACEMENT_M_MAX
         });
-        Some(LeaderMotion { step_s, samples, at_rest_from: moving.map_or(0, |sample| sample + 1) })
+        Some(LeaderMotion {
+            step_s,
+            samples,
+            first_at_rest_index: moving.map_or(0, |sample| sample + 1),
+        })
     }
 
     /// Returns whether the leader still moves at `t_s`, s; with `None`, whether it ever does.
     pub(super) fn is_moving(&self, t_s: Option<f64>) -> bool {
-        t_s.map_or(0, |t_s| self.sample_index(t_s)) < self.at_rest_from
+        t_s.map_or(0, |t_s| self.sample_index(t_s)) < self.first_at_rest_index
     }
 
     /// Returns the speed of the slot at `planned` (heading 0, scale 1) at `t_s`, m/s; with `None`, its maximum.
-    pub(super) fn speed_m_s(&self, planned: Vec2, t_s: Option<f64>) -> f64 {
+    pub(super) fn slot_speed_m_s(&self, planned: Vec2, t_s: Option<f64>) -> f64 {
         let speed = |(target, frame): &(Target, LeaderFrame)| {
-            (target.velocity + frame.offset(planned).velocity).norm()
+            (target.velocity + frame.transform_offset(planned).velocity).norm()
         };
         match t_s {
             Some(t_s) => speed(&self.samples[self.sample_index(t_s)]),
             // Excludes the initial turn of the leader into its path.
-            None => self.samples[SAMPLES / 10..].iter().map(speed).fold(0.0, f64::max),
+            None => self.samples[SAMPLE_INTERVALS / 10..].iter().map(speed).fold(0.0, f64::max),
         }
     }
 
     /// Returns the smallest distance of the slot at `planned`, from `t_s` on, to the position of the leader at `t_s`,
     /// m.
-    pub(super) fn nears_m(&self, planned: Vec2, t_s: f64) -> f64 {
+    pub(super) fn leader_distance_min_m(&self, planned: Vec2, t_s: f64) -> f64 {
         let samples = &self.samples[self.sample_index(t_s)..];
         let (leader, _) = samples[0];
         let place = |(target, frame): &(Target, LeaderFrame)| {
-            target.position + frame.offset(planned).position
+            target.position + frame.transform_offset(planned).position
         };
         let apart_m = samples.iter().map(|sample| (place(sample) - leader.position).norm());
         apart_m.fold(f64::INFINITY, f64::min)
     }
 
     fn sample_index(&self, t_s: f64) -> usize {
-        ((t_s / self.step_s) as usize).min(SAMPLES)
+        ((t_s / self.step_s) as usize).min(SAMPLE_INTERVALS)
     }
 }

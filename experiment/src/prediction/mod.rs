@@ -27,21 +27,23 @@ mod tests;
 use formation::Vec2;
 use formation::laplacian::move_to_settled_positions;
 use formation::rewiring::Rewiring;
-use protocol::brief::{REPAIR_SPEED_FACTOR, Rank, SilencePolicy};
+use protocol::brief::{REPAIR_SPEED_FACTOR, SilencePolicy, YieldPriority};
 use protocol::law::Reference;
 
-pub use broken::{Broken, BrokenRobot, Cause, broken_means, lines};
-use crowd::Crowd;
-pub use cuts::SingleCuts;
+pub use broken::{
+    BreakCause, BrokenPrediction, BrokenRobot, broken_definition_text, lines_by_cause,
+};
+use crowd::ConflictResolution;
+pub use cuts::SingleCutPredictor;
 use leader_motion::LeaderMotion;
 use surviving_graph::SurvivingGraph;
 
 use crate::scenario::Scenario;
-use formation::{portable_math, seconds};
+use formation::{ns_to_seconds, portable_math};
 
 /// Predictor of the consequences of failures of robots and links.
 #[derive(Debug, Clone)]
-pub struct Predictor {
+pub struct FailurePredictor {
     robots: Vec<RobotProperties>,
     /// In-neighbors, backup neighbors and plans of all robots.
     rewiring: Rewiring,
@@ -50,9 +52,9 @@ pub struct Predictor {
     /// Backup leaders of the main leader, in order of preference.
     deputies: Vec<usize>,
     /// Planned slot of each robot at scale 1 and heading 0, m.
-    planned: Vec<Vec2>,
+    planned_slots: Vec<Vec2>,
     /// Motion of the main leader, if there is one.
-    course: Option<LeaderMotion>,
+    leader_motion: Option<LeaderMotion>,
     /// Time for which the beacons of a failed robot are extrapolated, s: until it is lost. Its last beacon is two
     /// periods old when it fails.
     extrapolation_horizon_s: f64,
@@ -61,9 +63,9 @@ pub struct Predictor {
     /// d, minimum distance, m.
     distance_min_m: f64,
     /// Usual and smallest scale.
-    scale: [f64; 2],
+    usual_and_smallest_scale: [f64; 2],
     /// Threshold for a broken robot: maximum distance from its slot, m.
-    bound_m: f64,
+    broken_threshold_m: f64,
 }
 
 /// Properties of one robot.
@@ -82,73 +84,87 @@ struct RobotProperties {
     standoff_excess: f64,
 }
 
-impl Predictor {
+impl FailurePredictor {
     /// Creates the predictor of a scenario, with its `converged_error_m` as the threshold.
-    pub fn new(scenario: &Scenario) -> Predictor {
+    pub fn new(scenario: &Scenario) -> FailurePredictor {
         let facts = |i: usize| RobotProperties {
             reference: scenario.robots[i].role.reference,
             silence: scenario.silence.policy,
-            standoff_m: scenario.steers_within_m(i).unwrap_or(0.0),
-            yields: scenario.rank(i) == Rank::Contained,
+            standoff_m: scenario.steering_distance_m(i).unwrap_or(0.0),
+            yields: scenario.yield_rank(i) == YieldPriority::Contained,
             gain_m_s: scenario.robots[i].correction_max_m_s,
-            standoff_excess: scenario.method.standoff_excess,
+            standoff_excess: scenario.avoidance_method.standoff_excess,
         };
         let n = scenario.robots.len();
-        let mut predictor = Predictor {
+        let mut predictor = FailurePredictor {
             robots: (0..n).map(facts).collect(),
             rewiring: scenario.rewiring(),
             leader: scenario.leader(),
-            deputies: scenario.repair.deputies.clone(),
-            planned: scenario.anchors_m().into_iter().map(Option::unwrap_or_default).collect(),
-            course: LeaderMotion::from_scenario(scenario),
-            extrapolation_horizon_s: seconds(scenario.silence.lost_after_ns)
-                - 2.0 * seconds(scenario.period_ns),
-            repair_after_s: seconds(scenario.repair_after_ns.unwrap_or(0)),
+            deputies: scenario.repair_plan.deputies.clone(),
+            planned_slots: scenario
+                .anchors_m()
+                .into_iter()
+                .map(Option::unwrap_or_default)
+                .collect(),
+            leader_motion: LeaderMotion::from_scenario(scenario),
+            extrapolation_horizon_s: ns_to_seconds(scenario.silence.lost_after_ns)
+                - 2.0 * ns_to_seconds(scenario.period_ns),
+            repair_after_s: ns_to_seconds(scenario.repair_after_ns.unwrap_or(0)),
             distance_min_m: scenario.avoidance.distance_min_m,
-            scale: scenario
+            usual_and_smallest_scale: scenario
                 .scale()
-                .map_or([1.0; 2], |scale| [scale.final_or_mean(), scale.range()[0]]),
-            bound_m: scenario.expect.converged_error_m,
+                .map_or([1.0; 2], |scale| [scale.final_or_mean_value(), scale.value_range()[0]]),
+            broken_threshold_m: scenario.expectations.converged_error_m,
         };
         let whole = SurvivingGraph::compute(&predictor, &[], &[], false);
-        let mut places = whole.settled_positions(&predictor.planned);
-        let (free, _) = whole.free_robots(&predictor);
+        let mut places = whole.settled_positions(&predictor.planned_slots);
+        let (free, _) = whole.robots_to_settle(&predictor);
         // The system is singular only if a robot is reached by no other, which is an error of the scenario.
-        if move_to_settled_positions(&whole.heard, &free, &mut places).is_some() {
-            predictor.planned = places[..n].to_vec();
+        if move_to_settled_positions(&whole.in_neighbors, &free, &mut places).is_some() {
+            predictor.planned_slots = places[..n].to_vec();
         }
         predictor
     }
 
     /// Sets the threshold for a broken robot, m.
-    pub fn with_bound(self, bound_m: f64) -> Predictor {
-        Predictor { bound_m, ..self }
+    pub fn with_broken_threshold(self, bound_m: f64) -> FailurePredictor {
+        FailurePredictor { broken_threshold_m: bound_m, ..self }
     }
 
     /// Returns the threshold for a broken robot, m.
-    pub fn bound_m(&self) -> f64 {
-        self.bound_m
+    pub fn broken_threshold_m(&self) -> f64 {
+        self.broken_threshold_m
     }
 
     /// Returns the living robots that break, in order of their indices, if the robots `dead` are dead or frozen and the
     /// edges `cut` are down from `t_s` on. With `None`, a leader that ever moves counts as moving.
-    pub fn broken_robots(&self, dead: &[usize], cut: &[usize], t_s: Option<f64>) -> Vec<Broken> {
-        let moving = self.course.as_ref().is_some_and(|course| course.is_moving(t_s));
+    pub fn broken_robots(
+        &self,
+        dead: &[usize],
+        cut: &[usize],
+        t_s: Option<f64>,
+    ) -> Vec<BrokenPrediction> {
+        let moving = self.leader_motion.as_ref().is_some_and(|course| course.is_moving(t_s));
         let mut surviving = SurvivingGraph::compute(self, dead, cut, moving);
         // Without a living leader or backup leader all robots stop.
-        let unled = self.leader.is_some() && !surviving.leads.contains(&true);
-        surviving.moving &= !unled;
-        let mut causes = surviving.left_behind(self);
+        let unled = self.leader.is_some() && !surviving.is_leading.contains(&true);
+        surviving.is_moving &= !unled;
+        let mut causes = surviving.robots_left_behind(self);
         let places = self.settled_positions(&surviving, &causes);
-        let crowd = Crowd::resolve(self, &surviving, &places, &causes);
+        let crowd = ConflictResolution::resolve(self, &surviving, &places, &causes);
         for (i, cause) in crowd.causes_of_displacement(self, &surviving).into_iter().enumerate() {
             if let Some((cause, off_m)) = cause {
-                let outside_m = crowd.outside_m(self, &surviving, i);
-                causes[i] = Some(Broken { robot: i, cause, off_m: Some(off_m), outside_m });
+                let outside_m = crowd.hull_distance_m(self, &surviving, i);
+                causes[i] = Some(BrokenPrediction {
+                    robot: i,
+                    cause,
+                    slot_distance_m: Some(off_m),
+                    hull_distance_m: outside_m,
+                });
             }
         }
         if moving && unled {
-            self.run_on(&mut causes, &surviving, t_s);
+            self.mark_overrunning_robots(&mut causes, &surviving, t_s);
         }
         causes.into_iter().flatten().collect()
     }
@@ -158,17 +174,22 @@ impl Predictor {
     ///
     /// The error follows e' = -k tanh(h e) once the failed robots are declared failed. A robot that heard none of them
     /// stays among its in-neighbors and is no farther off than they are.
-    pub fn settles_after_s(&self, dead: &[usize]) -> Option<f64> {
+    pub fn settling_time_s(&self, dead: &[usize]) -> Option<f64> {
         let surviving = SurvivingGraph::compute(self, dead, &[], false);
         let places = self.settled_positions(&surviving, &vec![None; self.robots.len()]);
         let slow_s = |i: usize| {
-            let moved_m = self.scale[0] * (places[i] - self.planned[i]).norm();
-            let contained = surviving.alive[i] && self.robots[i].reference == Reference::Middle;
-            let moves = contained && surviving.lost[i].is_some() && moved_m > self.bound_m;
+            let moved_m =
+                self.usual_and_smallest_scale[0] * (places[i] - self.planned_slots[i]).norm();
+            let contained =
+                surviving.is_alive[i] && self.robots[i].reference == Reference::NeighborMean;
+            let moves = contained
+                && surviving.lost_in_neighbor[i].is_some()
+                && moved_m > self.broken_threshold_m;
             let k = self.robots[i].gain_m_s.filter(|_| moves)?;
-            let h = if self.rewiring.receiver(i).is_repaired() { REPAIR_SPEED_FACTOR } else { 1.0 };
+            let h =
+                if self.rewiring.receiver(i).has_repair_plan() { REPAIR_SPEED_FACTOR } else { 1.0 };
             let sinh = |x: f64| (portable_math::exp(x) - portable_math::exp(-x)) / 2.0;
-            Some(portable_math::ln(sinh(h * moved_m) / sinh(h * self.bound_m)) / (h * k))
+            Some(portable_math::ln(sinh(h * moved_m) / sinh(h * self.broken_threshold_m)) / (h * k))
         };
         let slowest_s = (0..self.robots.len()).filter_map(slow_s).reduce(f64::max)?;
         Some(self.extrapolation_horizon_s + self.repair_after_s + slowest_s)
@@ -179,27 +200,33 @@ impl Predictor {
     ///
     /// A robot that a leader reaches only over backup neighbors stops until these are in use. A robot that passes the
     /// failed leader keeps d from it.
-    pub fn peak_m(&self, dead: &[usize], t_s: Option<f64>) -> Option<f64> {
+    pub fn peak_error_m(&self, dead: &[usize], t_s: Option<f64>) -> Option<f64> {
         let leader = self.leader.filter(|leader| dead.contains(leader))?;
-        let course = self.course.as_ref().filter(|_| !self.deputies.is_empty())?;
+        let course = self.leader_motion.as_ref().filter(|_| !self.deputies.is_empty())?;
         let rewiring = self.rewiring.without_repair();
-        let surviving =
-            SurvivingGraph::compute(&Predictor { rewiring, ..self.clone() }, dead, &[], true);
-        let leading: Vec<usize> = (0..self.robots.len()).filter(|&i| surviving.leads[i]).collect();
+        let surviving = SurvivingGraph::compute(
+            &FailurePredictor { rewiring, ..self.clone() },
+            dead,
+            &[],
+            true,
+        );
+        let leading: Vec<usize> =
+            (0..self.robots.len()).filter(|&i| surviving.is_leading[i]).collect();
         if leading.is_empty() {
             return None;
         }
-        let led = surviving.downstream(&leading);
+        let led = surviving.robots_downstream_of(&leading);
         let mut peak_m = 0.0f64;
         let keeps_place = |&i: &usize| self.robots[i].reference == Reference::Offsets;
-        for i in (0..self.robots.len()).filter(keeps_place).filter(|i| surviving.alive[*i]) {
-            let seen_from_leader = self.planned[i] - self.planned[leader];
+        for i in (0..self.robots.len()).filter(keeps_place).filter(|i| surviving.is_alive[*i]) {
+            let seen_from_leader = self.planned_slots[i] - self.planned_slots[leader];
             if !led[i] {
-                let stands_m = course.speed_m_s(seen_from_leader, t_s) * self.repair_after_s;
+                let stands_m = course.slot_speed_m_s(seen_from_leader, t_s) * self.repair_after_s;
                 peak_m = peak_m.max(stands_m);
             }
             if let Some(t_s) = t_s {
-                peak_m = peak_m.max(self.distance_min_m - course.nears_m(seen_from_leader, t_s));
+                peak_m = peak_m
+                    .max(self.distance_min_m - course.leader_distance_min_m(seen_from_leader, t_s));
             }
         }
         Some(peak_m)
@@ -207,62 +234,74 @@ impl Predictor {
 
     /// Marks as broken the robots that move too far at the speed of their slots before they detect the loss of the
     /// leader.
-    fn run_on(&self, causes: &mut [Option<Broken>], surviving: &SurvivingGraph, t_s: Option<f64>) {
-        let (Some(course), Some(leader)) = (&self.course, self.leader) else { return };
-        for robot in (0..self.robots.len()).filter(|&i| surviving.alive[i]) {
-            let ran_m = course.speed_m_s(self.planned[robot], t_s) * self.extrapolation_horizon_s;
-            if ran_m > self.bound_m && !self.robots[robot].reference.is_local() {
+    fn mark_overrunning_robots(
+        &self,
+        causes: &mut [Option<BrokenPrediction>],
+        surviving: &SurvivingGraph,
+        t_s: Option<f64>,
+    ) {
+        let (Some(course), Some(leader)) = (&self.leader_motion, self.leader) else { return };
+        for robot in (0..self.robots.len()).filter(|&i| surviving.is_alive[i]) {
+            let ran_m = course.slot_speed_m_s(self.planned_slots[robot], t_s)
+                * self.extrapolation_horizon_s;
+            if ran_m > self.broken_threshold_m && !self.robots[robot].reference.is_local() {
                 let other = causes[robot];
-                let off_m = other.and_then(|other| other.off_m).unwrap_or(0.0).max(ran_m);
-                let outside_m = other.and_then(|other| other.outside_m);
-                let cause = Cause::LeaderDead { leader };
-                causes[robot] = Some(Broken { robot, cause, off_m: Some(off_m), outside_m });
+                let off_m = other.and_then(|other| other.slot_distance_m).unwrap_or(0.0).max(ran_m);
+                let outside_m = other.and_then(|other| other.hull_distance_m);
+                let cause = BreakCause::LeaderDead { leader };
+                causes[robot] = Some(BrokenPrediction {
+                    robot,
+                    cause,
+                    slot_distance_m: Some(off_m),
+                    hull_distance_m: outside_m,
+                });
             }
         }
     }
 
     /// Returns the planned slot of a robot, m. Indices from the number of robots on stand for last known positions.
-    fn place_of(&self, i: usize) -> Vec2 {
-        self.planned[i % self.robots.len()]
+    fn planned_slot(&self, i: usize) -> Vec2 {
+        self.planned_slots[i % self.robots.len()]
     }
 
     /// Returns whether the desired position of robot `i` is its planned slot if its in-neighbors `heard` are in theirs:
     /// the mean of their planned slots plus offsets.
     fn recovers_slot(&self, heard: &[(usize, Vec2)], i: usize) -> bool {
-        let asked: Vec2 = heard.iter().map(|&(from, offset)| self.place_of(from) + offset).sum();
+        let asked: Vec2 =
+            heard.iter().map(|&(from, offset)| self.planned_slot(from) + offset).sum();
         // Without in-neighbors the mean is NaN, and no other position is asked for.
-        let off_m = (asked / heard.len() as f64 - self.planned[i]).norm();
+        let off_m = (asked / heard.len() as f64 - self.planned_slots[i]).norm();
         off_m <= 1e-9 || off_m.is_nan()
     }
 
     /// Returns the predictions of all single cuts.
-    pub fn single_cuts(&self) -> SingleCuts<'_> {
-        SingleCuts::new(self)
+    pub fn single_cut_predictor(&self) -> SingleCutPredictor<'_> {
+        SingleCutPredictor::new(self)
     }
 
     /// Returns the positions at which the robots that are not left behind settle, m.
     fn settled_positions(
         &self,
         surviving: &SurvivingGraph,
-        behind: &[Option<Broken>],
+        behind: &[Option<BrokenPrediction>],
     ) -> Vec<Vec2> {
-        let mut places = surviving.settled_positions(&self.planned);
-        let (free, adrift) = surviving.free_robots(self);
-        let off = |&i: &usize| !self.recovers_slot(&surviving.heard[i], i);
+        let mut places = surviving.settled_positions(&self.planned_slots);
+        let (free, adrift) = surviving.robots_to_settle(self);
+        let off = |&i: &usize| !self.recovers_slot(&surviving.in_neighbors[i], i);
         let free: Vec<usize> = free.into_iter().filter(|&i| behind[i].is_none()).collect();
         // A robot whose in-neighbors all keep their positions keeps its own.
         let moved: Vec<usize> = free.iter().copied().filter(off).collect();
-        let moved = surviving.downstream(&moved);
+        let moved = surviving.robots_downstream_of(&moved);
         let free: Vec<usize> = free.into_iter().filter(|&i| moved[i]).collect();
-        if move_to_settled_positions(&surviving.heard, &free, &mut places).is_none() {
+        if move_to_settled_positions(&surviving.in_neighbors, &free, &mut places).is_none() {
             return places;
         }
         // A group without in-edges from outside keeps its mean.
         for group in adrift {
-            let shift: Vec2 = group.iter().map(|&i| self.planned[i] - places[i]).sum();
+            let shift: Vec2 = group.iter().map(|&i| self.planned_slots[i] - places[i]).sum();
             let shift = shift / group.len() as f64;
             if shift.norm() > 1e-9 {
-                let with = surviving.downstream(&group);
+                let with = surviving.robots_downstream_of(&group);
                 (0..self.robots.len()).filter(|&i| with[i]).for_each(|i| places[i] += shift);
             }
         }

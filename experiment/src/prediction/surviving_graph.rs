@@ -6,7 +6,7 @@ use formation::graph::Edge;
 use protocol::brief::SilencePolicy;
 use protocol::law::Reference;
 
-use super::{Broken, Cause, Predictor};
+use super::{BreakCause, BrokenPrediction, FailurePredictor};
 
 /// Surviving formation after failures.
 ///
@@ -14,34 +14,34 @@ use super::{Broken, Cause, Predictor};
 /// `keep` and `last` use.
 #[derive(Debug)]
 pub(super) struct SurvivingGraph {
-    pub(super) alive: Vec<bool>,
+    pub(super) is_alive: Vec<bool>,
     /// In-neighbors that each robot uses, with c_ji, m, including backup neighbors. Empty for dead robots and for
     /// robots that stop.
-    pub(super) heard: Vec<Vec<(usize, Vec2)>>,
+    pub(super) in_neighbors: Vec<Vec<(usize, Vec2)>>,
     /// First lost in-neighbor of each robot.
-    pub(super) lost: Vec<Option<usize>>,
+    pub(super) lost_in_neighbor: Vec<Option<usize>>,
     /// Leader whose slot each robot takes, if it does.
-    pub(super) takes: Vec<Option<usize>>,
+    pub(super) replaced_leader: Vec<Option<usize>>,
     /// Robots that use each robot.
-    hearers: Vec<Vec<usize>>,
+    out_neighbors: Vec<Vec<usize>>,
     /// Robots that lead: the main leader, or backup leaders that no leader of a better rank reaches.
-    pub(super) leads: Vec<bool>,
-    pub(super) moving: bool,
+    pub(super) is_leading: Vec<bool>,
+    pub(super) is_moving: bool,
 }
 
 /// Surviving in-neighbors of one robot.
 #[derive(Debug, Default)]
 pub(super) struct SurvivingNeighbors {
-    pub(super) heard: Vec<(usize, Vec2)>,
-    pub(super) lost: Option<usize>,
-    pub(super) takes: Option<usize>,
+    pub(super) in_neighbors: Vec<(usize, Vec2)>,
+    pub(super) lost_in_neighbor: Option<usize>,
+    pub(super) replaced_leader: Option<usize>,
 }
 
 impl SurvivingNeighbors {
     /// Returns the in-neighbors that robot `i`, which is alive, uses after the robots `dead` have failed and the edges
     /// `cut` are down.
     pub(super) fn compute(
-        p: &Predictor,
+        p: &FailurePredictor,
         i: usize,
         dead: &[usize],
         cut: &[usize],
@@ -51,7 +51,7 @@ impl SurvivingNeighbors {
             return row;
         }
         let (n, rewiring) = (p.robots.len(), &p.rewiring);
-        let (receiver, incoming) = (rewiring.receiver(i), rewiring.incoming(i));
+        let (receiver, incoming) = (rewiring.receiver(i), rewiring.incoming_links(i));
         let sender = |place: usize| {
             let Edge { from, offset_m, .. } = rewiring.links()[incoming[place]];
             (from, offset_m)
@@ -59,38 +59,39 @@ impl SurvivingNeighbors {
         let references = rewiring.references(i, dead, cut);
         let replacements = receiver.replacements(&references);
         let mut stops = false;
-        for (place, &link) in incoming.iter().enumerate().take(receiver.in_neighbors()) {
+        for (place, &link) in incoming.iter().enumerate().take(receiver.in_neighbor_count()) {
             let (from, offset_m) = sender(place);
             if !rewiring.is_silent(link, dead, cut) {
-                row.heard.push((from, offset_m));
+                row.in_neighbors.push((from, offset_m));
                 continue;
             }
-            row.lost.get_or_insert(from);
-            if references.uses(place) {
+            row.lost_in_neighbor.get_or_insert(from);
+            if references.uses_sender(place) {
                 // Lost and not replaced.
                 stops = p.robots[i].silence == SilencePolicy::Stop;
                 if p.robots[i].silence == SilencePolicy::Keep {
-                    row.heard.push((n + from, offset_m));
+                    row.in_neighbors.push((n + from, offset_m));
                 }
             }
-            let instead = replacements.iter().filter(|one| one.lost == place);
-            row.heard.extend(instead.map(|one| sender(one.by)));
+            let instead = replacements.iter().filter(|one| one.lost_index == place);
+            row.in_neighbors.extend(instead.map(|one| sender(one.substitute_index)));
         }
         match p.robots[i].silence {
-            SilencePolicy::Stop if stops => row.heard.clear(),
+            SilencePolicy::Stop if stops => row.in_neighbors.clear(),
             // Without any in-neighbor, the last known positions of all.
-            SilencePolicy::Last if row.heard.is_empty() => {
+            SilencePolicy::Last if row.in_neighbors.is_empty() => {
                 let last = |place| {
                     let (from, offset_m) = sender(place);
                     (n + from, offset_m)
                 };
-                row.heard = (0..receiver.in_neighbors()).map(last).collect();
+                row.in_neighbors = (0..receiver.in_neighbor_count()).map(last).collect();
             }
             _ => {}
         }
-        if references.takes_slot {
-            row.takes = replacements.first().map(|one| sender(one.lost).0);
-            row.heard = replacements.iter().map(|one| sender(one.by)).collect();
+        if references.keeps_leader_slot {
+            row.replaced_leader = replacements.first().map(|one| sender(one.lost_index).0);
+            row.in_neighbors =
+                replacements.iter().map(|one| sender(one.substitute_index)).collect();
         }
         row
     }
@@ -99,34 +100,37 @@ impl SurvivingNeighbors {
 impl SurvivingGraph {
     /// Computes the surviving graph without these robots and edges. `moving`: the formation moves.
     pub(super) fn compute(
-        p: &Predictor,
+        p: &FailurePredictor,
         dead: &[usize],
         cut: &[usize],
         moving: bool,
     ) -> SurvivingGraph {
         let n = p.robots.len();
         let mut surviving = SurvivingGraph {
-            alive: (0..n).map(|i| !dead.contains(&i)).collect(),
-            heard: vec![Vec::new(); n],
-            lost: vec![None; n],
-            takes: vec![None; n],
-            hearers: vec![Vec::new(); n],
-            leads: vec![false; n],
-            moving,
+            is_alive: (0..n).map(|i| !dead.contains(&i)).collect(),
+            in_neighbors: vec![Vec::new(); n],
+            lost_in_neighbor: vec![None; n],
+            replaced_leader: vec![None; n],
+            out_neighbors: vec![Vec::new(); n],
+            is_leading: vec![false; n],
+            is_moving: moving,
         };
         for i in (0..n).filter(|i| !dead.contains(i)) {
             let row = SurvivingNeighbors::compute(p, i, dead, cut);
-            (surviving.heard[i], surviving.lost[i], surviving.takes[i]) =
-                (row.heard, row.lost, row.takes);
-            for &(from, _) in surviving.heard[i].iter().filter(|(from, _)| *from < n) {
-                surviving.hearers[from].push(i);
+            (
+                surviving.in_neighbors[i],
+                surviving.lost_in_neighbor[i],
+                surviving.replaced_leader[i],
+            ) = (row.in_neighbors, row.lost_in_neighbor, row.replaced_leader);
+            for &(from, _) in surviving.in_neighbors[i].iter().filter(|(from, _)| *from < n) {
+                surviving.out_neighbors[from].push(i);
             }
         }
-        for robot in p.rewiring.leading(p.leader, &p.deputies, dead, cut) {
+        for robot in p.rewiring.leading_robots(p.leader, &p.deputies, dead, cut) {
             // A leader uses no in-neighbors.
-            surviving.leads[robot] = true;
-            surviving.heard[robot].clear();
-            surviving.hearers.iter_mut().for_each(|hearers| hearers.retain(|&i| i != robot));
+            surviving.is_leading[robot] = true;
+            surviving.in_neighbors[robot].clear();
+            surviving.out_neighbors.iter_mut().for_each(|hearers| hearers.retain(|&i| i != robot));
         }
         surviving
     }
@@ -137,12 +141,12 @@ impl SurvivingGraph {
     }
 
     /// Returns the robots that use one of `sources` directly or indirectly, and these.
-    pub(super) fn downstream(&self, sources: &[usize]) -> Vec<bool> {
-        let mut reached = vec![false; self.heard.len()];
+    pub(super) fn robots_downstream_of(&self, sources: &[usize]) -> Vec<bool> {
+        let mut reached = vec![false; self.in_neighbors.len()];
         let mut open = sources.to_vec();
         while let Some(robot) = open.pop() {
             if !std::mem::replace(&mut reached[robot], true) {
-                open.extend(self.hearers[robot].iter().filter(|&&next| !reached[next]));
+                open.extend(self.out_neighbors[robot].iter().filter(|&&next| !reached[next]));
             }
         }
         reached
@@ -150,23 +154,25 @@ impl SurvivingGraph {
 
     /// Returns the living robots that use others, and the groups among them without in-edges from outside. One robot of
     /// each group is left out, because a fixed point is needed to settle the others.
-    pub(super) fn free_robots(&self, p: &Predictor) -> (Vec<usize>, Vec<Vec<usize>>) {
-        let n = self.heard.len();
-        let living = || (0..n).filter(|&i| self.alive[i]);
-        let kept = |i: usize| self.heard[i].iter().any(|&(from, _)| from >= n);
-        let anchored =
-            |i: &usize| self.heard[*i].is_empty() || kept(*i) || p.robots[*i].reference.is_local();
-        let mut reached = self.downstream(&living().filter(anchored).collect::<Vec<_>>());
+    pub(super) fn robots_to_settle(&self, p: &FailurePredictor) -> (Vec<usize>, Vec<Vec<usize>>) {
+        let n = self.in_neighbors.len();
+        let living = || (0..n).filter(|&i| self.is_alive[i]);
+        let kept = |i: usize| self.in_neighbors[i].iter().any(|&(from, _)| from >= n);
+        let anchored = |i: &usize| {
+            self.in_neighbors[*i].is_empty() || kept(*i) || p.robots[*i].reference.is_local()
+        };
+        let mut reached = self.robots_downstream_of(&living().filter(anchored).collect::<Vec<_>>());
         let (mut pinned, mut groups) = (Vec::new(), Vec::new());
         while let Some(first) = living().find(|&i| !reached[i]) {
             let group = self.closed_group(first);
-            let from = self.downstream(&group);
+            let from = self.robots_downstream_of(&group);
             reached.iter_mut().zip(from).for_each(|(reached, from)| *reached |= from);
             pinned.push(group[0]);
             groups.push(group);
         }
-        let free =
-            living().filter(|&i| !self.heard[i].is_empty() && !pinned.contains(&i)).collect();
+        let free = living()
+            .filter(|&i| !self.in_neighbors[i].is_empty() && !pinned.contains(&i))
+            .collect();
         (free, groups)
     }
 
@@ -174,9 +180,9 @@ impl SurvivingGraph {
     /// receives from none may reach `robot`.
     fn closed_group(&self, mut robot: usize) -> Vec<usize> {
         loop {
-            let group = self.upstream(robot);
+            let group = self.robots_upstream_of(robot);
             // A member that `robot` does not reach is reached by fewer: by itself and some of the group.
-            let below = self.downstream(&[robot]);
+            let below = self.robots_downstream_of(&[robot]);
             match group.iter().find(|&&member| !below[member]) {
                 Some(&member) => robot = member,
                 None => return group,
@@ -185,12 +191,12 @@ impl SurvivingGraph {
     }
 
     /// Returns the robots that this robot uses directly or indirectly, and the robot itself, in order.
-    fn upstream(&self, robot: usize) -> Vec<usize> {
-        let mut reached = vec![false; self.heard.len()];
+    fn robots_upstream_of(&self, robot: usize) -> Vec<usize> {
+        let mut reached = vec![false; self.in_neighbors.len()];
         let mut open = vec![robot];
         while let Some(robot) = open.pop() {
             if !std::mem::replace(&mut reached[robot], true) {
-                let heard = self.heard[robot].iter().map(|&(from, _)| from);
+                let heard = self.in_neighbors[robot].iter().map(|&(from, _)| from);
                 open.extend(heard.filter(|&from| from < reached.len() && !reached[from]));
             }
         }
@@ -199,43 +205,48 @@ impl SurvivingGraph {
 
     /// Returns the robots that a moving formation leaves behind, and those that they hold back. None in a formation at
     /// rest.
-    pub(super) fn left_behind(&self, p: &Predictor) -> Vec<Option<Broken>> {
-        let n = self.heard.len();
+    pub(super) fn robots_left_behind(&self, p: &FailurePredictor) -> Vec<Option<BrokenPrediction>> {
+        let n = self.in_neighbors.len();
         let mut causes = vec![None; n];
-        let (Some(leader), true) = (p.leader, self.moving) else { return causes };
-        let follows = |i: usize| p.robots[i].reference.is_local() || self.leads[i];
-        let leads: Vec<usize> = (0..n).filter(|&i| self.alive[i] && follows(i)).collect();
-        let led = self.downstream(&leads);
+        let (Some(leader), true) = (p.leader, self.is_moving) else { return causes };
+        let follows = |i: usize| p.robots[i].reference.is_local() || self.is_leading[i];
+        let leads: Vec<usize> = (0..n).filter(|&i| self.is_alive[i] && follows(i)).collect();
+        let led = self.robots_downstream_of(&leads);
         let places: Vec<usize> = (0..n)
-            .filter(|&i| self.alive[i] && p.robots[i].reference != Reference::Middle)
+            .filter(|&i| self.is_alive[i] && p.robots[i].reference != Reference::NeighborMean)
             .collect();
-        let held = self.downstream(&places);
-        let kept = |i: usize| self.heard[i].iter().find(|&&(from, _)| from >= n);
-        let behind = |&i: &usize| self.alive[i] && !follows(i) && (!led[i] || kept(i).is_some());
+        let held = self.robots_downstream_of(&places);
+        let kept = |i: usize| self.in_neighbors[i].iter().find(|&&(from, _)| from >= n);
+        let behind = |&i: &usize| self.is_alive[i] && !follows(i) && (!led[i] || kept(i).is_some());
         let behind: Vec<usize> = (0..n).filter(behind).collect();
-        let dragged = self.downstream(&behind);
-        for i in (0..n).filter(|&i| self.alive[i] && !follows(i) && dragged[i]) {
-            let contained = p.robots[i].reference == Reference::Middle;
-            let cause = if self.heard[i].is_empty()
-                && let Some(lost) = self.lost[i]
+        let dragged = self.robots_downstream_of(&behind);
+        for i in (0..n).filter(|&i| self.is_alive[i] && !follows(i) && dragged[i]) {
+            let contained = p.robots[i].reference == Reference::NeighborMean;
+            let cause = if self.in_neighbors[i].is_empty()
+                && let Some(lost) = self.lost_in_neighbor[i]
             {
-                Cause::Stops { lost }
+                BreakCause::NoInNeighbor { lost_in_neighbor: lost }
             } else if let Some(&(lost, _)) = kept(i)
-                && self.heard[i].iter().all(|&(from, _)| from >= n)
+                && self.in_neighbors[i].iter().all(|&(from, _)| from >= n)
             {
-                Cause::Kept { lost: lost - n }
+                BreakCause::UsesLastPosition { lost_in_neighbor: lost - n }
             } else if contained && !held[i] {
-                Cause::Uncontained
+                BreakCause::Uncontained
             } else if !led[i] {
-                Cause::Unled { leader }
+                BreakCause::LeaderUnreachable { leader }
             } else if let Some(&(lost, _)) = kept(i) {
-                Cause::Kept { lost: lost - n }
+                BreakCause::UsesLastPosition { lost_in_neighbor: lost - n }
             } else {
                 let stray = |&&(from, _): &&(usize, Vec2)| dragged[from];
-                let by = self.heard[i].iter().find(stray);
-                Cause::Pulled { by: by.map_or(leader, |&(by, _)| by) }
+                let by = self.in_neighbors[i].iter().find(stray);
+                BreakCause::InNeighborLeftBehind { in_neighbor: by.map_or(leader, |&(by, _)| by) }
             };
-            causes[i] = Some(Broken { robot: i, cause, off_m: None, outside_m: None });
+            causes[i] = Some(BrokenPrediction {
+                robot: i,
+                cause,
+                slot_distance_m: None,
+                hull_distance_m: None,
+            });
         }
         causes
     }

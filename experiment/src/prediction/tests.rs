@@ -10,9 +10,9 @@ use protocol::law::Role;
 use super::*;
 use crate::examples::row_of_three;
 
-const LEADS: Role = Role::LEADER;
-const KEEPS: Role = Role::FORMATION;
-const CONTAINED: Role = Role::CONTAINED;
+const LEADER_ROLE: Role = Role::LEADER;
+const FORMATION_ROLE: Role = Role::FORMATION;
+const CONTAINED_ROLE: Role = Role::CONTAINED;
 
 /// Returns a leader that moves at 1 m/s along x.
 fn moving_leader() -> Option<LeadBrief> {
@@ -27,7 +27,7 @@ fn standing_leader() -> Option<LeadBrief> {
 
 /// Returns a predictor for robots of these roles; an edge is sender, receiver and offset. The steering distance is 0.25
 /// m, in-neighbors are lost after 0.1 s, and the bound is 1 cm.
-fn formation(
+fn formation_scenario(
     roles: &[Role],
     edges: &[(usize, usize, [f64; 2])],
     lead: Option<LeadBrief>,
@@ -48,28 +48,32 @@ fn formation(
     scenario.graph = FormationGraph::new(roles.len(), edges.iter().map(edge).collect());
     scenario.lead = lead;
     scenario.silence.lost_after_ns = 100_000_000;
-    scenario.method = AvoidanceDescription {
-        steers_within: Some(("d_f", |_| 0.25)),
-        ..AvoidanceDescription::INERT
+    scenario.avoidance_method = AvoidanceDescription {
+        steering_distance: Some(("d_f", |_| 0.25)),
+        ..AvoidanceDescription::NO_AVOIDANCE
     };
     scenario
 }
 
-fn predicted_causes(scenario: &Scenario, dead: &[usize], cut: &[usize]) -> Vec<(usize, Cause)> {
-    let broken = Predictor::new(scenario).broken_robots(dead, cut, Some(1.0));
+fn predicted_causes(
+    scenario: &Scenario,
+    dead: &[usize],
+    cut: &[usize],
+) -> Vec<(usize, BreakCause)> {
+    let broken = FailurePredictor::new(scenario).broken_robots(dead, cut, Some(1.0));
     broken.into_iter().map(|one| (one.robot, one.cause)).collect()
 }
 
 /// Returns a line: 0 leads; 1, 2 and 3 follow each other behind it.
-fn line(lead: Option<LeadBrief>) -> Scenario {
+fn line_scenario(lead: Option<LeadBrief>) -> Scenario {
     let behind = [-1.0, 0.0];
     let edges = [(0, 1, behind), (1, 2, behind), (2, 3, behind)];
-    formation(&[LEADS, KEEPS, KEEPS, KEEPS], &edges, lead)
+    formation_scenario(&[LEADER_ROLE, FORMATION_ROLE, FORMATION_ROLE, FORMATION_ROLE], &edges, lead)
 }
 
 /// Returns a containment: 0 leads, 1 and 2 keep slots, and form a triangle with the corners (0, 0), (-4, 2), (-4, -2).
 /// 3 hears 0 and 1; 4 hears 1, 2 and 3.
-fn hull(lead: Option<LeadBrief>) -> Scenario {
+fn containment_scenario(lead: Option<LeadBrief>) -> Scenario {
     let none = [0.0, 0.0];
     let edges = [
         (0, 1, [-4.0, 2.0]),
@@ -80,22 +84,32 @@ fn hull(lead: Option<LeadBrief>) -> Scenario {
         (2, 4, none),
         (3, 4, none),
     ];
-    formation(&[LEADS, KEEPS, KEEPS, CONTAINED, CONTAINED], &edges, lead)
+    formation_scenario(
+        &[LEADER_ROLE, FORMATION_ROLE, FORMATION_ROLE, CONTAINED_ROLE, CONTAINED_ROLE],
+        &edges,
+        lead,
+    )
 }
 
 #[test]
 fn moving_line_leaves_robots_after_a_gap_and_still_line_none() {
-    let expected = [(2, Cause::Stops { lost: 1 }), (3, Cause::Unled { leader: 0 })];
-    assert_eq!(predicted_causes(&line(moving_leader()), &[1], &[]), expected);
-    let mut last = line(moving_leader());
+    let expected = [
+        (2, BreakCause::NoInNeighbor { lost_in_neighbor: 1 }),
+        (3, BreakCause::LeaderUnreachable { leader: 0 }),
+    ];
+    assert_eq!(predicted_causes(&line_scenario(moving_leader()), &[1], &[]), expected);
+    let mut last = line_scenario(moving_leader());
     last.silence.policy = SilencePolicy::Last;
-    let held = [(2, Cause::Kept { lost: 1 }), (3, Cause::Unled { leader: 0 })];
+    let held = [
+        (2, BreakCause::UsesLastPosition { lost_in_neighbor: 1 }),
+        (3, BreakCause::LeaderUnreachable { leader: 0 }),
+    ];
     assert_eq!(predicted_causes(&last, &[1], &[]), held);
-    assert_eq!(predicted_causes(&line(moving_leader()), &[], &[1]), expected);
-    assert_eq!(predicted_causes(&line(moving_leader()), &[3], &[]), []);
+    assert_eq!(predicted_causes(&line_scenario(moving_leader()), &[], &[1]), expected);
+    assert_eq!(predicted_causes(&line_scenario(moving_leader()), &[3], &[]), []);
     for dead in 0..4 {
         assert_eq!(
-            predicted_causes(&line(standing_leader()), &[dead], &[]),
+            predicted_causes(&line_scenario(standing_leader()), &[dead], &[]),
             [],
             "r{} dies",
             dead + 1
@@ -106,24 +120,28 @@ fn moving_line_leaves_robots_after_a_gap_and_still_line_none() {
 #[test]
 fn robots_of_a_dead_leader_stop_after_their_overrun() {
     // At 1 m/s for 0.1 s but for two periods.
-    let mut scenario = line(moving_leader());
+    let mut scenario = line_scenario(moving_leader());
     scenario.period_ns = 5_000_000;
-    let predictor = Predictor::new(&scenario);
+    let predictor = FailurePredictor::new(&scenario);
     let broken = predictor.broken_robots(&[0], &[], Some(1.0));
     assert_eq!(broken.len(), 3);
     for one in &broken {
-        assert_eq!(one.cause, Cause::LeaderDead { leader: 0 });
-        assert!((one.off_m.unwrap() - 0.09).abs() < 1e-9, "{one:?}");
+        assert_eq!(one.cause, BreakCause::LeaderDead { leader: 0 });
+        assert!((one.slot_distance_m.unwrap() - 0.09).abs() < 1e-9, "{one:?}");
     }
-    assert_eq!(predictor.with_bound(0.11).broken_robots(&[0], &[], Some(1.0)), []);
+    assert_eq!(predictor.with_broken_threshold(0.11).broken_robots(&[0], &[], Some(1.0)), []);
 }
 
 #[test]
 fn follower_of_leader_and_stranded_robot_is_held_back() {
     // 0 -> 1 -> 2 -> 1: without the edge 1 -> 2, 2 has no in-neighbor.
     let edges = [(0, 1, [-1.0, 0.0]), (1, 2, [-1.0, 0.0]), (2, 1, [1.0, 0.0])];
-    let scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving_leader());
-    let expected = [(1, Cause::Pulled { by: 2 }), (2, Cause::Stops { lost: 1 })];
+    let scenario =
+        formation_scenario(&[LEADER_ROLE, FORMATION_ROLE, FORMATION_ROLE], &edges, moving_leader());
+    let expected = [
+        (1, BreakCause::InNeighborLeftBehind { in_neighbor: 2 }),
+        (2, BreakCause::NoInNeighbor { lost_in_neighbor: 1 }),
+    ];
     assert_eq!(predicted_causes(&scenario, &[], &[1]), expected);
 }
 
@@ -131,12 +149,19 @@ fn follower_of_leader_and_stranded_robot_is_held_back() {
 fn robot_that_lost_one_of_two_stops_or_holds_by_policy() {
     // 2 hears 0 and 1.
     let edges = [(0, 1, [-1.0, 0.0]), (0, 2, [0.0, -1.0]), (1, 2, [1.0, -1.0])];
-    let mut scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving_leader());
+    let mut scenario =
+        formation_scenario(&[LEADER_ROLE, FORMATION_ROLE, FORMATION_ROLE], &edges, moving_leader());
     assert_eq!(predicted_causes(&scenario, &[1], &[]), []);
     scenario.silence.policy = SilencePolicy::Stop;
-    assert_eq!(predicted_causes(&scenario, &[1], &[]), [(2, Cause::Stops { lost: 1 })]);
+    assert_eq!(
+        predicted_causes(&scenario, &[1], &[]),
+        [(2, BreakCause::NoInNeighbor { lost_in_neighbor: 1 })]
+    );
     scenario.silence.policy = SilencePolicy::Keep;
-    assert_eq!(predicted_causes(&scenario, &[1], &[]), [(2, Cause::Kept { lost: 1 })]);
+    assert_eq!(
+        predicted_causes(&scenario, &[1], &[]),
+        [(2, BreakCause::UsesLastPosition { lost_in_neighbor: 1 })]
+    );
     scenario.lead = standing_leader();
     assert_eq!(predicted_causes(&scenario, &[1], &[]), []);
 }
@@ -145,28 +170,42 @@ fn robot_that_lost_one_of_two_stops_or_holds_by_policy() {
 fn contained_robot_moves_to_the_mean_with_its_followers() {
     for lead in [moving_leader(), standing_leader()] {
         // r4 was in the middle of (0, 0) and (-4, 2), r5 in that of (-4, 2), (-4, -2), (-2, 1).
-        let predictor = Predictor::new(&hull(lead));
+        let predictor = FailurePredictor::new(&containment_scenario(lead));
         let broken = predictor.broken_robots(&[2], &[], Some(1.0));
         let [one] = broken[..] else { panic!("{broken:?}") };
-        assert_eq!((one.robot, one.cause), (4, Cause::Without { lost: 2 }));
+        assert_eq!(
+            (one.robot, one.cause),
+            (4, BreakCause::DesiredPositionChanged { lost_in_neighbor: 2 })
+        );
         // It goes from (-10/3, 1/3) to (-3, 3/2).
         let off_m = Vec2::new(-10.0 / 3.0 + 3.0, 1.0 / 3.0 - 1.5).norm();
-        assert!((one.off_m.unwrap() - off_m).abs() < 1e-9, "{one:?}");
-        assert_eq!(one.outside_m, None);
+        assert!((one.slot_distance_m.unwrap() - off_m).abs() < 1e-9, "{one:?}");
+        assert_eq!(one.hull_distance_m, None);
     }
 }
 
 #[test]
 fn robot_with_one_neighbor_stops_at_standoff_from_its_slot() {
     // Without 1, robot 3 hears only the leader; 4, which hears 2 and 3, follows.
-    let broken = Predictor::new(&hull(standing_leader())).broken_robots(&[], &[3], Some(1.0));
-    let causes: Vec<(usize, Cause)> = broken.iter().map(|one| (one.robot, one.cause)).collect();
-    assert_eq!(causes, [(3, Cause::Taken { by: 0 }), (4, Cause::Follows { whom: 3 })]);
+    let broken = FailurePredictor::new(&containment_scenario(standing_leader())).broken_robots(
+        &[],
+        &[3],
+        Some(1.0),
+    );
+    let causes: Vec<(usize, BreakCause)> =
+        broken.iter().map(|one| (one.robot, one.cause)).collect();
+    assert_eq!(
+        causes,
+        [
+            (3, BreakCause::SlotOccupied { occupant: 0 }),
+            (4, BreakCause::FollowsBrokenRobot { in_neighbor: 3 })
+        ]
+    );
     // It came from (-2, 1), and stops 0.25 m before the leader.
     let off_m = 5.0f64.sqrt() - 0.25;
-    assert!((broken[0].off_m.unwrap() - off_m).abs() < 1e-3, "{broken:?}");
-    assert!((broken[1].off_m.unwrap() - off_m / 3.0).abs() < 1e-3, "{broken:?}");
-    let scenario = hull(standing_leader());
+    assert!((broken[0].slot_distance_m.unwrap() - off_m).abs() < 1e-3, "{broken:?}");
+    assert!((broken[1].slot_distance_m.unwrap() - off_m / 3.0).abs() < 1e-3, "{broken:?}");
+    let scenario = containment_scenario(standing_leader());
     let name = |i: usize| scenario.robots[i].name.as_str();
     assert_eq!(broken[0].describe(name), "desired position occupied by r1 (Remark 1)");
 }
@@ -176,11 +215,15 @@ fn contained_robots_without_leaders_have_an_empty_hull() {
     // 2 and 3 hear each other; only 2 hears 1, which keeps a slot.
     let none = [0.0, 0.0];
     let edges = [(0, 1, [-2.0, 0.0]), (1, 2, none), (2, 3, none), (3, 2, none), (0, 3, none)];
-    let scenario = formation(&[LEADS, KEEPS, CONTAINED, CONTAINED], &edges, moving_leader());
+    let scenario = formation_scenario(
+        &[LEADER_ROLE, FORMATION_ROLE, CONTAINED_ROLE, CONTAINED_ROLE],
+        &edges,
+        moving_leader(),
+    );
     let cut = [1, 4];
     assert_eq!(
         predicted_causes(&scenario, &[], &cut),
-        [(2, Cause::Uncontained), (3, Cause::Uncontained)]
+        [(2, BreakCause::Uncontained), (3, BreakCause::Uncontained)]
     );
 }
 
@@ -188,7 +231,7 @@ fn contained_robots_without_leaders_have_an_empty_hull() {
 fn leaderless_consistent_offsets_do_not_move_after_death() {
     let side = [[0.5, 0.0], [0.0, 0.5], [-0.5, 0.0], [0.0, -0.5]];
     let edges: Vec<_> = (0..4).map(|i| (i, (i + 1) % 4, side[i])).collect();
-    let ring = formation(&[KEEPS; 4], &edges, None);
+    let ring = formation_scenario(&[FORMATION_ROLE; 4], &edges, None);
     for robot in 0..4 {
         assert_eq!(predicted_causes(&ring, &[robot], &[]), []);
         assert_eq!(predicted_causes(&ring, &[], &[robot]), []);
@@ -199,11 +242,14 @@ fn leaderless_consistent_offsets_do_not_move_after_death() {
 fn inconsistent_offsets_shift_the_slot_to_the_mean() {
     // 2 hears 0 and 1, whose offsets disagree by 0.1 m: it settles in the middle, and moves by half of that.
     let edges = [(0, 1, [1.0, 0.0]), (0, 2, [0.0, 1.0]), (1, 2, [-0.9, 1.0]), (0, 3, [-1.0, 0.0])];
-    let scenario = formation(&[KEEPS; 4], &edges, None);
-    let broken = Predictor::new(&scenario).broken_robots(&[1], &[], None);
+    let scenario = formation_scenario(&[FORMATION_ROLE; 4], &edges, None);
+    let broken = FailurePredictor::new(&scenario).broken_robots(&[1], &[], None);
     let [one] = broken[..] else { panic!("{broken:?}") };
-    assert_eq!((one.robot, one.cause), (2, Cause::Without { lost: 1 }));
-    assert!((one.off_m.unwrap() - 0.05).abs() < 1e-9, "{one:?}");
+    assert_eq!(
+        (one.robot, one.cause),
+        (2, BreakCause::DesiredPositionChanged { lost_in_neighbor: 1 })
+    );
+    assert!((one.slot_distance_m.unwrap() - 0.05).abs() < 1e-9, "{one:?}");
 }
 
 #[test]
@@ -218,17 +264,20 @@ fn dead_body_blocks_a_still_formation_and_not_a_moving_one() {
         (2, 3, none),
         (0, 4, [1.0, 0.0]),
     ];
-    let roles = [LEADS, KEEPS, KEEPS, CONTAINED, KEEPS];
-    let causes = |lead| predicted_causes(&formation(&roles, &edges, lead), &[2, 4], &[]);
-    assert_eq!(causes(standing_leader()), [(3, Cause::Taken { by: 4 })]);
-    assert_eq!(causes(moving_leader()), [(3, Cause::Without { lost: 2 })]);
+    let roles = [LEADER_ROLE, FORMATION_ROLE, FORMATION_ROLE, CONTAINED_ROLE, FORMATION_ROLE];
+    let causes = |lead| predicted_causes(&formation_scenario(&roles, &edges, lead), &[2, 4], &[]);
+    assert_eq!(causes(standing_leader()), [(3, BreakCause::SlotOccupied { occupant: 4 })]);
+    assert_eq!(
+        causes(moving_leader()),
+        [(3, BreakCause::DesiredPositionChanged { lost_in_neighbor: 2 })]
+    );
 }
 
 #[test]
 fn equal_causes_of_several_robots_are_one_line() {
     let why = |i: usize| ["a", "b", "a"][i].to_owned();
     let broken = ["r1", "r2", "r3"].into_iter().enumerate().map(|(i, robot)| (robot, why(i)));
-    assert_eq!(lines(broken), ["r1, r3: a", "r2: b"]);
+    assert_eq!(lines_by_cause(broken), ["r1, r3: a", "r2: b"]);
 }
 
 /// Returns a random formation of up to eight robots, drawn from `seed`: roles, edges, policy and backup neighbors. Most
@@ -237,15 +286,15 @@ fn draw_formation(seed: u64) -> Scenario {
     let mut drawn = 0;
     let mut below = |bound: usize| {
         drawn += 1;
-        (formation::random::draw(seed, drawn) * bound as f64) as usize
+        (formation::random::draw_unit_by_number(seed, drawn) * bound as f64) as usize
     };
     let n = 2 + below(7);
     let led = below(3) > 0;
     let contained = if below(3) == 0 { 3 } else { 0 };
     let role = |i: usize, draw: usize| match i {
-        0 if led => LEADS,
-        _ if draw < contained => CONTAINED,
-        _ => KEEPS,
+        0 if led => LEADER_ROLE,
+        _ if draw < contained => CONTAINED_ROLE,
+        _ => FORMATION_ROLE,
     };
     let roles: Vec<Role> = (0..n).map(|i| role(i, below(10))).collect();
     let (density, strays) = (1 + below(9), below(2));
@@ -256,7 +305,7 @@ fn draw_formation(seed: u64) -> Scenario {
             let ([x, y], [from_x, from_y]) = (place(to), place(from));
             let stray = if strays > 0 && below(8) == 0 { 0.5 } else { 0.0 };
             let edge = match roles[to].reference {
-                Reference::Middle => (from, to, [0.0, 0.0]),
+                Reference::NeighborMean => (from, to, [0.0, 0.0]),
                 _ => (from, to, [x - from_x + stray, y - from_y]),
             };
             if below(10) < density {
@@ -267,11 +316,11 @@ fn draw_formation(seed: u64) -> Scenario {
         }
     }
     let lead = if below(2) == 0 { moving_leader() } else { standing_leader() };
-    let mut scenario = formation(&roles, &edges, lead.filter(|_| led));
+    let mut scenario = formation_scenario(&roles, &edges, lead.filter(|_| led));
     scenario.silence.policy =
         [SilencePolicy::Last, SilencePolicy::Ignore, SilencePolicy::Keep, SilencePolicy::Stop]
             [below(4)];
-    scenario.repair.spares = spares;
+    scenario.repair_plan.spares = spares;
     scenario
 }
 
@@ -280,8 +329,8 @@ fn single_cuts_are_predicted_as_one_by_one() {
     let (mut quick, mut all) = (0, 0);
     for seed in 0..400 {
         let scenario = draw_formation(seed);
-        let predictor = Predictor::new(&scenario);
-        let cuts = predictor.single_cuts();
+        let predictor = FailurePredictor::new(&scenario);
+        let cuts = predictor.single_cut_predictor();
         for edge in 0..scenario.graph.edges().len() {
             let expected = predictor.broken_robots(&[], &[edge], None);
             assert_eq!(
@@ -289,7 +338,7 @@ fn single_cuts_are_predicted_as_one_by_one() {
                 expected,
                 "seed {seed}, edge {edge}: {scenario:?}"
             );
-            (quick, all) = (quick + usize::from(cuts.is_quick(edge)), all + 1);
+            (quick, all) = (quick + usize::from(cuts.cut_breaks_no_robot(edge)), all + 1);
         }
     }
     assert!(quick > all / 10 && quick < all, "{quick} of {all} without a whole prediction");
@@ -300,10 +349,17 @@ fn deputy_behind_a_stopped_robot_does_not_lead() {
     // 1 hears the leader 0 and 3. Without 3 it stops, and still relays the leader's frame to its out-neighbor 2.
     let edges =
         [(0, 1, [-1.0, 0.0]), (0, 3, [-1.0, 1.0]), (3, 1, [0.0, -1.0]), (1, 2, [-1.0, 0.0])];
-    let mut scenario = formation(&[LEADS, KEEPS, KEEPS, KEEPS], &edges, moving_leader());
+    let mut scenario = formation_scenario(
+        &[LEADER_ROLE, FORMATION_ROLE, FORMATION_ROLE, FORMATION_ROLE],
+        &edges,
+        moving_leader(),
+    );
     scenario.silence.policy = SilencePolicy::Stop;
-    scenario.repair.deputies = vec![2];
-    assert_eq!(scenario.rewiring().leading(Some(0), &[2], &[3], &[]), [0]);
-    let expected = [(1, Cause::Stops { lost: 3 }), (2, Cause::Unled { leader: 0 })];
+    scenario.repair_plan.deputies = vec![2];
+    assert_eq!(scenario.rewiring().leading_robots(Some(0), &[2], &[3], &[]), [0]);
+    let expected = [
+        (1, BreakCause::NoInNeighbor { lost_in_neighbor: 3 }),
+        (2, BreakCause::LeaderUnreachable { leader: 0 }),
+    ];
     assert_eq!(predicted_causes(&scenario, &[3], &[]), expected);
 }

@@ -1,42 +1,42 @@
 //! Consistency of planned faults: which robots are alive and not frozen when a fault starts.
 
-use super::{Fault, FaultKind, seconds};
+use super::{Fault, FaultKind, ns_to_seconds};
 
 /// Robots that are alive and not frozen after the faults recorded so far.
 pub(super) struct Availability {
     /// For each robot, the time at which it is restarted after its latest kill, ns. `None`: never.
-    dead_until: Vec<Option<u64>>,
+    dead_until_ns: Vec<Option<u64>>,
     /// For each robot, the end of its latest freeze, ns.
-    frozen_until: Vec<u64>,
+    frozen_until_ns: Vec<u64>,
 }
 
 /// Reason why a fault is impossible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Impossible {
+pub(super) enum ImpossibleFault {
     /// The robot is dead at that time, until `until_ns`.
-    Dead { robot: usize, until_ns: Option<u64> },
+    RobotDead { robot: usize, until_ns: Option<u64> },
     /// The robot is frozen at that time, until `until_ns`.
-    Frozen { robot: usize, until_ns: u64 },
+    RobotFrozen { robot: usize, until_ns: u64 },
 }
 
-impl Impossible {
+impl ImpossibleFault {
     /// Returns the reason and the remedy as text.
     pub(super) fn describe<'n>(self, name: impl Fn(usize) -> &'n str) -> (String, String) {
         let (robot, state, expected) = match self {
-            Impossible::Dead { robot, until_ns: Some(until_ns) } => {
-                let (until_s, name) = (seconds(until_ns), name(robot));
+            ImpossibleFault::RobotDead { robot, until_ns: Some(until_ns) } => {
+                let (until_s, name) = (ns_to_seconds(until_ns), name(robot));
                 (
                     robot,
                     "dead",
                     format!("expected more than {until_s} s, when {name} is started again"),
                 )
             }
-            Impossible::Dead { robot, until_ns: None } => {
+            ImpossibleFault::RobotDead { robot, until_ns: None } => {
                 let kill = format!("the kill of {} before this one", name(robot));
                 (robot, "dead", format!("expected `restart_after_s` in {kill}"))
             }
-            Impossible::Frozen { robot, until_ns } => {
-                let (until_s, name) = (seconds(until_ns), name(robot));
+            ImpossibleFault::RobotFrozen { robot, until_ns } => {
+                let (until_s, name) = (ns_to_seconds(until_ns), name(robot));
                 (robot, "frozen", format!("expected at least {until_s} s, when {name} is resumed"))
             }
         };
@@ -46,43 +46,48 @@ impl Impossible {
 
 impl Availability {
     pub(super) fn new(robots: usize) -> Availability {
-        Availability { dead_until: vec![Some(0); robots], frozen_until: vec![0; robots] }
+        Availability { dead_until_ns: vec![Some(0); robots], frozen_until_ns: vec![0; robots] }
     }
 
     /// Returns the robots that are neither dead nor frozen at `at_ns`.
     pub(super) fn available_robots(&self, at_ns: u64) -> Vec<usize> {
-        (0..self.frozen_until.len()).filter(|&robot| !self.is_down(robot, at_ns)).collect()
+        (0..self.frozen_until_ns.len())
+            .filter(|&robot| !self.is_dead_or_frozen(robot, at_ns))
+            .collect()
     }
 
     /// Returns an error if the robot is dead or frozen at `at_ns`.
-    fn is_down(&self, robot: usize, at_ns: u64) -> bool {
-        self.is_dead(robot, at_ns) || self.frozen_until[robot] > at_ns
+    fn is_dead_or_frozen(&self, robot: usize, at_ns: u64) -> bool {
+        self.is_dead(robot, at_ns) || self.frozen_until_ns[robot] > at_ns
     }
 
     fn is_dead(&self, robot: usize, at_ns: u64) -> bool {
-        self.dead_until[robot].is_none_or(|until_ns| until_ns >= at_ns && until_ns > 0)
+        self.dead_until_ns[robot].is_none_or(|until_ns| until_ns >= at_ns && until_ns > 0)
     }
 
     /// Records a fault, which must not start before those recorded earlier. Returns an error if its robot is dead or
     /// frozen.
-    pub(super) fn record_fault(&mut self, fault: &Fault) -> Result<(), Impossible> {
-        let at_ns = fault.at_ns;
+    pub(super) fn record_fault(&mut self, fault: &Fault) -> Result<(), ImpossibleFault> {
+        let at_ns = fault.start_ns;
         match fault.kind {
             FaultKind::Kill { robot, .. } | FaultKind::Freeze { robot }
                 if self.is_dead(robot, at_ns) =>
             {
-                return Err(Impossible::Dead { robot, until_ns: self.dead_until[robot] });
+                return Err(ImpossibleFault::RobotDead {
+                    robot,
+                    until_ns: self.dead_until_ns[robot],
+                });
             }
             FaultKind::Kill { robot, restart_after_ns } => {
-                self.dead_until[robot] = restart_after_ns.map(|after_ns| at_ns + after_ns);
-                self.frozen_until[robot] = 0;
+                self.dead_until_ns[robot] = restart_after_ns.map(|after_ns| at_ns + after_ns);
+                self.frozen_until_ns[robot] = 0;
             }
             FaultKind::Freeze { robot } => {
-                let until_ns = self.frozen_until[robot];
+                let until_ns = self.frozen_until_ns[robot];
                 if until_ns > at_ns {
-                    return Err(Impossible::Frozen { robot, until_ns });
+                    return Err(ImpossibleFault::RobotFrozen { robot, until_ns });
                 }
-                self.frozen_until[robot] = fault.until_ns().unwrap_or(u64::MAX);
+                self.frozen_until_ns[robot] = fault.end_ns().unwrap_or(u64::MAX);
             }
             _ => {}
         }

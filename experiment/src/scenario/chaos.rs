@@ -4,14 +4,14 @@
 //! reported one by one.
 
 use formation::portable_math;
-use formation::random::draw;
+use formation::random::draw_unit_by_number;
 
 use super::availability::Availability;
 use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
-use super::table::{TableReader, Value};
-use super::{Fault, FaultKind, seconds};
+use super::table::{TableReader, TypedValue};
+use super::{Fault, FaultKind, ns_to_seconds};
 
 /// Maximum expected number of random faults. More are assumed to be a typing error.
 const FAULTS_MAX: usize = 10_000;
@@ -20,35 +20,35 @@ const FAULTS_MAX: usize = 10_000;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Chaos {
     /// Mean time between kills, s.
-    between_kills_s: Option<f64>,
+    mean_time_between_kills_s: Option<f64>,
     /// Time from a kill to the start of the replacement process, ns.
     restart_after_ns: u64,
     /// Mean time between freezes, s.
-    between_freezes_s: Option<f64>,
+    mean_time_between_freezes_s: Option<f64>,
     /// Mean duration of a freeze, s.
-    freeze_s: f64,
+    mean_freeze_s: f64,
     /// Random partitions between hosts.
-    partitions: Option<Partitions>,
+    partitions: Option<RandomPartitions>,
     /// Earliest time of a random fault, ns.
-    from_ns: u64,
+    earliest_start_ns: u64,
     /// Time from which on no random fault starts, ns.
-    until_ns: u64,
+    latest_start_ns: u64,
 }
 
 /// Rate and duration of partitions that isolate one of these hosts.
 #[derive(Debug, Clone, PartialEq)]
-struct Partitions {
+struct RandomPartitions {
     /// Mean time between partitions, s.
-    between_s: f64,
+    mean_interval_s: f64,
     /// Mean duration, s.
-    mean_s: f64,
+    mean_duration_s: f64,
     /// Names of the hosts.
     hosts: Vec<String>,
 }
 
-impl Partitions {
-    fn read(table: &TableReader<'_, keys::Chaos>) -> Result<Option<Partitions>, Diagnostic> {
-        let Some(between_s) = table.maybe_number(keys::Chaos::mean_time_between_partitions_s)?
+impl RandomPartitions {
+    fn read(table: &TableReader<'_, keys::Chaos>) -> Result<Option<RandomPartitions>, Diagnostic> {
+        let Some(between_s) = table.optional_number(keys::Chaos::mean_time_between_partitions_s)?
         else {
             return Ok(None);
         };
@@ -60,9 +60,9 @@ impl Partitions {
         if names.is_empty() {
             return Err(hosts.error_about_key("is empty", format!("expected {expected}")));
         }
-        Ok(Some(Partitions {
-            between_s,
-            mean_s: table.number(keys::Chaos::mean_partition_s)?,
+        Ok(Some(RandomPartitions {
+            mean_interval_s: between_s,
+            mean_duration_s: table.number(keys::Chaos::mean_partition_s)?,
             hosts: names,
         }))
     }
@@ -71,16 +71,16 @@ impl Partitions {
 impl Chaos {
     /// Parses the table.
     pub(super) fn read(
-        value: &Value<'_, kinds::Table<keys::Chaos>>,
+        value: &TypedValue<'_, kinds::Table<keys::Chaos>>,
         duration_ns: u64,
     ) -> Result<Chaos, Diagnostic> {
         let table = value.table()?;
-        let until_ns = table.maybe_time_ns(keys::Chaos::until_s)?;
+        let until_ns = table.optional_time_ns(keys::Chaos::until_s)?;
         let from_ns = table.time_ns(keys::Chaos::from_s)?;
         if let (Some(until), Some(until_ns)) = (table.get(keys::Chaos::until_s), until_ns)
             && until_ns <= from_ns
         {
-            let (from_s, until_s) = (seconds(from_ns), seconds(until_ns));
+            let (from_s, until_s) = (ns_to_seconds(from_ns), ns_to_seconds(until_ns));
             return Err(until.error_about_key(
                 format!("is {until_s}, but `from_s` {from_s}: no fault lies between them"),
                 format!("expected more than `from_s`, {from_s} s"),
@@ -88,22 +88,28 @@ impl Chaos {
         }
         let until_ns = until_ns.unwrap_or(duration_ns);
         let chaos = Chaos {
-            between_kills_s: table.maybe_number(keys::Chaos::mean_time_between_kills_s)?,
+            mean_time_between_kills_s: table
+                .optional_number(keys::Chaos::mean_time_between_kills_s)?,
             restart_after_ns: table.time_ns(keys::Chaos::restart_after_s)?,
-            between_freezes_s: table.maybe_number(keys::Chaos::mean_time_between_freezes_s)?,
-            freeze_s: table.number(keys::Chaos::mean_freeze_s)?,
-            partitions: Partitions::read(&table)?,
-            from_ns,
-            until_ns: until_ns.min(duration_ns),
+            mean_time_between_freezes_s: table
+                .optional_number(keys::Chaos::mean_time_between_freezes_s)?,
+            mean_freeze_s: table.number(keys::Chaos::mean_freeze_s)?,
+            partitions: RandomPartitions::read(&table)?,
+            earliest_start_ns: from_ns,
+            latest_start_ns: until_ns.min(duration_ns),
         };
-        let between_partitions_s = chaos.partitions.as_ref().map(|drawn| drawn.between_s);
-        let means_s = [chaos.between_kills_s, chaos.between_freezes_s, between_partitions_s];
+        let between_partitions_s = chaos.partitions.as_ref().map(|drawn| drawn.mean_interval_s);
+        let means_s = [
+            chaos.mean_time_between_kills_s,
+            chaos.mean_time_between_freezes_s,
+            between_partitions_s,
+        ];
         if means_s.iter().all(Option::is_none) {
             return Err(table
-                .required(keys::Chaos::mean_time_between_kills_s)
+                .required_value(keys::Chaos::mean_time_between_kills_s)
                 .expect_err("it is not given"));
         }
-        let span_s = seconds(chaos.until_ns.saturating_sub(chaos.from_ns));
+        let span_s = ns_to_seconds(chaos.latest_start_ns.saturating_sub(chaos.earliest_start_ns));
         let expected: f64 = means_s.iter().flatten().map(|mean_s| span_s / mean_s).sum();
         if expected > FAULTS_MAX as f64 {
             return Err(value.error_about_key(
@@ -116,11 +122,18 @@ impl Chaos {
 
     /// Returns the faults that `seed` draws. Each affects a robot that is up at that time.
     pub(super) fn draw(&self, seed: u64, availability: &mut Availability) -> Vec<Fault> {
-        let mut dice = Dice { seed: seed ^ u64::from_le_bytes(*b"in chaos"), drawn: 0 };
+        let mut dice =
+            RandomSequence { seed: seed ^ u64::from_le_bytes(*b"in chaos"), draw_count: 0 };
         let mut times = Vec::new();
-        for (mean_s, freezes) in [(self.between_kills_s, false), (self.between_freezes_s, true)] {
+        for (mean_s, freezes) in
+            [(self.mean_time_between_kills_s, false), (self.mean_time_between_freezes_s, true)]
+        {
             let Some(mean_s) = mean_s else { continue };
-            times.extend(self.times(mean_s, &mut dice).into_iter().map(|at_ns| (at_ns, freezes)));
+            times.extend(
+                self.draw_event_times_ns(mean_s, &mut dice)
+                    .into_iter()
+                    .map(|at_ns| (at_ns, freezes)),
+            );
         }
         times.sort_unstable();
         times.truncate(2 * FAULTS_MAX);
@@ -130,14 +143,18 @@ impl Chaos {
             if up.is_empty() {
                 continue;
             }
-            let robot = up[(dice.next_interval_s() * up.len() as f64) as usize];
+            let robot = up[(dice.next_unit() * up.len() as f64) as usize];
             let fault = if freezes {
                 // At least 1 ns, because a fault must have a duration.
-                let for_ns = Some(dice.exponential_ns(self.freeze_s).max(1));
-                Fault { at_ns, for_ns, kind: FaultKind::Freeze { robot } }
+                let for_ns = Some(dice.next_exponential_ns(self.mean_freeze_s).max(1));
+                Fault { start_ns: at_ns, duration_ns: for_ns, kind: FaultKind::Freeze { robot } }
             } else {
                 let restart_after_ns = Some(self.restart_after_ns);
-                Fault { at_ns, for_ns: None, kind: FaultKind::Kill { robot, restart_after_ns } }
+                Fault {
+                    start_ns: at_ns,
+                    duration_ns: None,
+                    kind: FaultKind::Kill { robot, restart_after_ns },
+                }
             };
             // A planned fault later in the file can conflict. Then this one is omitted.
             if availability.record_fault(&fault).is_ok() {
@@ -145,31 +162,32 @@ impl Chaos {
             }
         }
         faults.extend(self.partitions.iter().flat_map(|drawn| self.draw_partitions(seed, drawn)));
-        faults.sort_by_key(|fault| fault.at_ns);
+        faults.sort_by_key(|fault| fault.start_ns);
         faults
     }
 
     /// Draws partitions. Their random numbers are independent, so they do not change the other faults.
-    fn draw_partitions(&self, seed: u64, drawn: &Partitions) -> Vec<Fault> {
-        let mut dice = Dice { seed: seed ^ u64::from_le_bytes(*b"of hosts"), drawn: 0 };
-        let times = self.times(drawn.between_s, &mut dice);
+    fn draw_partitions(&self, seed: u64, drawn: &RandomPartitions) -> Vec<Fault> {
+        let mut dice =
+            RandomSequence { seed: seed ^ u64::from_le_bytes(*b"of hosts"), draw_count: 0 };
+        let times = self.draw_event_times_ns(drawn.mean_interval_s, &mut dice);
         let fault = |at_ns| {
-            let host = (dice.next_interval_s() * drawn.hosts.len() as f64) as usize;
-            let for_ns = Some(dice.exponential_ns(drawn.mean_s).max(1));
+            let host = (dice.next_unit() * drawn.hosts.len() as f64) as usize;
+            let for_ns = Some(dice.next_exponential_ns(drawn.mean_duration_s).max(1));
             let kind = FaultKind::Partition { hosts: vec![drawn.hosts[host].clone()] };
-            Fault { at_ns, for_ns, kind }
+            Fault { start_ns: at_ns, duration_ns: for_ns, kind }
         };
         times.into_iter().map(fault).collect()
     }
 
     /// Draws the times of events with the mean interval `mean_s`, ns (Poisson process).
-    fn times(&self, mean_s: f64, dice: &mut Dice) -> Vec<u64> {
+    fn draw_event_times_ns(&self, mean_s: f64, dice: &mut RandomSequence) -> Vec<u64> {
         let mut times = Vec::new();
-        let mut at_ns = self.from_ns;
+        let mut at_ns = self.earliest_start_ns;
         loop {
-            at_ns = at_ns.saturating_add(dice.exponential_ns(mean_s));
+            at_ns = at_ns.saturating_add(dice.next_exponential_ns(mean_s));
             // The limit is reached for less than one seed in a million.
-            if at_ns >= self.until_ns || times.len() == 2 * FAULTS_MAX {
+            if at_ns >= self.latest_start_ns || times.len() == 2 * FAULTS_MAX {
                 return times;
             }
             times.push(at_ns);
@@ -178,20 +196,20 @@ impl Chaos {
 }
 
 /// Sequence of random numbers.
-struct Dice {
+struct RandomSequence {
     seed: u64,
-    drawn: u64,
+    draw_count: u64,
 }
 
-impl Dice {
-    fn next_interval_s(&mut self) -> f64 {
-        self.drawn += 1;
-        draw(self.seed, self.drawn)
+impl RandomSequence {
+    fn next_unit(&mut self) -> f64 {
+        self.draw_count += 1;
+        draw_unit_by_number(self.seed, self.draw_count)
     }
 
     /// Draws an exponentially distributed time with the mean `mean_s`, ns.
-    fn exponential_ns(&mut self, mean_s: f64) -> u64 {
-        let draw = self.next_interval_s();
+    fn next_exponential_ns(&mut self, mean_s: f64) -> u64 {
+        let draw = self.next_unit();
         (-portable_math::ln(1.0 - draw) * mean_s * 1e9) as u64
     }
 }
@@ -200,20 +218,20 @@ impl Dice {
 mod tests {
     use super::*;
 
-    fn chaos() -> Chaos {
+    fn example_chaos() -> Chaos {
         Chaos {
-            between_kills_s: Some(0.5),
+            mean_time_between_kills_s: Some(0.5),
             restart_after_ns: 300_000_000,
-            between_freezes_s: Some(1.0),
-            freeze_s: 0.4,
+            mean_time_between_freezes_s: Some(1.0),
+            mean_freeze_s: 0.4,
             partitions: None,
-            from_ns: 2_000_000_000,
-            until_ns: 102_000_000_000,
+            earliest_start_ns: 2_000_000_000,
+            latest_start_ns: 102_000_000_000,
         }
     }
 
     fn draw_faults(seed: u64) -> Vec<Fault> {
-        chaos().draw(seed, &mut Availability::new(3))
+        example_chaos().draw(seed, &mut Availability::new(3))
     }
 
     #[test]
@@ -225,11 +243,12 @@ mod tests {
     #[test]
     fn partitions_affect_one_host_at_a_time() {
         let hosts = vec!["b".to_owned(), "c".to_owned()];
-        let partitions = Some(Partitions { between_s: 1.0, mean_s: 0.5, hosts });
-        let both = Chaos { partitions, ..chaos() };
+        let partitions =
+            Some(RandomPartitions { mean_interval_s: 1.0, mean_duration_s: 0.5, hosts });
+        let both = Chaos { partitions, ..example_chaos() };
         for seed in 0..20 {
             let all = both.draw(seed, &mut Availability::new(3));
-            assert!(all.is_sorted_by_key(|fault| fault.at_ns));
+            assert!(all.is_sorted_by_key(|fault| fault.start_ns));
             let (apart, others): (Vec<Fault>, Vec<Fault>) = all
                 .into_iter()
                 .partition(|fault| matches!(fault.kind, FaultKind::Partition { .. }));
@@ -241,7 +260,7 @@ mod tests {
                 apart.iter().filter(|fault| fault.kind == host).count()
             };
             assert!(of("b") > 20 && of("c") > 20 && of("b") + of("c") == apart.len());
-            assert!(apart.iter().all(|fault| fault.for_ns.is_some_and(|for_ns| for_ns > 0)));
+            assert!(apart.iter().all(|fault| fault.duration_ns.is_some_and(|for_ns| for_ns > 0)));
         }
     }
 
@@ -254,8 +273,8 @@ mod tests {
             // The expected numbers are 200 and 100. Few find no robot that is up.
             assert!((140..240).contains(&kills), "seed {seed}: {kills} kills");
             assert!((60..135).contains(&freezes), "seed {seed}: {freezes} freezes");
-            let within = |fault: &Fault| (2_000_000_000..102_000_000_000).contains(&fault.at_ns);
-            assert!(faults.is_sorted_by_key(|fault| fault.at_ns) && faults.iter().all(within));
+            let within = |fault: &Fault| (2_000_000_000..102_000_000_000).contains(&fault.start_ns);
+            assert!(faults.is_sorted_by_key(|fault| fault.start_ns) && faults.iter().all(within));
             let mut availability = Availability::new(3);
             for fault in &faults {
                 assert_eq!(availability.record_fault(fault), Ok(()), "seed {seed}: {fault:?}");

@@ -1,6 +1,6 @@
-//! Declaration of keys. [`crate::keys!`] takes one row for each key: name, type, range, default and description. The row
-//! of the format, the constant by which the key is read, and the field of a struct of settings follow from it, so that
-//! they cannot disagree.
+//! Declaration of keys. [`crate::keys!`] takes one row for each key: name, type, range, default and description. The
+//! row of the format, the constant by which the key is read, and the field of a struct of settings follow from it, so
+//! that they cannot disagree.
 
 /// Declares a group of keys, each by one row:
 ///
@@ -8,8 +8,8 @@
 /// KEY: TYPE [as FIELD: RUST_TYPE] => .default("TOML", "description").bounds("range").guesses("words");
 /// ```
 ///
-/// `.required`, `.default`, `.rule` or `.optional` comes first; see the methods of [`super::format::Key`]. A row with `as`
-/// becomes a field of the struct of settings that the head names, and is read into it.
+/// `.required`, `.default`, `.rule` or `.optional` comes first; see the methods of [`super::format::KeySpec`]. A row
+/// with `as` becomes a field of the struct of settings that the head names, and is read into it.
 #[macro_export]
 macro_rules! keys {
     (
@@ -31,8 +31,8 @@ macro_rules! keys {
             > = $crate::scenario::fields::TypedKey::new(stringify!($key));)*
         }
 
-        impl $crate::scenario::fields::Group for $group {
-            fn rows() -> Vec<$crate::scenario::format::Key> {
+        impl $crate::scenario::fields::KeyGroup for $group {
+            fn rows() -> Vec<$crate::scenario::format::KeySpec> {
                 vec![$($crate::scenario::format::key(
                     stringify!($key),
                     $crate::value_type!($kind $(<$of>)? $(($($arg),*))?),
@@ -65,7 +65,7 @@ macro_rules! settings {
 
         impl $settings {
             /// Reads all settings.
-            pub(crate) fn read<S: $crate::scenario::fields::Has<$group>>(
+            pub(crate) fn read<S: $crate::scenario::fields::HasGroup<$group>>(
                 table: &$crate::scenario::table::TableReader<'_, S>,
             ) -> Result<$settings, $crate::scenario::diagnostic::Diagnostic> {
                 Ok($settings { $($field: $crate::read_setting!($mode table $group::$key),)* })
@@ -91,10 +91,10 @@ macro_rules! description {
 #[macro_export]
 macro_rules! read_setting {
     (required $table:ident $key:expr) => {
-        $crate::scenario::table::read($table, $key)?
+        $crate::scenario::table::read_required($table, $key)?
     };
     (default $table:ident $key:expr) => {
-        $crate::scenario::table::read($table, $key)?
+        $crate::scenario::table::read_required($table, $key)?
     };
     ($optional:ident $table:ident $key:expr) => {
         $crate::scenario::table::read_optional($table, $key)?
@@ -107,6 +107,7 @@ macro_rules! read_setting {
 macro_rules! value_type {
     (Table<$table:ty>) => { $crate::value_type!(@ Table $table) };
     (Tables<$table:ty>) => { $crate::value_type!(@ Tables $table) };
+    (FileOrTable<$table:ty>) => { $crate::value_type!(@ FileOrTable $table) };
     (NamedTables<$table:ty>) => { $crate::value_type!(@ NamedTables $table) };
     (@ $kind:ident $table:ty) => {
         $crate::scenario::format::ValueType::$kind(
@@ -132,14 +133,14 @@ macro_rules! tables {
                 const NAME: &'static str = $name;
                 const DESCRIPTION: &'static str = $description;
 
-                fn rows() -> Vec<$crate::scenario::format::Key> {
-                    let groups: Vec<Vec<$crate::scenario::format::Key>> =
-                        vec![$(<$group as $crate::scenario::fields::Group>::rows()),*];
+                fn rows() -> Vec<$crate::scenario::format::KeySpec> {
+                    let groups: Vec<Vec<$crate::scenario::format::KeySpec>> =
+                        vec![$(<$group as $crate::scenario::fields::KeyGroup>::rows()),*];
                     groups.concat()
                 }
             }
 
-            $(impl $crate::scenario::fields::Has<$group> for $table {})*
+            $(impl $crate::scenario::fields::HasGroup<$group> for $table {})*
         )*
     };
 }

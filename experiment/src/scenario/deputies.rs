@@ -8,11 +8,11 @@ use protocol::message::DEPUTIES_MAX;
 use super::Scenario;
 use super::diagnostic::Diagnostic;
 use super::keys;
-use super::robots::{NeighborKeys, robot_named};
+use super::robots::{NeighborKeys, parse_robot_index};
 use super::table::TableReader;
 
 /// Returns the succession of every secondary leader that declares deputies.
-pub(super) fn successions(
+pub(super) fn parse_successions(
     scenario: &Scenario,
     ties: &[NeighborKeys<'_>],
 ) -> Result<Vec<Succession>, Diagnostic> {
@@ -34,10 +34,10 @@ pub(super) fn successions(
         let of = name(leader);
         let mut deputies: Vec<usize> = Vec::new();
         for value in list.elements("expected a list of names of robots: [\"r2\", \"r3\"]")? {
-            let deputy = robot_named(&value, robots)?;
+            let deputy = parse_robot_index(&value, robots)?;
             let other = name(deputy);
             let wrong = |what: String, expected: String| Err(value.error_at_value(what, expected));
-            if robots[deputy].role.reference != Reference::Middle {
+            if robots[deputy].role.reference != Reference::NeighborMean {
                 let what = format!("{other} is a deputy of {of}, but has a slot of its own");
                 return wrong(what, "expected contained robots".to_owned());
             }
@@ -69,7 +69,7 @@ pub(super) fn successions(
 }
 
 /// Returns the indices of the backup leaders of the main leader, in order of preference.
-pub(super) fn deputies(
+pub(super) fn parse_deputies(
     root: &TableReader<'_, keys::Root>,
     scenario: &Scenario,
 ) -> Result<Vec<usize>, Diagnostic> {
@@ -77,7 +77,7 @@ pub(super) fn deputies(
     let robots = &scenario.robots;
     let mut deputies: Vec<usize> = Vec::new();
     for value in list.elements("expected a list of names of robots: [\"r2\", \"r3\"]")? {
-        let deputy = robot_named(&value, robots)?;
+        let deputy = parse_robot_index(&value, robots)?;
         let name = &robots[deputy].name;
         let wrong = |what: String, expected: String| Err(value.error_at_value(what, expected));
         let Some(leader) = scenario.leader() else {
@@ -93,7 +93,7 @@ pub(super) fn deputies(
                 let what = format!("the leader {name} cannot be its own deputy");
                 return wrong(what, "expected robots that keep a slot relative to it".to_owned());
             }
-            Reference::Middle | Reference::Goal | Reference::Free => {
+            Reference::NeighborMean | Reference::Goal | Reference::LawTarget => {
                 let what = format!("{name} keeps no slot relative to {leader}, so it cannot lead");
                 return wrong(what, "expected a robot with a formation law".to_owned());
             }

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use annotate_snippets::{Annotation, AnnotationKind, Level, Renderer, Snippet};
-use protocol::terminal_escape::{escape_to_one_line, lines};
+use protocol::terminal_escape::{escape_lines, escape_to_one_line};
 use serde::Serialize;
 
 /// Maximum length of a line that is shown as a snippet, bytes. Longer lines are assumed to be no scenario.
@@ -38,7 +38,7 @@ pub struct Diagnostic {
     pub line: u32,
     /// Column of the found value in characters, from 1. 0 without a source location.
     pub column: u32,
-    place: Option<Box<ErrorContext>>,
+    context: Option<Box<ErrorContext>>,
 }
 
 /// Source location of a diagnostic, with its context.
@@ -46,7 +46,7 @@ pub struct Diagnostic {
 struct ErrorContext {
     location: SourceLocation,
     /// Location at which another file imports this one.
-    imported_by: Option<SourceLocation>,
+    import_location: Option<SourceLocation>,
     /// Additional sentence that is printed below the diagnostic.
     note: Option<&'static str>,
 }
@@ -77,11 +77,11 @@ impl SourceLocation {
             return None;
         }
         let end = end.min(line_end);
-        let mut line = lines(&self.text[line_start..start]).into_owned();
+        let mut line = escape_lines(&self.text[line_start..start]).into_owned();
         let marked_from = line.len();
-        line += &lines(&self.text[start..end]);
+        line += &escape_lines(&self.text[start..end]);
         let marked = marked_from..line.len();
-        line += &lines(self.text[end..line_end].trim_end_matches('\r'));
+        line += &escape_lines(self.text[end..line_end].trim_end_matches('\r'));
         let snippet = Snippet::source(line).line_start(self.line as usize);
         Some(snippet.path(self.file.as_ref()).annotation(mark(marked)))
     }
@@ -102,12 +102,12 @@ impl Diagnostic {
             expected: expected.into(),
             line: 0,
             column: 0,
-            place: None,
+            context: None,
         }
     }
 
     /// Returns the diagnostic as a warning.
-    pub fn as_warning(self) -> Diagnostic {
+    pub fn into_warning(self) -> Diagnostic {
         Diagnostic { severity: Severity::Warning, ..self }
     }
 
@@ -119,10 +119,10 @@ impl Diagnostic {
         };
         let (message, expected) =
             (escape_to_one_line(&self.message), escape_to_one_line(&self.expected));
-        let Some(place) = &self.place else {
+        let Some(place) = &self.context else {
             return format!("{word}: {message}; {expected}");
         };
-        let ErrorContext { location, imported_by, note } = place.as_ref();
+        let ErrorContext { location, import_location: imported_by, note } = place.as_ref();
         let here = |span| AnnotationKind::Primary.span(span).label(expected.as_ref());
         let Some(snippet) = location.snippet(here) else {
             let imported =
@@ -151,39 +151,39 @@ impl Diagnostic {
 
 /// Source text with its displayed file name.
 #[derive(Debug, Clone)]
-pub struct Source {
+pub struct SourceText {
     file: Arc<str>,
     text: Arc<str>,
     note: Option<&'static str>,
-    imported_by: Option<SourceLocation>,
-    parts: Option<Box<Parts>>,
+    import_location: Option<SourceLocation>,
+    parts: Option<Box<SourceParts>>,
 }
 
 /// Origins of the parts of a text that is composed of two files.
 #[derive(Debug, Clone)]
-struct Parts {
+struct SourceParts {
     /// Start of each part in the text, with its origin.
-    starts: Vec<(usize, Origin)>,
-    scenario: Source,
-    graph: Source,
+    part_starts: Vec<(usize, TextOrigin)>,
+    scenario: SourceText,
+    graph: SourceText,
 }
 
 /// Origin of a part of a composed text.
 #[derive(Debug, Clone)]
-pub(crate) enum Origin {
+pub(crate) enum TextOrigin {
     /// A copy of the scenario file from this byte on.
     Scenario(usize),
     /// Generated from this byte range of the graph file.
     Graph(Range<usize>),
 }
 
-impl Source {
+impl SourceText {
     /// Creates a source. `edited`: the text differs from the file, because overrides were applied.
-    pub fn new(file: &Path, text: &str, edited: bool) -> Source {
-        Source {
+    pub fn new(file: &Path, text: &str, edited: bool) -> SourceText {
+        SourceText {
             file: escape_to_one_line(&file.display().to_string()).into(),
             text: text.into(),
-            imported_by: None,
+            import_location: None,
             note: edited.then_some(
                 "--set, --fault and --seed are applied: lines are those of the resulting file",
             ),
@@ -192,8 +192,8 @@ impl Source {
     }
 
     /// Sets the location at which another file imports this one.
-    pub(crate) fn imported_by(self, importer: SourceLocation) -> Source {
-        Source { imported_by: Some(importer), ..self }
+    pub(crate) fn with_import_location(self, importer: SourceLocation) -> SourceText {
+        SourceText { import_location: Some(importer), ..self }
     }
 
     /// Creates the source of a text composed of the scenario and a graph file. Its diagnostics point into these files.
@@ -201,33 +201,35 @@ impl Source {
     pub(crate) fn from_parts(
         file: &Path,
         text: &str,
-        starts: Vec<(usize, Origin)>,
-        scenario: Source,
-        graph: Source,
-    ) -> Source {
-        let parts = Some(Box::new(Parts { starts, scenario, graph }));
-        Source { parts, ..Source::new(file, text, false) }
+        starts: Vec<(usize, TextOrigin)>,
+        scenario: SourceText,
+        graph: SourceText,
+    ) -> SourceText {
+        let parts = Some(Box::new(SourceParts { part_starts: starts, scenario, graph }));
+        SourceText { parts, ..SourceText::new(file, text, false) }
     }
 
     /// Returns an error at the byte range `span`.
-    pub fn error(
+    pub fn error_at(
         &self,
         span: &Range<usize>,
         message: impl Into<String>,
         expected: impl Into<String>,
     ) -> Diagnostic {
         if let Some(parts) = &self.parts {
-            let part = parts.starts.partition_point(|(start, _)| *start <= span.start);
-            match &parts.starts[part.saturating_sub(1)] {
-                (start, Origin::Scenario(original)) => {
-                    let length = match parts.starts.get(part) {
+            let part = parts.part_starts.partition_point(|(start, _)| *start <= span.start);
+            match &parts.part_starts[part.saturating_sub(1)] {
+                (start, TextOrigin::Scenario(original)) => {
+                    let length = match parts.part_starts.get(part) {
                         Some((next, _)) => span.end.min(*next).saturating_sub(span.start),
                         None => span.end.saturating_sub(span.start),
                     };
                     let at = original + span.start.saturating_sub(*start);
-                    return parts.scenario.error(&(at..at + length), message, expected);
+                    return parts.scenario.error_at(&(at..at + length), message, expected);
                 }
-                (_, Origin::Graph(origin)) => return parts.graph.error(origin, message, expected),
+                (_, TextOrigin::Graph(origin)) => {
+                    return parts.graph.error_at(origin, message, expected);
+                }
             }
         }
         let location = self.location(span);
@@ -237,9 +239,9 @@ impl Source {
             expected: expected.into(),
             line: location.line,
             column: location.column,
-            place: Some(Box::new(ErrorContext {
+            context: Some(Box::new(ErrorContext {
                 location,
-                imported_by: self.imported_by.clone(),
+                import_location: self.import_location.clone(),
                 note: self.note,
             })),
         }
@@ -247,8 +249,8 @@ impl Source {
 
     /// Returns the source location of a byte range.
     pub(crate) fn location(&self, span: &Range<usize>) -> SourceLocation {
-        let start = self.boundary(span.start);
-        let end = self.boundary(span.end.max(start));
+        let start = self.floor_char_boundary(span.start);
+        let end = self.floor_char_boundary(span.end.max(start));
         let before = &self.text[..start];
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
         let small = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
@@ -262,19 +264,19 @@ impl Source {
     }
 
     /// Returns the line, from 1, of a byte of the text.
-    pub(crate) fn line(&self, at: usize) -> u32 {
+    pub(crate) fn line_number_at(&self, at: usize) -> u32 {
         self.location(&(at..at)).line
     }
 
     /// Returns the file, line and column of a range of bytes. In a spliced text they are those of the file that it
     /// comes from.
     pub(crate) fn original_location(&self, span: &Range<usize>) -> String {
-        let place = self.error(span, "", "").place.expect("an error of a text has a place");
+        let place = self.error_at(span, "", "").context.expect("an error of a text has a place");
         place.location.to_string()
     }
 
     /// Returns the largest character boundary that is at most `at`.
-    fn boundary(&self, at: usize) -> usize {
+    fn floor_char_boundary(&self, at: usize) -> usize {
         let mut at = at.min(self.text.len());
         while !self.text.is_char_boundary(at) {
             at -= 1;
@@ -284,11 +286,11 @@ impl Source {
 }
 
 /// A number in a message. It has an exponent below 1e-12 and from 1e16 on, where its digits would fill a line.
-pub(super) struct Shown(pub(super) f64);
+pub(super) struct DisplayedNumber(pub(super) f64);
 
-impl std::fmt::Display for Shown {
+impl std::fmt::Display for DisplayedNumber {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Shown(number) = *self;
+        let DisplayedNumber(number) = *self;
         match number.abs() {
             size if size != 0.0 && !(1e-12..1e16).contains(&size) && size.is_finite() => {
                 write!(f, "{number:e}")
@@ -338,7 +340,8 @@ mod tests {
         let text = "ä\t\u{1b}\r\n\n€ = 3\u{0}\n最後";
         for start in 0..text.len() + 3 {
             for end in 0..text.len() + 3 {
-                let error = Source::new(Path::new("t"), text, true).error(&(start..end), "m", "e");
+                let error =
+                    SourceText::new(Path::new("t"), text, true).error_at(&(start..end), "m", "e");
                 let shown = error.render(false);
                 assert!(error.render(true).contains("\u{1b}["));
                 assert!(!shown.is_empty() && !shown.contains('\u{1b}'), "{shown:?}");
@@ -357,23 +360,23 @@ mod tests {
             (0.0, "0"),
             (1e9, "1000000000"),
         ] {
-            assert_eq!(Shown(number).to_string(), text);
+            assert_eq!(DisplayedNumber(number).to_string(), text);
             assert_eq!(text.parse(), Ok(number));
         }
-        assert_eq!(Shown(f64::INFINITY).to_string(), "inf");
+        assert_eq!(DisplayedNumber(f64::INFINITY).to_string(), "inf");
     }
 
     #[test]
     fn control_characters_of_a_file_are_escaped() {
         let text = "name = \"\u{1b}[2J\u{9b}\u{202e}\"\n";
-        let importer = Source::new(Path::new("\u{7}.toml"), text, false).location(&(0..4));
+        let importer = SourceText::new(Path::new("\u{7}.toml"), text, false).location(&(0..4));
         for path in ["\u{1b}]0;x\u{7}.toml", "b\nc\u{202e}.toml"] {
             for text in [text, &format!("{text} # {}", "\u{1b}".repeat(2 * SNIPPET_LINE_BYTES_MAX))]
             {
-                let source =
-                    Source::new(Path::new(path), text, false).imported_by(importer.clone());
+                let source = SourceText::new(Path::new(path), text, false)
+                    .with_import_location(importer.clone());
                 for diagnostic in [
-                    source.error(&(7..12), format!("`name` is {text}"), text),
+                    source.error_at(&(7..12), format!("`name` is {text}"), text),
                     Diagnostic::without_location(format!("`{path}` is {text}"), text),
                 ] {
                     let shown = diagnostic.render(false);

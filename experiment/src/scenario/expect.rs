@@ -3,13 +3,13 @@
 use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
-use super::metrics::{Metric, bounds};
-use super::robots::robot_named;
-use super::table::{TableReader, Value};
-use super::{AliveAtEnd, Expectations, Robot, Wall, seconds};
+use super::metrics::{Metric, parse_metric_bounds};
+use super::robots::parse_robot_index;
+use super::table::{TableReader, TypedValue};
+use super::{AliveAtEnd, Expectations, Robot, Wall, ns_to_seconds};
 
 /// Parses `[expect]`.
-pub(super) fn expect(
+pub(super) fn parse_expectations(
     root: &TableReader<'_, keys::Root>,
     robots: &[Robot],
     walls: &[Wall],
@@ -17,17 +17,17 @@ pub(super) fn expect(
     duration_ns: u64,
 ) -> Result<Expectations, Diagnostic> {
     let table = root.table(keys::Root::expect)?;
-    let number = |key| table.maybe_number(key);
+    let number = |key| table.optional_number(key);
     let whole = |key| table.get(key).map(|value| value.integer()).transpose();
-    let converged_by_s = table.maybe_number(keys::Expect::converged_by_s)?;
+    let converged_by_s = table.optional_number(keys::Expect::converged_by_s)?;
     if let (Some(by_s), Some(value)) = (converged_by_s, table.get(keys::Expect::converged_by_s))
-        && by_s > seconds(duration_ns)
+        && by_s > ns_to_seconds(duration_ns)
     {
         return Err(value.error_about_key(
             format!("is {by_s}, when the run is over"),
             format!(
                 "expected at most `duration_s`, {} s; `--set expect={{}}` runs it without expectations",
-                seconds(duration_ns)
+                ns_to_seconds(duration_ns)
             ),
         ));
     }
@@ -39,6 +39,7 @@ pub(super) fn expect(
     }
     Ok(Expectations {
         min_distance_m: number(keys::Expect::min_distance_m)?,
+        min_distance_over_d: number(keys::Expect::min_distance_over_d)?,
         min_clearance_m: number(keys::Expect::min_clearance_m)?,
         final_error_m_max: number(keys::Expect::final_error_m_max)?,
         final_ideal_error_m_max: number(keys::Expect::final_ideal_error_m_max)?,
@@ -51,15 +52,15 @@ pub(super) fn expect(
             .map(|value| parse_alive_at_end(&value, robots))
             .transpose()?,
         deadline_misses_max: whole(keys::Expect::deadline_misses_max)?,
-        exit: whole(keys::Expect::exit)?.map(|code| code as u8),
-        metrics: bounds(&table, metrics)?,
+        exit_code: whole(keys::Expect::exit)?.map(|code| code as u8),
+        metrics: parse_metric_bounds(&table, metrics)?,
         converged_error_m: table.number(keys::Expect::converged_error_m)?,
     })
 }
 
 /// Parses `alive_at_end`: names of robots, or their number.
 fn parse_alive_at_end(
-    value: &Value<'_, kinds::NamesOrCount>,
+    value: &TypedValue<'_, kinds::NamesOrCount>,
     robots: &[Robot],
 ) -> Result<AliveAtEnd, Diagnostic> {
     if !value.is_list() {
@@ -72,11 +73,11 @@ fn parse_alive_at_end(
     }
     let mut names = Vec::new();
     for name in value.elements("expected names of robots, or how many")? {
-        let robot = robot_named(&name, robots)?;
+        let robot = parse_robot_index(&name, robots)?;
         if names.contains(&robot) {
             return Err(name.error_about_key("names a robot twice", "expected each robot once"));
         }
         names.push(robot);
     }
-    Ok(AliveAtEnd::Names(names))
+    Ok(AliveAtEnd::Robots(names))
 }

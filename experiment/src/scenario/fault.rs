@@ -7,30 +7,32 @@
 use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind};
 use toml_edit::{Array, Item, Table, Value, value};
 
-use super::diagnostic::{Shown, most_similar_word};
-use super::{Fault, FaultKind, Scenario, Silenced, Struck, seconds as in_seconds};
+use super::diagnostic::{DisplayedNumber, most_similar_word};
+use super::{
+    AffectedComponent, Fault, FaultKind, Scenario, SilencedSource, ns_to_seconds as in_seconds,
+};
 
 /// Syntax of a kind of fault: `KIND SUBJECT [WORD NUMBER]... @SECONDS [for SECONDS]` on the command line, keys in a
 /// file.
 #[derive(Debug)]
-pub(crate) struct Form {
+pub(crate) struct FaultSyntax {
     /// Value of the key `kind`, and first word on the command line.
     pub(crate) kind: &'static str,
     /// Description of the fault, in one line.
     pub(crate) description: &'static str,
     /// Component that the fault affects.
-    subject: Subject,
+    target: FaultTarget,
     /// `true` if the fault has a duration and allows the key `for_s`.
-    lasts: bool,
+    has_duration: bool,
     /// Parameters beyond subject, time and duration.
-    details: &'static [Detail],
+    parameters: &'static [ParameterSyntax],
     /// Syntax on the command line, in one line.
     pub(crate) grammar: &'static str,
 }
 
 /// Component that a fault affects, and the keys that name it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Subject {
+enum FaultTarget {
     /// A robot: `robot`.
     Robot,
     /// A link: `from` and `to`; `r1->r2` on the command line.
@@ -49,161 +51,194 @@ enum Subject {
 
 /// A keyword of the command line and the key that it sets.
 #[derive(Debug)]
-struct Detail {
-    word: &'static str,
+struct ParameterSyntax {
+    keyword: &'static str,
     key: &'static str,
-    value: DetailValue,
-    needed: bool,
+    value_type: ParameterType,
+    is_required: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum DetailValue {
+enum ParameterType {
     /// A number, at least 0.
     Number,
     /// A number of either sign.
-    Signed,
-    Whole,
+    SignedNumber,
+    Integer,
     /// `[x, y]`.
     Pair,
     /// No value: the keyword itself sets the key to `true`.
-    Yes,
+    Flag,
 }
 
-const fn may(word: &'static str, value: DetailValue, key: &'static str) -> Detail {
-    Detail { word, key, value, needed: false }
+const fn optional_parameter(
+    word: &'static str,
+    value: ParameterType,
+    key: &'static str,
+) -> ParameterSyntax {
+    ParameterSyntax { keyword: word, key, value_type: value, is_required: false }
 }
 
-const fn needs(word: &'static str, value: DetailValue, key: &'static str) -> Detail {
-    Detail { needed: true, ..may(word, value, key) }
+const fn required_parameter(
+    word: &'static str,
+    value: ParameterType,
+    key: &'static str,
+) -> ParameterSyntax {
+    ParameterSyntax { is_required: true, ..optional_parameter(word, value, key) }
 }
 
 /// Creates the form of a fault with a duration and without parameters.
-const fn form(kind: &'static str, subject: Subject, description: &'static str) -> Form {
-    Form { kind, description, subject, lasts: true, details: &[], grammar: "" }
-}
-
-impl Form {
-    const fn with_grammar(self, grammar: &'static str) -> Form {
-        Form { grammar, ..self }
-    }
-
-    const fn with_details(self, details: &'static [Detail]) -> Form {
-        Form { details, ..self }
-    }
-
-    const fn without_duration(self) -> Form {
-        Form { lasts: false, ..self }
+const fn fault_syntax(
+    kind: &'static str,
+    subject: FaultTarget,
+    description: &'static str,
+) -> FaultSyntax {
+    FaultSyntax {
+        kind,
+        description,
+        target: subject,
+        has_duration: true,
+        parameters: &[],
+        grammar: "",
     }
 }
 
-impl Subject {
+impl FaultSyntax {
+    const fn with_grammar(self, grammar: &'static str) -> FaultSyntax {
+        FaultSyntax { grammar, ..self }
+    }
+
+    const fn with_parameters(self, details: &'static [ParameterSyntax]) -> FaultSyntax {
+        FaultSyntax { parameters: details, ..self }
+    }
+
+    const fn without_duration(self) -> FaultSyntax {
+        FaultSyntax { has_duration: false, ..self }
+    }
+}
+
+impl FaultTarget {
     /// Returns the keys that name the component, in their order on the command line.
     fn keys(self) -> &'static [&'static str] {
         match self {
             Robot | Beacons => &["robot"],
             Link => &["from", "to"],
             Stream => &["robot", "stream"],
-            Subject::Sensor => &["robot", "sensor"],
+            FaultTarget::Sensor => &["robot", "sensor"],
             Hosts => &["hosts"],
             Machine => &[],
         }
     }
 }
 
-use DetailValue::{Number, Pair, Signed, Whole, Yes};
-use Subject::{Beacons, Hosts, Link, Machine, Robot, Stream};
+use FaultTarget::{Beacons, Hosts, Link, Machine, Robot, Stream};
+use ParameterType::{Flag, Integer, Number, Pair, SignedNumber};
 
-const LOSS: &[Detail] = &[needs("of", Number, "probability"), may("burst", Whole, "burst")];
-const BURSTS: &[Detail] =
-    &[needs("of", Number, "probability"), needs("mean", Number, "mean_burst_s")];
-const DELAY: &[Detail] = &[needs("by", Number, "delay_s"), may("jitter", Number, "jitter_s")];
-const LIE: &[Detail] = &[
-    may("by", Pair, "by_m"),
-    may("drift", Pair, "drift_m_s"),
-    may("random", Number, "random_m"),
-    may("turn", Signed, "turn_rad"),
+const LOSS_PARAMETERS: &[ParameterSyntax] = &[
+    required_parameter("of", Number, "probability"),
+    optional_parameter("burst", Integer, "burst"),
+];
+const BURST_PARAMETERS: &[ParameterSyntax] = &[
+    required_parameter("of", Number, "probability"),
+    required_parameter("mean", Number, "mean_burst_s"),
+];
+const DELAY_PARAMETERS: &[ParameterSyntax] = &[
+    required_parameter("by", Number, "delay_s"),
+    optional_parameter("jitter", Number, "jitter_s"),
+];
+const LIE_PARAMETERS: &[ParameterSyntax] = &[
+    optional_parameter("by", Pair, "by_m"),
+    optional_parameter("drift", Pair, "drift_m_s"),
+    optional_parameter("random", Number, "random_m"),
+    optional_parameter("turn", SignedNumber, "turn_rad"),
+    optional_parameter("scale", SignedNumber, "message_scale"),
+    optional_parameter("offset", SignedNumber, "message_offset"),
+    optional_parameter("noise", Number, "message_noise"),
+    optional_parameter("flips", Number, "message_bit_flips"),
 ];
 
 /// All forms of faults. A kind that affects links and also streams or beacons has a form for each.
-pub(crate) const FORMS: &[Form] = &[
-    form("kill", Robot, "kills the process of a robot, or the plant (SIGKILL)")
+pub(crate) const FAULT_SYNTAXES: &[FaultSyntax] = &[
+    fault_syntax("kill", Robot, "kills the process of a robot, or the plant (SIGKILL)")
         .with_grammar("kill ROBOT|plant @SECONDS [restart SECONDS]")
-        .with_details(&[may("restart", Number, "restart_after_s")])
+        .with_parameters(&[optional_parameter("restart", Number, "restart_after_s")])
         .without_duration(),
-    form("freeze", Robot, "stops the process of a robot (SIGSTOP) and resumes it at the end of the fault (SIGCONT)")
+    fault_syntax("freeze", Robot, "stops the process of a robot (SIGSTOP) and resumes it at the end of the fault (SIGCONT)")
         .with_grammar("freeze ROBOT @SECONDS [for SECONDS]"),
-    form("slow", Robot, "delays the answers of a robot, as if it computed slowly")
+    fault_syntax("slow", Robot, "delays the answers of a robot, as if it computed slowly")
         .with_grammar("slow ROBOT by SECONDS @SECONDS [for SECONDS]")
-        .with_details(&[needs("by", Number, "delay_s")]),
-    form("cut", Link, "takes a link down")
+        .with_parameters(&[required_parameter("by", Number, "delay_s")]),
+    fault_syntax("cut", Link, "takes a link down")
         .with_grammar("cut FROM->TO @SECONDS [for SECONDS]"),
-    form("loss", Link, "drops beacons of a link at random")
+    fault_syntax("loss", Link, "drops beacons of a link at random")
         .with_grammar("loss FROM->TO of SHARE [burst BEACONS] @SECONDS [for SECONDS]")
-        .with_details(LOSS),
-    form("loss", Stream, "drops odometry samples or commands of a robot at random")
+        .with_parameters(LOSS_PARAMETERS),
+    fault_syntax("loss", Stream, "drops odometry samples or commands of a robot at random")
         .with_grammar("loss ROBOT odometry|commands of SHARE [burst MESSAGES] @SECONDS [for SECONDS]")
-        .with_details(LOSS),
-    form("bursts", Link, "drops all beacons of a link while it is in a bad state of random duration (Gilbert-Elliott model)")
+        .with_parameters(LOSS_PARAMETERS),
+    fault_syntax("bursts", Link, "drops all beacons of a link while it is in a bad state of random duration (Gilbert-Elliott model)")
         .with_grammar("bursts FROM->TO of SHARE mean SECONDS @SECONDS [for SECONDS]")
-        .with_details(BURSTS),
-    form("bursts", Stream, "drops all odometry samples or commands of a robot during a bad state of random duration (Gilbert-Elliott model)")
+        .with_parameters(BURST_PARAMETERS),
+    fault_syntax("bursts", Stream, "drops all odometry samples or commands of a robot during a bad state of random duration (Gilbert-Elliott model)")
         .with_grammar("bursts ROBOT odometry|commands of SHARE mean SECONDS @SECONDS [for SECONDS]")
-        .with_details(BURSTS),
-    form("fading", Link, "delivers a beacon over the distance r with probability exp(-(r / range)^exponent)")
+        .with_parameters(BURST_PARAMETERS),
+    fault_syntax("fading", Link, "delivers a beacon over the distance r with probability exp(-(r / range)^exponent)")
         .with_grammar("fading FROM->TO range METERS [exponent NUMBER] @SECONDS [for SECONDS]")
-        .with_details(&[needs("range", Number, "range_m"), may("exponent", Number, "exponent")]),
-    form("delay", Link, "delays the beacons of a link")
+        .with_parameters(&[required_parameter("range", Number, "range_m"), optional_parameter("exponent", Number, "exponent")]),
+    fault_syntax("delay", Link, "delays the beacons of a link")
         .with_grammar("delay FROM->TO by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]")
-        .with_details(DELAY),
-    form("delay", Stream, "delays the odometry samples or commands of a robot")
+        .with_parameters(DELAY_PARAMETERS),
+    fault_syntax("delay", Stream, "delays the odometry samples or commands of a robot")
         .with_grammar("delay ROBOT odometry|commands by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]")
-        .with_details(DELAY),
-    form("lie", Link, "falsifies the beacons of a robot to one out-neighbor (Byzantine fault); its motion is unaffected")
-        .with_grammar("lie FROM->TO [by [X,Y]] [drift [VX,VY]] [random METERS] [turn RADIANS] @SECONDS [for SECONDS]")
-        .with_details(LIE),
-    form("lie", Beacons, "falsifies the beacons of a robot to all out-neighbors (Byzantine fault); its motion is unaffected")
-        .with_grammar("lie ROBOT beacons [by [X,Y]] [drift [VX,VY]] [random METERS] [turn RADIANS] @SECONDS [for SECONDS]")
-        .with_details(LIE),
-    form("blackout", Subject::Sensor, "sensor dropout: a sensor of a robot gives no data")
+        .with_parameters(DELAY_PARAMETERS),
+    fault_syntax("lie", Link, "falsifies the beacons of a robot to one out-neighbor, and the messages of its law (Byzantine fault); its motion is unaffected")
+        .with_grammar("lie FROM->TO [by [X,Y]] [drift [VX,VY]] [random METERS] [turn RADIANS] [scale NUMBER] [offset NUMBER] [noise NUMBER] [flips SHARE] @SECONDS [for SECONDS]")
+        .with_parameters(LIE_PARAMETERS),
+    fault_syntax("lie", Beacons, "falsifies the beacons of a robot to all out-neighbors, and the messages of its law (Byzantine fault); its motion is unaffected")
+        .with_grammar("lie ROBOT beacons [by [X,Y]] [drift [VX,VY]] [random METERS] [turn RADIANS] [scale NUMBER] [offset NUMBER] [noise NUMBER] [flips SHARE] @SECONDS [for SECONDS]")
+        .with_parameters(LIE_PARAMETERS),
+    fault_syntax("blackout", FaultTarget::Sensor, "sensor dropout: a sensor of a robot gives no data")
         .with_grammar("blackout ROBOT odometry|proximity @SECONDS [for SECONDS]"),
-    form("noise", Subject::Sensor, "adds a bounded random error to a sensor of a robot")
+    fault_syntax("noise", FaultTarget::Sensor, "adds a bounded random error to a sensor of a robot")
         .with_grammar("noise ROBOT odometry|proximity by METERS [heading RADIANS] @SECONDS [for SECONDS]")
-        .with_details(&[needs("by", Number, "bound_m"), may("heading", Number, "heading_bound_rad")]),
-    form("wheels", Robot, "blocks the wheels of a robot or limits their speed")
+        .with_parameters(&[required_parameter("by", Number, "bound_m"), optional_parameter("heading", Number, "heading_bound_rad")]),
+    fault_syntax("wheels", Robot, "blocks the wheels of a robot or limits their speed")
         .with_grammar("wheels ROBOT stuck|limit M_PER_S @SECONDS [for SECONDS]")
-        .with_details(&[may("stuck", Yes, "stuck"), may("limit", Number, "speed_max_m_s")]),
-    form("partition", Hosts, "network partition between some hosts of a fleet and the others (only with --fleet)")
+        .with_parameters(&[optional_parameter("stuck", Flag, "stuck"), optional_parameter("limit", Number, "speed_max_m_s")]),
+    fault_syntax("partition", Hosts, "network partition between some hosts of a fleet and the others (only with --fleet)")
         .with_grammar("partition HOST[,HOST...] @SECONDS [for SECONDS]"),
-    form("load", Machine, "starts extra processes that take CPU time from the others")
+    fault_syntax("load", Machine, "starts extra processes that take CPU time from the others")
         .with_grammar("load of PROCESSES @SECONDS [for SECONDS]")
-        .with_details(&[needs("of", Whole, "processes")]),
+        .with_parameters(&[required_parameter("of", Integer, "processes")]),
 ];
 
-impl Form {
+impl FaultSyntax {
     /// Returns the form of `kind`, or `None` if there is no such kind. If the kind has several forms, `is_robot_stream`
     /// selects the one for a stream or the beacons of a robot.
-    pub(crate) fn find(kind: &str, is_robot_stream: bool) -> Option<&'static Form> {
-        let mut forms = FORMS.iter().filter(|form| form.kind == kind);
-        let suits = |form: &&Form| form.affects_messages_of_robot() == is_robot_stream;
+    pub(crate) fn find(kind: &str, is_robot_stream: bool) -> Option<&'static FaultSyntax> {
+        let mut forms = FAULT_SYNTAXES.iter().filter(|form| form.kind == kind);
+        let suits = |form: &&FaultSyntax| form.affects_messages_of_robot() == is_robot_stream;
         forms.clone().find(suits).or_else(|| forms.next())
     }
 
     /// Returns whether the form affects a stream or the beacons of a robot.
     fn affects_messages_of_robot(&self) -> bool {
-        matches!(self.subject, Stream | Beacons)
+        matches!(self.target, Stream | Beacons)
     }
 
     /// Returns the keys that are required in addition to `kind`.
     pub(crate) fn required_keys(&self) -> Vec<&'static str> {
-        let details = self.details.iter().filter(|detail| detail.needed).map(|detail| detail.key);
-        let subject = self.subject.keys().iter().copied();
+        let details =
+            self.parameters.iter().filter(|detail| detail.is_required).map(|detail| detail.key);
+        let subject = self.target.keys().iter().copied();
         ["at_s"].into_iter().chain(subject).chain(details).collect()
     }
 
     /// Returns the optional keys.
     pub(crate) fn optional_keys(&self) -> Vec<&'static str> {
-        let details = self.details.iter().filter(|detail| !detail.needed).map(|detail| detail.key);
-        details.chain(self.lasts.then_some("for_s")).collect()
+        let details =
+            self.parameters.iter().filter(|detail| !detail.is_required).map(|detail| detail.key);
+        details.chain(self.has_duration.then_some("for_s")).collect()
     }
 }
 
@@ -212,7 +247,7 @@ impl Fault {
     pub fn describe(&self, scenario: &Scenario) -> String {
         let what = self.kind.describe(scenario);
         let lasts = |ns| format!("{} s", in_seconds(ns));
-        match (&self.kind, self.for_ns) {
+        match (&self.kind, self.duration_ns) {
             (FaultKind::KillPlant, _) => what,
             (FaultKind::Kill { restart_after_ns: None, .. }, _) => format!("{what}, for good"),
             (FaultKind::Kill { restart_after_ns: Some(after_ns), .. }, _) => {
@@ -227,30 +262,41 @@ impl Fault {
 impl FaultKind {
     /// Returns the fault without its times, in the syntax of the command line.
     pub fn describe(&self, scenario: &Scenario) -> String {
-        let mut table = self.table(scenario);
+        let mut table = self.to_table(scenario);
         table.remove("restart_after_s");
-        print(&table)
+        format_fault(&table)
     }
 
     /// Returns the component that the fault affects.
-    pub fn affected_component(&self, scenario: &Scenario) -> Struck {
-        let strikes = |robot| Struck { robot: Some(robot), ..Struck::default() };
-        let silences = |robot| Struck { silenced: Silenced::Robot(robot), ..strikes(robot) };
+    pub fn affected_component(&self, scenario: &Scenario) -> AffectedComponent {
+        let strikes =
+            |robot| AffectedComponent { robot: Some(robot), ..AffectedComponent::default() };
+        let silences = |robot| AffectedComponent {
+            silenced_source: SilencedSource::Robot(robot),
+            ..strikes(robot)
+        };
         match *self {
             FaultKind::Kill { robot, .. } | FaultKind::Freeze { robot } => silences(robot),
-            FaultKind::Slow { robot, .. }
+            FaultKind::Slowdown { robot, .. }
             | FaultKind::Stream { robot, .. }
             | FaultKind::Wheels { robot, .. } => strikes(robot),
             FaultKind::Link { edge, ref kind } => {
                 let ends = scenario.graph.edges()[edge];
                 let silenced = match kind {
-                    LinkFaultKind::Cut => Silenced::Edge(edge),
-                    _ => Silenced::Nobody,
+                    LinkFaultKind::Cut => SilencedSource::Edge(edge),
+                    _ => SilencedSource::NoSource,
                 };
                 let (robot, hearer) = (Some(ends.from), Some(ends.to));
-                Struck { robot, hearer, silenced, lies: false }
+                AffectedComponent {
+                    robot,
+                    receiver: hearer,
+                    silenced_source: silenced,
+                    is_byzantine: false,
+                }
             }
-            FaultKind::Lie { robot, hearer, .. } => Struck { hearer, lies: true, ..strikes(robot) },
+            FaultKind::Lie { robot, receiver: hearer, .. } => {
+                AffectedComponent { receiver: hearer, is_byzantine: true, ..strikes(robot) }
+            }
             // A robot without odometry sends no beacons.
             FaultKind::Sensor {
                 robot,
@@ -259,16 +305,16 @@ impl FaultKind {
             } => silences(robot),
             FaultKind::Sensor { robot, .. } => strikes(robot),
             FaultKind::KillPlant | FaultKind::Partition { .. } | FaultKind::Load { .. } => {
-                Struck::default()
+                AffectedComponent::default()
             }
         }
     }
 
     /// Returns whether the agents, the plant or the bridges apply the fault themselves, from their configuration. The
     /// supervisor applies the other faults.
-    pub fn acts_by_brief(&self) -> bool {
+    pub fn is_applied_by_processes(&self) -> bool {
         match self {
-            FaultKind::Slow { .. }
+            FaultKind::Slowdown { .. }
             | FaultKind::Link { .. }
             | FaultKind::Stream { .. }
             | FaultKind::Lie { .. }
@@ -288,20 +334,21 @@ impl FaultKind {
 /// # Panics
 ///
 /// If the table lacks a key that its kind requires.
-pub fn print(table: &Table) -> String {
+pub fn format_fault(table: &Table) -> String {
     let text = |key: &str| {
         let text = table.get(key).and_then(Item::as_str);
         text.unwrap_or_else(|| panic!("a fault has the text `{key}`"))
     };
     let kind = text("kind");
-    let form = Form::find(kind, table.contains_key("robot")).expect("a fault has a known kind");
+    let form =
+        FaultSyntax::find(kind, table.contains_key("robot")).expect("a fault has a known kind");
     let mut words = vec![kind.to_owned()];
-    match form.subject {
+    match form.target {
         Robot => words.push(text("robot").to_owned()),
         Link => words.push(format!("{}->{}", text("from"), text("to"))),
         Stream => words.push(format!("{} {}", text("robot"), text("stream"))),
         Beacons => words.push(format!("{} beacons", text("robot"))),
-        Subject::Sensor => words.push(format!("{} {}", text("robot"), text("sensor"))),
+        FaultTarget::Sensor => words.push(format!("{} {}", text("robot"), text("sensor"))),
         Hosts => {
             let hosts = table["hosts"].as_array().into_iter().flatten();
             let hosts: Vec<&str> = hosts.filter_map(|host| host.as_str()).collect();
@@ -309,22 +356,22 @@ pub fn print(table: &Table) -> String {
         }
         Machine => {}
     }
-    for detail in form.details {
+    for detail in form.parameters {
         if let Some(value) = table.get(detail.key) {
-            words.push(detail.word.to_owned());
-            words.extend(print_number(value));
+            words.push(detail.keyword.to_owned());
+            words.extend(format_number(value));
         }
     }
-    words.extend(table.get("at_s").and_then(print_number).map(|at| format!("@{at}")));
-    words.extend(table.get("for_s").and_then(print_number).map(|lasts| format!("for {lasts}")));
+    words.extend(table.get("at_s").and_then(format_number).map(|at| format!("@{at}")));
+    words.extend(table.get("for_s").and_then(format_number).map(|lasts| format!("for {lasts}")));
     words.join(" ")
 }
 
 /// Returns a number or a pair of numbers as text, or `None` for other values.
-fn print_number(item: &Item) -> Option<String> {
+fn format_number(item: &Item) -> Option<String> {
     let number = |value: &Value| {
         let whole = value.as_integer().map(|whole| whole.to_string());
-        whole.or_else(|| Some(Shown(value.as_float()?).to_string()))
+        whole.or_else(|| Some(DisplayedNumber(value.as_float()?).to_string()))
     };
     match item.as_value()? {
         Value::Array(pair) => {
@@ -338,10 +385,10 @@ fn print_number(item: &Item) -> Option<String> {
 /// Syntax error in a fault on the command line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{reason}")]
-pub struct FaultError {
+pub struct FaultSyntaxError {
     reason: String,
     /// Remedy: the correct syntax, or the known kinds.
-    pub expected: String,
+    pub remedy: String,
 }
 
 /// Parses a fault of the command line into a `[[fault]]` table.
@@ -349,21 +396,21 @@ pub struct FaultError {
 /// # Errors
 ///
 /// A syntax error: unknown kind, missing or repeated parameter, or invalid number.
-pub fn parse(argument: &str) -> Result<Table, FaultError> {
+pub fn parse(argument: &str) -> Result<Table, FaultSyntaxError> {
     let mut words = argument.split_whitespace();
     let kind = words.next().unwrap_or_default();
     // The syntax of a link has an arrow.
     let is_link = words.clone().next().is_some_and(|subject| subject.contains("->"));
     let is_robot_stream = !is_link && words.clone().next().is_some();
-    let form = Form::find(kind, is_robot_stream).ok_or_else(|| unknown_kind_error(kind))?;
+    let form = FaultSyntax::find(kind, is_robot_stream).ok_or_else(|| unknown_kind_error(kind))?;
     let wrong =
-        |reason: String| FaultError { reason, expected: format!("expected {}", form.grammar) };
+        |reason: String| FaultSyntaxError { reason, remedy: format!("expected {}", form.grammar) };
     let no_word = |word: &str, reason: String| {
         let known = form.grammar.split(|sign: char| !sign.is_ascii_lowercase());
         let mistaken = wrong(reason);
         match most_similar_word(word, known.filter(|known| !known.is_empty())) {
-            Some(close) => FaultError {
-                expected: format!("did you mean `{close}`? {}", mistaken.expected),
+            Some(close) => FaultSyntaxError {
+                remedy: format!("did you mean `{close}`? {}", mistaken.remedy),
                 ..mistaken
             },
             None => mistaken,
@@ -371,7 +418,7 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
     };
     let mut table = Table::new();
     table["kind"] = value(kind);
-    for &key in form.subject.keys().iter().filter(|key| **key != "to") {
+    for &key in form.target.keys().iter().filter(|key| **key != "to") {
         let needs = |what: &str| wrong(format!("`{kind}` needs {what}"));
         let word = words.next();
         let item = match key {
@@ -397,17 +444,17 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
         };
         table[key] = item;
     }
-    let beacons = if form.subject == Beacons { words.next() } else { Some("beacons") };
+    let beacons = if form.target == Beacons { words.next() } else { Some("beacons") };
     if beacons != Some("beacons") {
         let reason = format!("`{kind}` needs a link, such as r1->r2, or a robot's beacons");
         return Err(no_word(beacons.unwrap_or_default(), reason));
     }
     while let Some(word) = words.next() {
         let of_time = match word {
-            "for" if form.lasts => Some("for_s"),
+            "for" if form.has_duration => Some("for_s"),
             _ => None,
         };
-        let detail = form.details.iter().find(|detail| detail.word == word);
+        let detail = form.parameters.iter().find(|detail| detail.keyword == word);
         let (key, item) = match (word.strip_prefix('@'), of_time, detail) {
             (Some(at), ..) => ("at_s", value(parse_nonnegative(at).map_err(wrong)?)),
             (None, Some(key), _) => {
@@ -430,8 +477,8 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
 }
 
 /// Returns the error for a fault that begins with a word other than a kind of fault.
-fn unknown_kind_error(word: &str) -> FaultError {
-    let mut kinds: Vec<&str> = FORMS.iter().map(|form| form.kind).collect();
+fn unknown_kind_error(word: &str) -> FaultSyntaxError {
+    let mut kinds: Vec<&str> = FAULT_SYNTAXES.iter().map(|form| form.kind).collect();
     kinds.dedup();
     let reason = match word {
         "" => "it is empty".to_owned(),
@@ -441,24 +488,24 @@ fn unknown_kind_error(word: &str) -> FaultError {
         Some(close) => format!("did you mean `{close}`?"),
         None => format!("expected one of {}, such as kill r2 @10 restart 2", kinds.join(", ")),
     };
-    FaultError { reason, expected }
+    FaultSyntaxError { reason, remedy: expected }
 }
 
-impl Detail {
+impl ParameterSyntax {
     /// Parses the value after the keyword from `words`.
     fn read<'w>(&self, words: &mut impl Iterator<Item = &'w str>) -> Result<Item, String> {
-        let word = self.word;
-        Ok(match self.value {
-            Yes => value(true),
+        let word = self.keyword;
+        Ok(match self.value_type {
+            Flag => value(true),
             Number => value(parse_number_after(word, words)?),
-            Whole => {
+            Integer => {
                 let number = parse_number_after(word, words)?;
                 if number.fract() != 0.0 || number > 1e9 {
                     return Err(format!("`{word} {number}` is not a whole number"));
                 }
                 value(number as i64)
             }
-            Signed => {
+            SignedNumber => {
                 let number = words.next().ok_or(format!("`{word}` needs a number after it"))?;
                 let wrong = || format!("`{number}` is not a number");
                 value(number.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(wrong)?)
@@ -501,7 +548,7 @@ mod tests {
     use super::*;
 
     /// Arguments, and the equivalent tables of a file.
-    const FAULTS: &str = "\
+    const FAULT_EXAMPLES: &str = "\
 kill r2 @10 restart 2 => kind = 'kill', robot = 'r2', at_s = 10.0, restart_after_s = 2.0
   kill plant   @0.5 => kind = 'kill', robot = 'plant', at_s = 0.5
 freeze r2 @12 for 1.5 => kind = 'freeze', robot = 'r2', at_s = 12.0, for_s = 1.5
@@ -521,6 +568,7 @@ fading a->b range 4 exponent 3 @1 => kind = 'fading', from = 'a', to = 'b', rang
 loss * commands of 0.2 @0 => kind = 'loss', robot = '*', stream = 'commands', probability = 0.2, at_s = 0.0
 lie r3 beacons by [0.5, -0.25] @10 for 20 => kind = 'lie', robot = 'r3', by_m = [0.5, -0.25], at_s = 10.0, for_s = 20.0
 lie a->b drift [0,1e-2] random 0.2 turn -0.5 @1 => kind = 'lie', from = 'a', to = 'b', drift_m_s = [0.0, 0.01], random_m = 0.2, turn_rad = -0.5, at_s = 1.0
+lie a->b scale -2 offset 0.5 noise 0.25 flips 0.125 @1 => kind = 'lie', from = 'a', to = 'b', message_scale = -2.0, message_offset = 0.5, message_noise = 0.25, message_bit_flips = 0.125, at_s = 1.0
 delay r1 odometry by 0.04 jitter 0.01 @1 for 2 => kind = 'delay', robot = 'r1', stream = 'odometry', delay_s = 0.04, jitter_s = 0.01, at_s = 1.0, for_s = 2.0";
 
     /// Invalid arguments, and a part of the error message of each.
@@ -550,25 +598,25 @@ lie r1->r2 turn inf @1 => `inf` is not a number
 partition @1 => needs a host
 load of 1.5 @1 => `of 1.5` is not a whole number";
 
-    fn rows(table: &'static str) -> impl Iterator<Item = (&'static str, &'static str)> {
+    fn split_rows(table: &'static str) -> impl Iterator<Item = (&'static str, &'static str)> {
         table.lines().map(|line| line.split_once(" => ").unwrap())
     }
 
     #[test]
     fn every_fault_kind_becomes_the_equivalent_table() {
-        for (argument, table) in rows(FAULTS) {
+        for (argument, table) in split_rows(FAULT_EXAMPLES) {
             let found = parse(argument).unwrap().to_string();
             assert_eq!(found.trim().replace('\n', ", ").replace('"', "'"), table, "{argument}");
         }
     }
 
     /// Returns a table of a form, with values drawn from `seed`.
-    fn drawn_table(form: &Form, seed: u64) -> Table {
+    fn draw_table(form: &FaultSyntax, seed: u64) -> Table {
         let mut dice = formation::random::SplitMix64::new(seed);
         let mut draw = |most: u64| dice.next_u64() % most;
         let mut table = Table::new();
         table["kind"] = value(form.kind);
-        for &key in form.subject.keys() {
+        for &key in form.target.keys() {
             table[key] = match key {
                 "stream" => value(["odometry", "commands"][draw(2) as usize]),
                 "sensor" => value(["odometry", "proximity"][draw(2) as usize]),
@@ -578,14 +626,14 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
                 _ => value(["r1", "a-b_2", "*"][draw(3) as usize]),
             };
         }
-        for detail in form.details {
+        for detail in form.parameters {
             let number = |drawn: u64| drawn as f64 / [1e9, 1e3, 1.0, 1e-3][drawn as usize % 4];
-            if detail.needed || draw(2) == 0 {
-                table[detail.key] = match detail.value {
-                    Yes => value(true),
+            if detail.is_required || draw(2) == 0 {
+                table[detail.key] = match detail.value_type {
+                    Flag => value(true),
                     Number => value(number(draw(1 << 40))),
-                    Signed => value(number(draw(1 << 40)) - 1e3),
-                    Whole => value(draw(1_000_000_000) as i64),
+                    SignedNumber => value(number(draw(1 << 40)) - 1e3),
+                    Integer => value(draw(1_000_000_000) as i64),
                     Pair => {
                         value(Array::from_iter([number(draw(1 << 30)), -number(draw(1 << 30))]))
                     }
@@ -593,7 +641,7 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
             }
         }
         table["at_s"] = value(draw(1 << 40) as f64 / 1e9);
-        if form.lasts && draw(2) == 0 {
+        if form.has_duration && draw(2) == 0 {
             table["for_s"] = value(draw(1 << 40) as f64 / 1e9);
         }
         table
@@ -602,9 +650,9 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
     proptest::proptest! {
         #[test]
         fn printed_tables_of_all_forms_parse_to_the_same(seed: u64) {
-            for (number, form) in (0u64..).zip(FORMS) {
-                let table = drawn_table(form, seed.wrapping_add(number));
-                let text = print(&table);
+            for (number, form) in (0u64..).zip(FAULT_SYNTAXES) {
+                let table = draw_table(form, seed.wrapping_add(number));
+                let text = format_fault(&table);
                 let parsed = parse(&text).unwrap_or_else(|error| panic!("{text}: {error}"));
                 assert_eq!(parsed.to_string(), table.to_string(), "{text}");
             }
@@ -613,10 +661,10 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
 
     #[test]
     fn every_syntax_error_of_a_fault_is_named() {
-        for (argument, word) in rows(INVALID_ARGUMENTS) {
+        for (argument, word) in split_rows(INVALID_ARGUMENTS) {
             let error = parse(argument).unwrap_err();
             assert!(error.to_string().contains(word), "{argument}: {error}");
-            assert!(!error.expected.is_empty());
+            assert!(!error.remedy.is_empty());
         }
         assert!(parse(" ").unwrap_err().to_string().contains("empty"));
         for (argument, meant) in [
@@ -626,9 +674,9 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
             ("loss r2 odometri of 0.1 @2", "odometry"),
             ("lie r2 beacon by [1, 0] @2", "beacons"),
         ] {
-            let expected = parse(argument).unwrap_err().expected;
+            let expected = parse(argument).unwrap_err().remedy;
             assert!(expected.starts_with(&format!("did you mean `{meant}`?")), "{expected}");
         }
-        assert!(parse("kill r2 @1 flurb").unwrap_err().expected.starts_with("expected kill"));
+        assert!(parse("kill r2 @1 flurb").unwrap_err().remedy.starts_with("expected kill"));
     }
 }

@@ -1,24 +1,27 @@
-//! Faults of a scenario: all `[[fault]]`, and `[chaos]`, with the check that each is possible, and faults written as such tables.
+//! Faults of a scenario: all `[[fault]]`, and `[chaos]`, with the check that each is possible, and faults written as
+//! such tables.
 
 use formation::graph::FormationGraph;
-use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Stream, WheelFaultKind};
+use protocol::fault::{
+    Lie, LinkFaultKind, MessageLie, RobotStream, Sensor, SensorFaultKind, WheelFaultKind,
+};
 use toml_edit::{Array, Item, value};
 
 use super::availability::Availability;
 use super::chaos::Chaos;
 use super::diagnostic::Diagnostic;
-use super::fault::Form;
+use super::fault::FaultSyntax;
 use super::fields::kinds;
 use super::keys;
-use super::robots::robot_named;
-use super::table::{TableReader, Value};
-use super::{Fault, FaultKind, Robot, Scenario, fault, seconds};
+use super::robots::parse_robot_index;
+use super::table::{TableReader, TypedValue};
+use super::{Fault, FaultKind, Robot, Scenario, fault, ns_to_seconds};
 
 /// Name that stands for all robots.
 const EVERY_ROBOT: &str = "*";
 
 /// Robots, links and times that faults can refer to.
-pub(super) struct Scene<'a> {
+pub(super) struct FaultContext<'a> {
     pub(super) robots: &'a [Robot],
     pub(super) graph: &'a FormationGraph,
     pub(super) duration_ns: u64,
@@ -26,82 +29,83 @@ pub(super) struct Scene<'a> {
 }
 
 /// Returns all faults sorted by time: those of the file and those that `[chaos]` draws.
-pub(super) fn faults(
+pub(super) fn parse_faults(
     root: &TableReader<'_, keys::Root>,
-    scene: &Scene<'_>,
+    scene: &FaultContext<'_>,
 ) -> Result<Vec<Fault>, Diagnostic> {
     let mut planned = Vec::new();
     for table in root.tables(keys::Root::fault)? {
-        let at = table.required(keys::Fault::at_s)?;
-        planned.extend(fault(&table, &at, scene)?.into_iter().map(|fault| (fault, at.clone())));
+        let at = table.required_value(keys::Fault::at_s)?;
+        planned
+            .extend(parse_fault(&table, &at, scene)?.into_iter().map(|fault| (fault, at.clone())));
     }
-    planned.sort_by_key(|(fault, _)| fault.at_ns);
+    planned.sort_by_key(|(fault, _)| fault.start_ns);
     let mut availability = Availability::new(scene.robots.len());
     for (fault, at) in &planned {
         availability.record_fault(fault).map_err(|why| {
             let name = |robot: usize| scene.robots[robot].name.as_str();
             let (is, expected) = why.describe(name);
-            at.error_about_key(format!("is {}, when {is}", seconds(fault.at_ns)), expected)
+            at.error_about_key(format!("is {}, when {is}", ns_to_seconds(fault.start_ns)), expected)
         })?;
     }
     let mut faults: Vec<Fault> = planned.into_iter().map(|(fault, _)| fault).collect();
     if let Some(chaos) = root.get(keys::Root::chaos) {
         let drawn = Chaos::read(&chaos, scene.duration_ns)?.draw(scene.seed, &mut availability);
         faults.extend(drawn);
-        faults.sort_by_key(|fault| fault.at_ns);
+        faults.sort_by_key(|fault| fault.start_ns);
     }
     Ok(faults)
 }
 
 /// Parses a `[[fault]]` table, which can affect several robots or links.
-fn fault(
+fn parse_fault(
     table: &TableReader<'_, keys::Fault>,
-    at: &Value<'_, kinds::Time>,
-    scene: &Scene<'_>,
+    at: &TypedValue<'_, kinds::Time>,
+    scene: &FaultContext<'_>,
 ) -> Result<Vec<Fault>, Diagnostic> {
     let kind = table.kind_unchecked()?;
     let is_robot_stream =
         table.get(keys::Fault::robot).is_some() || table.get(keys::Fault::stream).is_some();
-    let form = Form::find(kind, is_robot_stream).expect("a kind has a form");
+    let form = FaultSyntax::find(kind, is_robot_stream).expect("a kind has a form");
     table.check_kind_and_keys(&[form.required_keys(), form.optional_keys()].concat())?;
     let at_ns = at.time_ns()?;
     if at_ns >= scene.duration_ns {
         return Err(at.error_about_key(
-            format!("is {}, when the run is over", seconds(at_ns)),
+            format!("is {}, when the run is over", ns_to_seconds(at_ns)),
             format!(
                 "expected less than `duration_s`, {} s; `--set fault=[]` runs it without faults",
-                seconds(scene.duration_ns)
+                ns_to_seconds(scene.duration_ns)
             ),
         ));
     }
-    let for_ns = table.maybe_time_ns(keys::Fault::for_s)?;
+    let for_ns = table.optional_time_ns(keys::Fault::for_s)?;
     let each = |kind: &dyn Fn(usize) -> FaultKind| -> Result<Vec<FaultKind>, Diagnostic> {
-        Ok(robots(table, scene)?.into_iter().map(kind).collect())
+        Ok(parse_robots(table, scene)?.into_iter().map(kind).collect())
     };
     let struck = match kind {
-        "kill" if table.required(keys::Fault::robot)?.text("expected a name")? == "plant" => {
+        "kill" if table.required_value(keys::Fault::robot)?.text("expected a name")? == "plant" => {
             parse_plant_kill(table)?
         }
         "kill" => {
-            let restart_after_ns = table.maybe_time_ns(keys::Fault::restart_after_s)?;
+            let restart_after_ns = table.optional_time_ns(keys::Fault::restart_after_s)?;
             each(&|robot| FaultKind::Kill { robot, restart_after_ns })?
         }
         "freeze" => each(&|robot| FaultKind::Freeze { robot })?,
         "slow" => {
             let delay_ns = table.time_ns(keys::Fault::delay_s)?;
-            each(&|robot| FaultKind::Slow { robot, delay_ns })?
+            each(&|robot| FaultKind::Slowdown { robot, delay_ns })?
         }
         "blackout" | "noise" => {
             let sensor = table.read_word(keys::Fault::sensor)?;
-            let kind = sensor_fault(kind, sensor, table)?;
+            let kind = parse_sensor_fault(kind, sensor, table)?;
             each(&|robot| FaultKind::Sensor { robot, sensor, kind })?
         }
         "wheels" => {
-            let kind = wheel_fault(table)?;
+            let kind = parse_wheel_fault(table)?;
             each(&|robot| FaultKind::Wheels { robot, kind })?
         }
         "partition" => {
-            let hosts = table.required(keys::Fault::hosts)?;
+            let hosts = table.required_value(keys::Fault::hosts)?;
             let expected = "expected a list of names of hosts, such as [\"b\"]";
             let names = hosts.texts(expected)?;
             if names.is_empty() {
@@ -114,32 +118,35 @@ fn fault(
             vec![FaultKind::Load { processes: table.integer(keys::Fault::processes)? as usize }]
         }
         _ => {
-            let kind = link_fault(kind, table)?;
+            let kind = parse_link_fault(kind, table)?;
             let kind = || kind.clone();
             if is_robot_stream {
-                let stream: Stream = table.read_word(keys::Fault::stream)?;
+                let stream: RobotStream = table.read_word(keys::Fault::stream)?;
                 each(&|robot| FaultKind::Stream { robot, stream, kind: kind() })?
             } else {
-                let edges = edges(table, scene)?.into_iter();
+                let edges = parse_edges(table, scene)?.into_iter();
                 edges.map(|edge| FaultKind::Link { edge, kind: kind() }).collect()
             }
         }
     };
-    Ok(struck.into_iter().map(|kind| Fault { at_ns, for_ns, kind }).collect())
+    Ok(struck
+        .into_iter()
+        .map(|kind| Fault { start_ns: at_ns, duration_ns: for_ns, kind })
+        .collect())
 }
 
 impl Fault {
     /// Returns the fault in the syntax of `--fault`.
     pub fn format_argument(&self, scenario: &Scenario) -> String {
-        fault::print(&self.table(scenario))
+        fault::format_fault(&self.to_table(scenario))
     }
 
     /// Returns the `[[fault]]` table of the fault.
-    fn table(&self, scenario: &Scenario) -> toml_edit::Table {
-        let mut table = self.kind.table(scenario);
-        table["at_s"] = value(seconds(self.at_ns));
-        if let Some(for_ns) = self.for_ns {
-            table["for_s"] = value(seconds(for_ns));
+    fn to_table(&self, scenario: &Scenario) -> toml_edit::Table {
+        let mut table = self.kind.to_table(scenario);
+        table["at_s"] = value(ns_to_seconds(self.start_ns));
+        if let Some(for_ns) = self.duration_ns {
+            table["for_s"] = value(ns_to_seconds(for_ns));
         }
         table
     }
@@ -147,7 +154,7 @@ impl Fault {
 
 impl FaultKind {
     /// Returns the `[[fault]]` table of a fault of this kind, without its time. Keys with default values are omitted.
-    pub(super) fn table(&self, scenario: &Scenario) -> toml_edit::Table {
+    pub(super) fn to_table(&self, scenario: &Scenario) -> toml_edit::Table {
         let name = |robot: usize| value(scenario.robots[robot].name.as_str());
         let mut table = toml_edit::Table::new();
         let mut set = |entries: Vec<(&str, Item)>| {
@@ -157,7 +164,7 @@ impl FaultKind {
             FaultKind::Kill { robot, restart_after_ns } => {
                 set(vec![("kind", value("kill")), ("robot", name(robot))]);
                 set(restart_after_ns
-                    .map(|ns| ("restart_after_s", value(seconds(ns))))
+                    .map(|ns| ("restart_after_s", value(ns_to_seconds(ns))))
                     .into_iter()
                     .collect());
             }
@@ -165,10 +172,10 @@ impl FaultKind {
             FaultKind::Freeze { robot } => {
                 set(vec![("kind", value("freeze")), ("robot", name(robot))])
             }
-            FaultKind::Slow { robot, delay_ns } => set(vec![
+            FaultKind::Slowdown { robot, delay_ns } => set(vec![
                 ("kind", value("slow")),
                 ("robot", name(robot)),
-                ("delay_s", value(seconds(delay_ns))),
+                ("delay_s", value(ns_to_seconds(delay_ns))),
             ]),
             FaultKind::Link { edge, ref kind } => {
                 let ends = scenario.graph.edges()[edge];
@@ -182,7 +189,7 @@ impl FaultKind {
                 set(vec![("kind", value(word)), ("robot", name(robot)), ("stream", stream)]);
                 set(entries);
             }
-            FaultKind::Lie { robot, hearer, lie } => {
+            FaultKind::Lie { robot, receiver: hearer, lie } => {
                 set(vec![("kind", value("lie"))]);
                 set(match hearer {
                     Some(hearer) => vec![("from", name(robot)), ("to", name(hearer))],
@@ -192,7 +199,7 @@ impl FaultKind {
             }
             FaultKind::Sensor { robot, sensor, kind } => {
                 let (word, entries) = sensor_fault_entries(kind);
-                let sensor = value(keyword_of(sensor));
+                let sensor = value(sensor_keyword(sensor));
                 set(vec![("kind", value(word)), ("robot", name(robot)), ("sensor", sensor)]);
                 set(entries);
             }
@@ -217,50 +224,113 @@ impl FaultKind {
 }
 
 /// Returns the indices of the robots that `robot` names.
-fn robots(
+fn parse_robots(
     table: &TableReader<'_, keys::Fault>,
-    scene: &Scene<'_>,
+    scene: &FaultContext<'_>,
 ) -> Result<Vec<usize>, Diagnostic> {
-    let value = table.required(keys::Fault::robot)?;
+    let value = table.required_value(keys::Fault::robot)?;
     match value.text("expected a name")? {
         EVERY_ROBOT => Ok((0..scene.robots.len()).collect()),
-        _ => robot_named(&value, scene.robots).map(|robot| vec![robot]),
+        _ => parse_robot_index(&value, scene.robots).map(|robot| vec![robot]),
     }
 }
 
 /// Parses Byzantine faults to one out-neighbor or to all.
 fn parse_lies(
     table: &TableReader<'_, keys::Fault>,
-    scene: &Scene<'_>,
+    scene: &FaultContext<'_>,
     is_robot_stream: bool,
 ) -> Result<Vec<FaultKind>, Diagnostic> {
     let pair = |key| Ok(table.get(key).map(|value| value.pair()).transpose()?.unwrap_or_default());
-    let number = |key| Ok(table.maybe_number(key)?.unwrap_or_default());
+    let number = |key| Ok(table.optional_number(key)?.unwrap_or_default());
     let (by_m, drift_m_s) = (pair(keys::Fault::by_m)?, pair(keys::Fault::drift_m_s)?);
     let lie = Lie {
         by_m,
         drift_m_s,
         random_m: number(keys::Fault::random_m)?,
         turn_rad: number(keys::Fault::turn_rad)?,
+        message: parse_message_lie(table)?,
     };
     if lie == Lie::default() {
-        let expected = "expected one of `by_m`, `drift_m_s`, `random_m`, `turn_rad` that is not 0";
+        let expected = "expected one of `by_m`, `drift_m_s`, `random_m`, `turn_rad`, `message_offset`, `message_noise`, \
+                        `message_bit_flips` that is not 0, or `message_scale` other than 1";
         return Err(table.error_at_table("the lie changes nothing", expected));
     }
     if !is_robot_stream {
-        let ends = edges(table, scene)?.into_iter().map(|edge| scene.graph.edges()[edge]);
-        let lie = ends.map(|ends| FaultKind::Lie { robot: ends.from, hearer: Some(ends.to), lie });
-        return Ok(lie.collect());
+        let ends = parse_edges(table, scene)?.into_iter().map(|edge| scene.graph.edges()[edge]);
+        let ends = ends.map(|ends| (ends.from, Some(ends.to))).collect();
+        return lie_fault_kinds(table, scene, lie, ends);
     }
-    let mut liars = robots(table, scene)?;
+    let mut liars = parse_robots(table, scene)?;
     liars.retain(|&robot| scene.graph.outgoing_edges(robot).next().is_some());
     if liars.is_empty() {
-        let value = table.required(keys::Fault::robot)?;
+        let value = table.required_value(keys::Fault::robot)?;
         let said = value.text("expected a name")?;
         let what = format!("is \"{said}\", which no robot hears");
         return Err(value.error_about_key(what, "expected a robot that another one hears"));
     }
-    Ok(liars.into_iter().map(|robot| FaultKind::Lie { robot, hearer: None, lie }).collect())
+    lie_fault_kinds(table, scene, lie, liars.into_iter().map(|robot| (robot, None)).collect())
+}
+
+/// Parses the false data in messages.
+fn parse_message_lie(table: &TableReader<'_, keys::Fault>) -> Result<MessageLie, Diagnostic> {
+    let flips = table.get(keys::Fault::message_bit_flips);
+    Ok(MessageLie {
+        scale: table.number(keys::Fault::message_scale)?,
+        offset: table.number(keys::Fault::message_offset)?,
+        noise: table.optional_number(keys::Fault::message_noise)?.unwrap_or_default(),
+        bit_flips: flips.map(|value| parse_probability(&value)).transpose()?.unwrap_or_default(),
+    })
+}
+
+/// Parses a probability above 0.
+fn parse_probability(value: &TypedValue<'_, kinds::Number>) -> Result<f64, Diagnostic> {
+    match value.number()? {
+        share if share > 1.0 => Err(value
+            .error_about_key(format!("is {share}"), "expected a fraction above 0 and at most 1")),
+        share => Ok(share),
+    }
+}
+
+/// Returns the faults that give `lie` to robots, each to one out-neighbor or, with `None`, to all. A lie in nothing but
+/// messages is left out where the law of the robot sends none.
+fn lie_fault_kinds(
+    table: &TableReader<'_, keys::Fault>,
+    scene: &FaultContext<'_>,
+    lie: Lie,
+    mut liars: Vec<(usize, Option<usize>)>,
+) -> Result<Vec<FaultKind>, Diagnostic> {
+    let format = |robot: usize| scene.robots[robot].message_format;
+    let names = |liars: &[(usize, Option<usize>)]| {
+        let mut names: Vec<&str> =
+            liars.iter().map(|(robot, _)| scene.robots[*robot].name.as_str()).collect();
+        names.dedup();
+        names.join(", ")
+    };
+    if !lie.message.is_none() && liars.iter().all(|(robot, _)| format(*robot).is_none()) {
+        return Err(table.error_at_table(
+            format!("the lie changes messages, but the law of {} sends none", names(&liars)),
+            "expected a robot whose law has `message` or `message_bytes_max`, or a lie without a key `message_...`",
+        ));
+    }
+    let is_in_beacons = Lie { message: MessageLie::default(), ..lie } != Lie::default();
+    liars.retain(|(robot, _)| is_in_beacons || format(*robot).is_some());
+    let without_numbers =
+        |liar: &&(usize, Option<usize>)| format(liar.0).is_some_and(|f| f.is_bytes());
+    if let (true, Some(liar)) = (lie.message.changes_numbers(), liars.iter().find(without_numbers))
+    {
+        return Err(table.error_at_table(
+            format!(
+                "the lie changes numbers, but {} sends bytes without a structure",
+                names(&[*liar])
+            ),
+            "expected `message_bit_flips` alone, or a law with `message = { NAME = SHAPE }`",
+        ));
+    }
+    Ok(liars
+        .into_iter()
+        .map(|(robot, hearer)| FaultKind::Lie { robot, receiver: hearer, lie })
+        .collect())
 }
 
 fn parse_plant_kill(table: &TableReader<'_, keys::Fault>) -> Result<Vec<FaultKind>, Diagnostic> {
@@ -274,20 +344,11 @@ fn parse_plant_kill(table: &TableReader<'_, keys::Fault>) -> Result<Vec<FaultKin
 }
 
 /// Parses the fault of a link or a stream.
-fn link_fault(
+fn parse_link_fault(
     kind: &str,
     table: &TableReader<'_, keys::Fault>,
 ) -> Result<LinkFaultKind, Diagnostic> {
-    let share = || {
-        let value = table.required(keys::Fault::probability)?;
-        match value.number()? {
-            share if share > 1.0 => Err(value.error_about_key(
-                format!("is {share}"),
-                "expected a fraction above 0 and at most 1",
-            )),
-            share => Ok(share),
-        }
-    };
+    let share = || parse_probability(&table.required_value(keys::Fault::probability)?);
     Ok(match kind {
         "cut" => LinkFaultKind::Cut,
         "loss" => {
@@ -319,15 +380,15 @@ fn link_fault_entries(kind: &LinkFaultKind) -> (&'static str, Vec<(&'static str,
             ("loss", [share].into_iter().chain(burst).collect())
         }
         LinkFaultKind::Bursts { probability, mean_burst_ns } => {
-            let mean = ("mean_burst_s", value(seconds(mean_burst_ns)));
+            let mean = ("mean_burst_s", value(ns_to_seconds(mean_burst_ns)));
             ("bursts", vec![("probability", value(probability)), mean])
         }
         LinkFaultKind::Fading { range_m, exponent } => {
             ("fading", vec![("range_m", value(range_m)), ("exponent", value(exponent))])
         }
         LinkFaultKind::Delay { delay_ns, jitter_ns } => {
-            let jitter = (jitter_ns != 0).then(|| ("jitter_s", value(seconds(jitter_ns))));
-            let delay = ("delay_s", value(seconds(delay_ns)));
+            let jitter = (jitter_ns != 0).then(|| ("jitter_s", value(ns_to_seconds(jitter_ns))));
+            let delay = ("delay_s", value(ns_to_seconds(delay_ns)));
             ("delay", [delay].into_iter().chain(jitter).collect())
         }
     }
@@ -335,11 +396,19 @@ fn link_fault_entries(kind: &LinkFaultKind) -> (&'static str, Vec<(&'static str,
 
 /// Returns the keys of a Byzantine fault that are not 0.
 fn lie_entries(lie: Lie) -> Vec<(&'static str, Item)> {
-    let Lie { by_m, drift_m_s, random_m, turn_rad } = lie;
+    let Lie { by_m, drift_m_s, random_m, turn_rad, message } = lie;
+    let MessageLie { scale, offset, noise, bit_flips } = message;
     let pairs = [("by_m", by_m), ("drift_m_s", drift_m_s)].into_iter();
     let pairs = pairs.filter(|(_, pair)| *pair != [0.0, 0.0]);
-    let numbers = [("random_m", random_m), ("turn_rad", turn_rad)].into_iter();
-    let numbers = numbers.filter(|(_, number)| *number != 0.0);
+    let numbers = [
+        ("random_m", random_m),
+        ("turn_rad", turn_rad),
+        ("message_offset", offset),
+        ("message_noise", noise),
+        ("message_bit_flips", bit_flips),
+    ];
+    let numbers = numbers.into_iter().filter(|(_, number)| *number != 0.0);
+    let numbers = numbers.chain((scale != 1.0).then_some(("message_scale", scale)));
     pairs
         .map(|(key, pair)| (key, value(Array::from_iter(pair))))
         .chain(numbers.map(|(key, number)| (key, value(number))))
@@ -347,7 +416,7 @@ fn lie_entries(lie: Lie) -> Vec<(&'static str, Item)> {
 }
 
 /// Returns the value of `sensor` for a sensor.
-fn keyword_of(sensor: Sensor) -> &'static str {
+fn sensor_keyword(sensor: Sensor) -> &'static str {
     match sensor {
         Sensor::Odometry => "odometry",
         Sensor::Proximity => "proximity",
@@ -367,7 +436,7 @@ fn sensor_fault_entries(kind: SensorFaultKind) -> (&'static str, Vec<(&'static s
 }
 
 /// Parses the fault of a sensor.
-fn sensor_fault(
+fn parse_sensor_fault(
     kind: &str,
     sensor: Sensor,
     table: &TableReader<'_, keys::Fault>,
@@ -375,8 +444,10 @@ fn sensor_fault(
     if kind == "blackout" {
         return Ok(SensorFaultKind::Blackout);
     }
-    let (bound, heading) =
-        (table.required(keys::Fault::bound_m)?, table.required(keys::Fault::heading_bound_rad)?);
+    let (bound, heading) = (
+        table.required_value(keys::Fault::bound_m)?,
+        table.required_value(keys::Fault::heading_bound_rad)?,
+    );
     let (bound_m, heading_bound_rad) = (bound.number()?, heading.number()?);
     if sensor == Sensor::Proximity && heading_bound_rad > 0.0 {
         return Err(heading.error_about_key(
@@ -391,9 +462,9 @@ fn sensor_fault(
 }
 
 /// Parses the fault of wheels.
-fn wheel_fault(table: &TableReader<'_, keys::Fault>) -> Result<WheelFaultKind, Diagnostic> {
+fn parse_wheel_fault(table: &TableReader<'_, keys::Fault>) -> Result<WheelFaultKind, Diagnostic> {
     match (table.get(keys::Fault::stuck), table.get(keys::Fault::speed_max_m_s)) {
-        (Some(stuck), None) if stuck.truth()? => Ok(WheelFaultKind::Stuck),
+        (Some(stuck), None) if stuck.boolean()? => Ok(WheelFaultKind::Stuck),
         (None, Some(limit)) => Ok(WheelFaultKind::Limit { speed_max_m_s: limit.number()? }),
         (Some(stuck), _) => Err(stuck.error_about_key(
             "is incomplete or contradictory",
@@ -406,14 +477,15 @@ fn wheel_fault(table: &TableReader<'_, keys::Fault>) -> Result<WheelFaultKind, D
 }
 
 /// Returns the indices of the edges that `from` and `to` name.
-fn edges(
+fn parse_edges(
     table: &TableReader<'_, keys::Fault>,
-    scene: &Scene<'_>,
+    scene: &FaultContext<'_>,
 ) -> Result<Vec<usize>, Diagnostic> {
-    let (from, to) = (table.required(keys::Fault::from)?, table.required(keys::Fault::to)?);
-    let named = |value: &Value<'_, kinds::Text>| match value.text("expected a name")? {
+    let (from, to) =
+        (table.required_value(keys::Fault::from)?, table.required_value(keys::Fault::to)?);
+    let named = |value: &TypedValue<'_, kinds::Text>| match value.text("expected a name")? {
         EVERY_ROBOT => Ok(None),
-        _ => robot_named(value, scene.robots).map(Some),
+        _ => parse_robot_index(value, scene.robots).map(Some),
     };
     let [speaker, hearer] = [named(&from)?, named(&to)?];
     let (Some(speaker), Some(hearer)) = (speaker, hearer) else {
@@ -442,59 +514,79 @@ fn edges(
 
 #[cfg(test)]
 mod tests {
+    use std::borrow::Cow;
     use std::path::Path;
 
     use proptest::prelude::*;
     use protocol::catalog::Catalog;
+    use protocol::law_message::{MessageArray, MessageFormat};
     use toml::de::DeTable;
 
-    use super::super::diagnostic::Source;
-    use super::super::keys::Format;
+    use super::super::diagnostic::SourceText;
+    use super::super::keys::FileFormat;
     use super::super::table::Document;
     use super::*;
     use crate::examples::row_of_three;
 
     /// Time of the longest fault, ns. The run takes 20 s.
-    const MOST_NS: u64 = 20_000_000_000;
+    const FAULT_TIME_NS_MAX: u64 = 20_000_000_000;
 
-    fn time_ns() -> impl Strategy<Value = u64> {
-        1..MOST_NS
+    fn any_time_ns() -> impl Strategy<Value = u64> {
+        1..FAULT_TIME_NS_MAX
     }
 
     fn any_fraction() -> impl Strategy<Value = f64> {
         1e-9..1.0
     }
 
-    fn link_fault_kind() -> impl Strategy<Value = LinkFaultKind> {
+    fn any_message_fault_kind() -> impl Strategy<Value = LinkFaultKind> {
         prop_oneof![
             (any_fraction(), 1..1000u64)
                 .prop_map(|(probability, burst)| LinkFaultKind::Loss { probability, burst }),
-            (any_fraction(), time_ns()).prop_map(|(probability, mean_burst_ns)| {
+            (any_fraction(), any_time_ns()).prop_map(|(probability, mean_burst_ns)| {
                 LinkFaultKind::Bursts { probability, mean_burst_ns }
             }),
-            (time_ns(), 0..MOST_NS)
+            (any_time_ns(), 0..FAULT_TIME_NS_MAX)
                 .prop_map(|(delay_ns, jitter_ns)| LinkFaultKind::Delay { delay_ns, jitter_ns }),
         ]
     }
 
     /// Kinds that act on links only.
-    fn kind_of_a_link() -> impl Strategy<Value = LinkFaultKind> {
+    fn any_link_fault_kind() -> impl Strategy<Value = LinkFaultKind> {
         let fading = (1e-9..1e9, 1e-9..1e9)
             .prop_map(|(range_m, exponent)| LinkFaultKind::Fading { range_m, exponent });
-        prop_oneof![link_fault_kind(), Just(LinkFaultKind::Cut), fading]
+        prop_oneof![any_message_fault_kind(), Just(LinkFaultKind::Cut), fading]
     }
 
     fn any_lie() -> impl Strategy<Value = Lie> {
         let pair = || prop::array::uniform2(-1e9..1e9);
-        (pair(), pair(), any_fraction(), -1e3..1e3).prop_map(
-            |(by_m, drift_m_s, random_m, turn_rad)| Lie { by_m, drift_m_s, random_m, turn_rad },
+        let message = (-1e3..1e3, -1e9..1e9, any_fraction(), any_fraction()).prop_map(
+            |(scale, offset, noise, bit_flips)| MessageLie { scale, offset, noise, bit_flips },
+        );
+        (pair(), pair(), any_fraction(), -1e3..1e3, message).prop_map(
+            |(by_m, drift_m_s, random_m, turn_rad, message)| Lie {
+                by_m,
+                drift_m_s,
+                random_m,
+                turn_rad,
+                message,
+            },
         )
     }
 
+    /// Messages of all robots.
+    static POINT_MESSAGE_FORMAT: MessageFormat = MessageFormat {
+        bytes_max: 16,
+        arrays: Cow::Borrowed(&[MessageArray {
+            name: Cow::Borrowed("x_m"),
+            shape: Cow::Borrowed(&[2]),
+        }]),
+    };
+
     /// Faults of all kinds in [`row_of_three`], in which r2 hears r1, and r3 hears r2.
-    fn kind() -> impl Strategy<Value = FaultKind> {
+    fn any_fault_kind() -> impl Strategy<Value = FaultKind> {
         let robot = || 0..3usize;
-        let stream = prop_oneof![Just(Stream::Odometry), Just(Stream::Commands)];
+        let stream = prop_oneof![Just(RobotStream::Odometry), Just(RobotStream::Commands)];
         let sensor_kind = prop_oneof![
             Just((Sensor::Odometry, SensorFaultKind::Blackout)),
             Just((Sensor::Proximity, SensorFaultKind::Blackout)),
@@ -512,17 +604,19 @@ mod tests {
             (1e-9..1e9).prop_map(|speed_max_m_s| WheelFaultKind::Limit { speed_max_m_s }),
         ];
         prop_oneof![
-            (robot(), prop::option::of(time_ns()))
+            (robot(), prop::option::of(any_time_ns()))
                 .prop_map(|(robot, restart_after_ns)| FaultKind::Kill { robot, restart_after_ns }),
             Just(FaultKind::KillPlant),
             robot().prop_map(|robot| FaultKind::Freeze { robot }),
-            (robot(), time_ns()).prop_map(|(robot, delay_ns)| FaultKind::Slow { robot, delay_ns }),
-            (0..2usize, kind_of_a_link()).prop_map(|(edge, kind)| FaultKind::Link { edge, kind }),
-            (robot(), stream, link_fault_kind())
+            (robot(), any_time_ns())
+                .prop_map(|(robot, delay_ns)| FaultKind::Slowdown { robot, delay_ns }),
+            (0..2usize, any_link_fault_kind())
+                .prop_map(|(edge, kind)| FaultKind::Link { edge, kind }),
+            (robot(), stream, any_message_fault_kind())
                 .prop_map(|(robot, stream, kind)| FaultKind::Stream { robot, stream, kind }),
             (0..2usize, any::<bool>(), any_lie()).prop_map(|(robot, one, lie)| FaultKind::Lie {
                 robot,
-                hearer: one.then_some(robot + 1),
+                receiver: one.then_some(robot + 1),
                 lie
             }),
             (robot(), sensor_kind).prop_map(|(robot, (sensor, kind))| FaultKind::Sensor {
@@ -540,24 +634,25 @@ mod tests {
     proptest! {
         #[test]
         fn printed_faults_of_all_kinds_parse_to_the_same(
-            kind in kind(),
-            at_ns in 0..MOST_NS,
-            lasts_ns in prop::option::of(time_ns()),
+            kind in any_fault_kind(),
+            start_ns in 0..FAULT_TIME_NS_MAX,
+            lasts_ns in prop::option::of(any_time_ns()),
         ) {
-            let scenario = row_of_three();
+            let mut scenario = row_of_three();
+            scenario.robots.iter_mut().for_each(|robot| robot.message_format = Some(&POINT_MESSAGE_FORMAT));
             let lasts = !matches!(kind, FaultKind::Kill { .. } | FaultKind::KillPlant);
-            let planned = Fault { at_ns, for_ns: lasts_ns.filter(|_| lasts), kind };
+            let planned = Fault { start_ns, duration_ns: lasts_ns.filter(|_| lasts), kind };
             let words = planned.format_argument(&scenario);
             let parsed = fault::parse(&words).unwrap_or_else(|error| panic!("{words}: {error}"));
             let text = format!("[[fault]]\n{parsed}");
-            let format = Format::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
-            let document = Document::new(Source::new(Path::new("t.toml"), &text, false), &format);
+            let format = FileFormat::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
+            let document = Document::new(SourceText::new(Path::new("t.toml"), &text, false), &format);
             let entries = DeTable::parse(&text).unwrap();
             let root: TableReader<'_, keys::Root> = TableReader::root(&document, entries.get_ref(), "the scenario");
             let table = &root.tables(keys::Root::fault).unwrap()[0];
             let (robots, graph) = (&scenario.robots[..], &scenario.graph);
-            let scene = Scene { robots, graph, duration_ns: MOST_NS, seed: 1 };
-            let read = super::fault(table, &table.required(keys::Fault::at_s).unwrap(), &scene);
+            let scene = FaultContext { robots, graph, duration_ns: FAULT_TIME_NS_MAX, seed: 1 };
+            let read = super::parse_fault(table, &table.required_value(keys::Fault::at_s).unwrap(), &scene);
             prop_assert_eq!(read.unwrap(), [planned], "{}", words);
         }
     }

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 
-use protocol::regular_file::{self, Links};
+use protocol::regular_file::{self, SymlinkPolicy};
 
 use super::diagnostic::Diagnostic;
 
@@ -13,20 +13,17 @@ use super::diagnostic::Diagnostic;
 pub const FILE_BYTES_MAX: u64 = 8 << 20;
 
 /// Reason why a file cannot be read.
-pub struct Trouble {
+pub struct FileError {
     /// Problem, as a predicate that follows the file name.
     pub problem: String,
     /// Remedy, as a sentence of the diagnostic.
-    pub expected: &'static str,
+    pub remedy: &'static str,
 }
 
-impl Trouble {
+impl FileError {
     /// Returns a diagnostic about the file, without a line.
-    pub fn diagnostic(self, path: &Path) -> Diagnostic {
-        Diagnostic::without_location(
-            format!("`{}` {}", path.display(), self.problem),
-            self.expected,
-        )
+    pub fn into_diagnostic(self, path: &Path) -> Diagnostic {
+        Diagnostic::without_location(format!("`{}` {}", path.display(), self.problem), self.remedy)
     }
 }
 
@@ -46,30 +43,30 @@ pub fn check_inside_folder(folder: &Path, path: &Path) -> io::Result<()> {
 pub fn open_inside_folder(folder: &Path, name: &str) -> io::Result<File> {
     let path = folder.join(name);
     check_inside_folder(folder, &path)?;
-    regular_file::open(&path, Links::Followed)
+    regular_file::open(&path, SymlinkPolicy::Followed)
 }
 
 /// Reads a file with [`open_inside_folder`]. Fails if it has more than `bytes_max` bytes.
 pub fn read_inside_folder(folder: &Path, name: &str, bytes_max: u64) -> io::Result<Vec<u8>> {
-    regular_file::read_open(&open_inside_folder(folder, name)?, bytes_max)
+    regular_file::read_rest(&open_inside_folder(folder, name)?, bytes_max)
 }
 
 /// Returns the text of a file. `expected` is the remedy if there is no such file.
-pub fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
+pub fn load_text(path: &Path, expected: &'static str) -> Result<String, FileError> {
     String::from_utf8(load_bytes(path, expected)?).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         let line = error.as_bytes()[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
         let byte = error.as_bytes()[at];
-        Trouble {
+        FileError {
             problem: format!("is not UTF-8: byte 0x{byte:02x} at offset {at}, on line {line}"),
-            expected: "expected UTF-8 text",
+            remedy: "expected UTF-8 text",
         }
     })
 }
 
-/// Returns the bytes of a file. Fails in the same cases as [`load`], except for invalid UTF-8.
-pub fn load_bytes(path: &Path, expected: &'static str) -> Result<Vec<u8>, Trouble> {
-    let trouble = |what: String| Trouble { problem: what, expected };
+/// Returns the bytes of a file. Fails in the same cases as [`load_text`], except for invalid UTF-8.
+pub fn load_bytes(path: &Path, expected: &'static str) -> Result<Vec<u8>, FileError> {
+    let trouble = |what: String| FileError { problem: what, remedy: expected };
     let cannot = |error: std::io::Error| match error.kind() {
         std::io::ErrorKind::NotFound => trouble("does not exist".into()),
         std::io::ErrorKind::PermissionDenied => trouble("may not be read by this user".into()),
@@ -82,13 +79,13 @@ pub fn load_bytes(path: &Path, expected: &'static str) -> Result<Vec<u8>, Troubl
     if !metadata.is_file() {
         return Err(trouble("is not a regular file".into()));
     }
-    let too_large = |bytes: u64| Trouble {
+    let too_large = |bytes: u64| FileError {
         problem: format!("has {bytes} bytes"),
-        expected: "expected at most 8 MiB",
+        remedy: "expected at most 8 MiB",
     };
     if metadata.len() > FILE_BYTES_MAX {
         return Err(too_large(metadata.len()));
     }
     // The file may have grown in the meantime.
-    regular_file::read(path, Links::Followed, FILE_BYTES_MAX).map_err(cannot)
+    regular_file::read(path, SymlinkPolicy::Followed, FILE_BYTES_MAX).map_err(cannot)
 }

@@ -9,7 +9,7 @@ use super::diagnostic::most_similar_word;
 
 /// A key of a table: one row of the format.
 #[derive(Debug, Clone)]
-pub struct Key {
+pub struct KeySpec {
     /// Name of the key, with the unit as suffix.
     pub name: &'static str,
     /// Type and range of the value of the key.
@@ -21,9 +21,9 @@ pub struct Key {
     /// Former names of the key. They are accepted with a warning.
     pub old_names: &'static [&'static str],
     /// Accepted range as text, if more is checked than the range of the type. Empty otherwise.
-    pub bounds: &'static str,
+    pub range_text: &'static str,
     /// Words that users write for this key, in lower case and without unit, separated by spaces.
-    pub guesses: &'static str,
+    pub synonyms: &'static str,
 }
 
 /// Type of a value. Numbers have the unit in which the name of the key ends.
@@ -40,15 +40,15 @@ pub enum ValueType {
     /// Name of an avoidance method.
     Method,
     /// A boolean, `true` or `false`.
-    Truth,
+    Boolean,
     /// A floating-point number within a range.
-    Number(Range),
+    Number(NumberRange),
     /// A time in seconds that is a whole number of nanoseconds.
-    Time(Range),
+    Time(NumberRange),
     /// A list of times in seconds, at least 0, that are whole numbers of nanoseconds.
     Times,
     /// An integer with its minimum and maximum.
-    Whole(u64, u64),
+    Integer(u64, u64),
     /// Two numbers, `[x, y]`.
     Pair,
     /// A list of points `[x, y]`.
@@ -61,6 +61,8 @@ pub enum ValueType {
     NamesOrCount,
     /// A table with the keys of the named section.
     Table(&'static str),
+    /// The path of a file, or a table with the keys of the named section.
+    FileOrTable(&'static str),
     /// A list of tables with the keys of the named section.
     Tables(&'static str),
     /// A table of tables with the keys of the named section. The file chooses the name of each.
@@ -72,7 +74,7 @@ pub enum ValueType {
 /// Range of a floating-point value. Every range excludes infinite values and magnitudes above
 /// [`super::table::NUMBER_MAX`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Range {
+pub enum NumberRange {
     /// Negative, zero or positive.
     Any,
     /// Zero or positive.
@@ -87,7 +89,7 @@ pub enum Range {
 #[derive(Debug, Clone)]
 pub enum IfMissing {
     /// Error: the key is required.
-    Needed,
+    Required,
     /// This value is used.
     Default(DeValue<'static>),
     /// A rule, described by this text, determines the value.
@@ -104,16 +106,16 @@ pub struct Section {
     /// Description of the table, in one line.
     pub description: &'static str,
     /// Keys of the table, in the order of the reference page.
-    pub keys: Vec<Key>,
+    pub keys: Vec<KeySpec>,
     /// Values of the key `kind`, if it determines which other keys are allowed. If empty, all keys are.
-    pub kinds: Vec<Kind>,
+    pub kinds: Vec<KindSpec>,
     /// Keys of earlier versions that have no successor.
-    pub withdrawn: &'static [Withdrawn],
+    pub withdrawn_keys: &'static [WithdrawnKeys],
 }
 
 /// Keys of earlier versions of the format that have no successor.
 #[derive(Debug)]
-pub struct Withdrawn {
+pub struct WithdrawnKeys {
     /// Names of the keys.
     pub names: &'static [&'static str],
     /// Remedy: what holds now, and what to write instead.
@@ -122,50 +124,50 @@ pub struct Withdrawn {
 
 /// A value of the key `kind`, and the other keys that it requires and allows.
 #[derive(Debug, Clone)]
-pub struct Kind {
+pub struct KindSpec {
     /// Value of the key `kind`.
-    pub word: &'static str,
+    pub name: &'static str,
     /// Description of the kind, in one line.
     pub description: &'static str,
     /// Required keys.
-    pub needs: Vec<&'static str>,
+    pub required_keys: Vec<&'static str>,
     /// Optional keys.
-    pub may: Vec<&'static str>,
+    pub optional_keys: Vec<&'static str>,
 }
 
 /// File format: all sections, and the known control laws and avoidance methods.
 #[derive(Debug)]
-pub struct Format {
+pub struct FileFormat {
     /// Sections. The first is the top-level table.
     pub sections: Vec<Section>,
     /// Names of the control laws.
-    pub laws: Vec<&'static str>,
+    pub law_names: Vec<&'static str>,
     /// Names of the avoidance methods. The first is the default.
-    pub methods: Vec<&'static str>,
+    pub method_names: Vec<&'static str>,
 }
 
 /// Returns the row of an optional key without a description.
-pub fn key(name: &'static str, value_type: ValueType) -> Key {
-    Key {
+pub fn key(name: &'static str, value_type: ValueType) -> KeySpec {
+    KeySpec {
         name,
         value_type,
         if_missing: IfMissing::Absent,
         description: Cow::Borrowed(""),
         old_names: &[],
-        bounds: "",
-        guesses: "",
+        range_text: "",
+        synonyms: "",
     }
 }
 
-impl Key {
+impl KeySpec {
     /// Makes the key required and sets its description.
-    pub fn required(self, description: &'static str) -> Key {
-        Key { if_missing: IfMissing::Needed, description: description.into(), ..self }
+    pub fn required(self, description: &'static str) -> KeySpec {
+        KeySpec { if_missing: IfMissing::Required, description: description.into(), ..self }
     }
 
     /// Makes the key optional and sets its description. Without the key, its feature is off.
-    pub fn optional(self, description: &'static str) -> Key {
-        Key { if_missing: IfMissing::Absent, description: description.into(), ..self }
+    pub fn optional(self, description: &'static str) -> KeySpec {
+        KeySpec { if_missing: IfMissing::Absent, description: description.into(), ..self }
     }
 
     /// Sets the default value, written in TOML, and the description.
@@ -173,9 +175,9 @@ impl Key {
     /// # Panics
     ///
     /// If `value` is not TOML.
-    pub fn default(self, value: &'static str, description: &'static str) -> Key {
+    pub fn default(self, value: &'static str, description: &'static str) -> KeySpec {
         let value = DeValue::parse(value).expect("a default is TOML").into_inner();
-        Key { if_missing: IfMissing::Default(value), description: description.into(), ..self }
+        KeySpec { if_missing: IfMissing::Default(value), description: description.into(), ..self }
     }
 
     /// Sets the rule, as text, that holds if the key is missing, and the description.
@@ -183,23 +185,27 @@ impl Key {
         self,
         rule: impl Into<Cow<'static, str>>,
         description: impl Into<Cow<'static, str>>,
-    ) -> Key {
-        Key { if_missing: IfMissing::Rule(rule.into()), description: description.into(), ..self }
+    ) -> KeySpec {
+        KeySpec {
+            if_missing: IfMissing::Rule(rule.into()),
+            description: description.into(),
+            ..self
+        }
     }
 
     /// Sets the text of the accepted range, for a key with more checks than the range of its type.
-    pub fn with_bounds(self, bounds: &'static str) -> Key {
-        Key { bounds, ..self }
+    pub fn with_bounds(self, bounds: &'static str) -> KeySpec {
+        KeySpec { range_text: bounds, ..self }
     }
 
     /// Sets the former names of the key, which are accepted with a warning.
-    pub fn with_former_names(self, old_names: &'static [&'static str]) -> Key {
-        Key { old_names, ..self }
+    pub fn with_former_names(self, old_names: &'static [&'static str]) -> KeySpec {
+        KeySpec { old_names, ..self }
     }
 
     /// Sets the words that users write for this key, in lower case, without unit, separated by spaces.
-    pub fn guesses(self, guesses: &'static str) -> Key {
-        Key { guesses, ..self }
+    pub fn with_synonyms(self, guesses: &'static str) -> KeySpec {
+        KeySpec { synonyms: guesses, ..self }
     }
 
     /// Returns the name of the key and its former names.
@@ -216,7 +222,10 @@ impl Key {
             | ValueType::Time(_)
             | ValueType::Times => {
                 let name = self.name.strip_suffix("_max").unwrap_or(self.name);
-                UNITS.iter().find(|(suffix, _)| name.ends_with(suffix)).map_or("", |unit| unit.1)
+                UNIT_SUFFIXES
+                    .iter()
+                    .find(|(suffix, _)| name.ends_with(suffix))
+                    .map_or("", |unit| unit.1)
             }
             _ => "",
         }
@@ -224,74 +233,74 @@ impl Key {
 
     /// Returns whether a user probably means this key by `word`: it is the name without unit, or one of the `guesses`.
     pub(crate) fn is_meant_by(&self, word: &str) -> bool {
-        let guess = stem(word);
-        stem(self.name) == guess || self.guesses.split(' ').any(|known| known == guess)
+        let guess = normalize_word(word);
+        normalize_word(self.name) == guess || self.synonyms.split(' ').any(|known| known == guess)
     }
 }
 
 impl Section {
     /// Creates a section with these keys.
-    pub fn new(name: &'static str, description: &'static str, keys: Vec<Key>) -> Section {
-        Section { name, description, keys, kinds: Vec::new(), withdrawn: &[] }
+    pub fn new(name: &'static str, description: &'static str, keys: Vec<KeySpec>) -> Section {
+        Section { name, description, keys, kinds: Vec::new(), withdrawn_keys: &[] }
     }
 
     /// Adds keys that the catalog of laws and methods names.
-    pub(crate) fn with_keys(mut self, keys: Vec<Key>) -> Section {
+    pub(crate) fn with_keys(mut self, keys: Vec<KeySpec>) -> Section {
         self.keys.extend(keys);
         self
     }
 
     /// Adds the values of the key `kind`, which determine the allowed keys.
-    pub(crate) fn with_kinds(self, kinds: impl IntoIterator<Item = Kind>) -> Section {
+    pub(crate) fn with_kinds(self, kinds: impl IntoIterator<Item = KindSpec>) -> Section {
         Section { kinds: kinds.into_iter().collect(), ..self }
     }
 
     /// Adds the keys of earlier versions that have no successor.
-    pub(crate) fn with_withdrawn(self, withdrawn: &'static [Withdrawn]) -> Section {
-        Section { withdrawn, ..self }
+    pub(crate) fn with_withdrawn_keys(self, withdrawn: &'static [WithdrawnKeys]) -> Section {
+        Section { withdrawn_keys: withdrawn, ..self }
     }
 
     /// Returns the remedy for the withdrawn key `word`, or `None` if it was never a key.
-    pub(crate) fn remedy_for_withdrawn(&self, word: &str) -> Option<&'static str> {
-        let lost = self.withdrawn.iter().find(|lost| lost.names.contains(&word));
+    pub(crate) fn withdrawn_key_remedy(&self, word: &str) -> Option<&'static str> {
+        let lost = self.withdrawn_keys.iter().find(|lost| lost.names.contains(&word));
         lost.map(|lost| lost.remedy)
     }
 
     /// Returns the row of the key `name`, or `None` if the section has none.
-    pub fn key(&self, name: &str) -> Option<&Key> {
+    pub fn find_key(&self, name: &str) -> Option<&KeySpec> {
         self.keys.iter().find(|key| key.name == name)
     }
 
     /// Returns the values of the key `kind`, without repetitions.
     pub fn kind_names(&self) -> Vec<&'static str> {
-        let mut words: Vec<&str> = self.kinds.iter().map(|kind| kind.word).collect();
+        let mut words: Vec<&str> = self.kinds.iter().map(|kind| kind.name).collect();
         words.dedup();
         words
     }
 }
 
-impl Kind {
+impl KindSpec {
     /// Creates a kind. `needs` and `may` are lists of keys, separated by spaces.
     pub(crate) fn new(
         word: &'static str,
         description: &'static str,
         needs: &'static str,
         may: &'static str,
-    ) -> Kind {
+    ) -> KindSpec {
         let list = |keys: &'static str| keys.split_whitespace().collect();
-        Kind { word, description, needs: list(needs), may: list(may) }
+        KindSpec { name: word, description, required_keys: list(needs), optional_keys: list(may) }
     }
 
     /// Returns whether the kind requires or allows `key`.
     pub(crate) fn allows_key(&self, key: &str) -> bool {
-        self.needs.contains(&key) || self.may.contains(&key)
+        self.required_keys.contains(&key) || self.optional_keys.contains(&key)
     }
 }
 
-impl Format {
+impl FileFormat {
     /// Returns a format without control laws and avoidance methods.
-    pub fn without_catalog(sections: Vec<Section>) -> Format {
-        Format { sections, laws: Vec::new(), methods: Vec::new() }
+    pub fn without_catalog(sections: Vec<Section>) -> FileFormat {
+        FileFormat { sections, law_names: Vec::new(), method_names: Vec::new() }
     }
 
     /// Returns the section of the top-level table.
@@ -322,10 +331,10 @@ impl Format {
 
     /// Returns the remedy for the unknown key `word`: the most similar key, or the list of allowed keys. `rows` are the
     /// allowed keys of the section. If `elsewhere` is set, keys of other sections are suggested, too.
-    pub(crate) fn suggestion(
+    pub(crate) fn unknown_key_remedy(
         &self,
         section: &Section,
-        rows: &[&Key],
+        rows: &[&KeySpec],
         word: &str,
         elsewhere: bool,
     ) -> String {
@@ -347,7 +356,7 @@ impl Format {
 }
 
 /// Suffixes of key names and their units, longer suffixes first.
-const UNITS: &[(&str, &str)] = &[
+const UNIT_SUFFIXES: &[(&str, &str)] = &[
     ("cycles", "cycles per period"),
     ("_rad_s2", "rad/s^2"),
     ("_m_s2", "m/s^2"),
@@ -362,8 +371,8 @@ const UNITS: &[(&str, &str)] = &[
 ];
 
 /// Returns `word` as in `guesses`: in lower case, without unit.
-fn stem(word: &str) -> String {
+fn normalize_word(word: &str) -> String {
     let word = word.to_lowercase().replace('-', "_");
-    let suffix = UNITS.iter().find_map(|(suffix, _)| word.strip_suffix(suffix));
+    let suffix = UNIT_SUFFIXES.iter().find_map(|(suffix, _)| word.strip_suffix(suffix));
     suffix.filter(|stem| !stem.is_empty()).unwrap_or(&word).to_owned()
 }

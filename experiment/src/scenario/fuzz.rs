@@ -3,13 +3,13 @@
 
 use std::path::Path;
 
-use formation::random::draw;
+use formation::random::draw_unit_by_number;
 
 use super::read::{Overrides, read_text};
-use super::tests::{HEADED, catalog, triangle};
-use crate::check::{Theory, report};
+use super::tests::{TRIANGLE_WITH_HEADED_TABLES, test_catalog, triangle_text};
+use crate::check::{Theory, format_report};
 
-const SPECS: [&str; 13] = [
+const FAULT_ARGUMENTS: [&str; 13] = [
     "kill r2 @10 restart 2",
     "kill r1 @0.5",
     "kill plant @3",
@@ -31,22 +31,22 @@ const TOKENS: &str = "[ ] [[ ]] { } = \" ' ''' \"\"\" # . : , - -> @ _ ~ \r~ < >
     restart_2 robot r1 [[edge]]~ [[fault]]~ [[robot]]~ [graph]~ robot_=_[]~ edge_=_3~ name_=_\"r1\"~ \
     graph_=_\"triangle.graphml\"~ {_name_=_\"r2\"_}, \"id\":_7, \"pose\":_3, <node_id=\"x\"> <data_key=\"d0\">";
 
-fn times() -> u64 {
+fn repetition_factor() -> u64 {
     std::env::var("PHALANX_TIMES").map_or(1, |times| times.parse().unwrap())
 }
 
-fn file(path: &str) -> String {
+fn read_repository_file(path: &str) -> String {
     let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     std::fs::read_to_string(repository.join(path)).unwrap()
 }
 
 /// Returns `original` with a few random changes drawn from `seed`.
-fn mutated(original: &str, seed: u64) -> String {
+fn mutate_text(original: &str, seed: u64) -> String {
     let pieces: Vec<&str> = TOKENS.split(' ').collect();
     let mut drawn = 0;
     let mut below = |bound: usize| {
         drawn += 1;
-        (draw(seed, drawn) * bound as f64) as usize
+        (draw_unit_by_number(seed, drawn) * bound as f64) as usize
     };
     let mut text: Vec<char> = original.chars().collect();
     for _ in 0..1 + below(4) {
@@ -59,8 +59,8 @@ fn mutated(original: &str, seed: u64) -> String {
 }
 
 /// Returns whether the text is accepted. Otherwise its diagnostic must render. Neither may panic.
-fn is_read(path: &Path, text: &str, overrides: &Overrides) -> bool {
-    match read_text(path, text, overrides, &catalog()) {
+fn is_accepted(path: &Path, text: &str, overrides: &Overrides) -> bool {
+    match read_text(path, text, overrides, &test_catalog()) {
         Ok(_) => true,
         Err(diagnostic) => {
             assert!(diagnostic.render(false).starts_with("error: "));
@@ -74,27 +74,30 @@ fn is_read(path: &Path, text: &str, overrides: &Overrides) -> bool {
 /// and parses to the same scenario again.
 #[test]
 fn fuzzed_scenario_never_panics_and_diagnostics_are_printable() {
-    let texts = 3000 * times();
-    let originals = [file("scenarios/triangle-kill.toml"), HEADED.to_owned()];
+    let texts = 3000 * repetition_factor();
+    let originals = [
+        read_repository_file("scenarios/triangle-kill.toml"),
+        TRIANGLE_WITH_HEADED_TABLES.to_owned(),
+    ];
     let set = vec!["robot.r1.pose.x_m=0.1".to_owned()];
     let overrides = [
         Overrides::default(),
-        Overrides { set, seed: Some(3), ..Overrides::default() },
+        Overrides { assignments: set, seed: Some(3), ..Overrides::default() },
         Overrides { faults: vec!["kill r3 @1".into()], ..Overrides::default() },
     ];
     let path = Path::new("test.toml");
     let read = (0..texts).filter(|&seed| {
         let original = if seed % 10 == 0 { "" } else { originals[(seed % 2) as usize].as_str() };
-        let text = mutated(original, seed);
+        let text = mutate_text(original, seed);
         let overrides = &overrides[(seed % 3) as usize];
-        if !is_read(path, &text, overrides) {
+        if !is_accepted(path, &text, overrides) {
             return false;
         }
         let (scenario, effective, warnings) =
-            read_text(path, &text, overrides, &catalog()).unwrap();
+            read_text(path, &text, overrides, &test_catalog()).unwrap();
         assert!(warnings.iter().all(|warning| !warning.render(false).is_empty()));
-        assert!(!report(&scenario, &Theory::compute(&scenario)).is_empty());
-        let again = read_text(path, &effective, &Overrides::default(), &catalog()).unwrap().0;
+        assert!(!format_report(&scenario, &Theory::compute(&scenario)).is_empty());
+        let again = read_text(path, &effective, &Overrides::default(), &test_catalog()).unwrap().0;
         assert_eq!(again, scenario, "seed {seed}");
         true
     });
@@ -104,12 +107,13 @@ fn fuzzed_scenario_never_panics_and_diagnostics_are_printable() {
 
 #[test]
 fn no_fault_on_the_command_line_makes_the_reader_panic() {
-    let specs = 4000 * times();
-    let triangle = triangle();
+    let specs = 4000 * repetition_factor();
+    let triangle = triangle_text();
     let read = (0..specs).filter(|&seed| {
-        let spec = mutated(SPECS[(seed % SPECS.len() as u64) as usize], seed);
+        let spec =
+            mutate_text(FAULT_ARGUMENTS[(seed % FAULT_ARGUMENTS.len() as u64) as usize], seed);
         let overrides = Overrides { faults: vec![spec], ..Overrides::default() };
-        is_read(Path::new("test.toml"), &triangle, &overrides)
+        is_accepted(Path::new("test.toml"), &triangle, &overrides)
     });
     let read = read.count() as u64;
     assert!(read > specs / 1000 && read < specs, "{read} of {specs} were read");
@@ -119,7 +123,7 @@ fn no_fault_on_the_command_line_makes_the_reader_panic() {
 /// text of an accepted scenario needs no graph file.
 #[test]
 fn fuzzed_graph_never_panics_and_round_trips() {
-    let texts = 3000 * times();
+    let texts = 3000 * repetition_factor();
     let graphs = [
         "triangle-edges.json",
         "triangle.graphml",
@@ -128,30 +132,37 @@ fn fuzzed_graph_never_panics_and_round_trips() {
         "all-hear-all.graphml",
         "triangle-matrix.csv",
     ];
-    let originals = graphs.map(|name| file(&format!("tests/graphs/{name}")));
-    let inline = triangle().replace("pose =", "place_m = [0, 0], pose =");
-    let (head, _) = HEADED.split_once("[[robot]]").unwrap();
-    let (robots, _) = HEADED.split_once("[[edge]]").unwrap();
-    let heads = [head, &robots.replace("pose =", "place_m = [0, 0]\npose ="), HEADED, &inline];
+    let originals = graphs.map(|name| read_repository_file(&format!("tests/graphs/{name}")));
+    let inline = triangle_text().replace("pose =", "place_m = [0, 0], pose =");
+    let (head, _) = TRIANGLE_WITH_HEADED_TABLES.split_once("[[robot]]").unwrap();
+    let (robots, _) = TRIANGLE_WITH_HEADED_TABLES.split_once("[[edge]]").unwrap();
+    let heads = [
+        head,
+        &robots.replace("pose =", "place_m = [0, 0]\npose ="),
+        TRIANGLE_WITH_HEADED_TABLES,
+        &inline,
+    ];
     let folder = tempfile::tempdir_in("/dev/shm").unwrap();
     let path = folder.path().join("test.toml");
     let mut read = 0;
     for seed in 0..texts {
         let which = (seed % 6) as usize;
-        let graph = match draw(seed, 100) < 0.3 {
+        let graph = match draw_unit_by_number(seed, 100) < 0.3 {
             true => originals[which].clone(),
-            false => mutated(&originals[which], seed),
+            false => mutate_text(&originals[which], seed),
         };
         std::fs::write(folder.path().join(graphs[which]), graph).unwrap();
-        let head = heads[(draw(seed, 101) * 4.0) as usize];
+        let head = heads[(draw_unit_by_number(seed, 101) * 4.0) as usize];
         let text = format!("graph = \"{}\" # g\n{head}", graphs[which]);
-        let text = if draw(seed, 102) < 0.3 { mutated(&text, !seed) } else { text };
+        let text =
+            if draw_unit_by_number(seed, 102) < 0.3 { mutate_text(&text, !seed) } else { text };
         let overrides = Overrides { seed: (seed % 5 == 0).then_some(7), ..Overrides::default() };
-        if is_read(&path, &text, &overrides) {
+        if is_accepted(&path, &text, &overrides) {
             read += 1;
-            let (scenario, effective, _) = read_text(&path, &text, &overrides, &catalog()).unwrap();
+            let (scenario, effective, _) =
+                read_text(&path, &text, &overrides, &test_catalog()).unwrap();
             let elsewhere = Path::new("/nowhere/test.toml");
-            let again = read_text(elsewhere, &effective, &Overrides::default(), &catalog());
+            let again = read_text(elsewhere, &effective, &Overrides::default(), &test_catalog());
             let (again, same, _) = again.unwrap();
             assert_eq!((again, same), (scenario, effective), "seed {seed}");
         }

@@ -1,45 +1,83 @@
 //! Formation graph: all `[[edge]]`, and the lists `hears` of the robots.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use formation::Vec2;
 use formation::graph::{Edge, FormationGraph};
+use protocol::brief::RangeBrief;
 use protocol::law::Reference;
 
 use super::Robot;
 use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
-use super::robots::{NeighborKeys, robot_named};
-use super::table::{TableReader, Value};
+use super::robots::{NeighborKeys, parse_robot_index};
+use super::table::{TableReader, TypedValue};
 
-/// Returns the edges of the file, then those of `hears`, robot by robot.
-pub(super) fn graph(
+/// Maximum number of robots of a scenario with communication by distance: each has a link from every other.
+const DISK_ROBOTS_MAX: usize = 64;
+/// Default of `hysteresis_m`, as a fraction of the radius.
+const HYSTERESIS_FRACTION_DEFAULT: f64 = 0.05;
+
+/// Communication by distance: some edges of the graph exist only while their ends are near each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DiskGraph {
+    /// Distances at which these edges come and go.
+    pub range: RangeBrief,
+    /// Index of the first of these edges; all edges after it are by distance too.
+    pub first_edge_index: usize,
+}
+
+/// Parameters of edges, by sender and receiver.
+type EdgeParams = BTreeMap<[usize; 2], toml::Table>;
+
+/// Parses the graph: the edges of the file, then of `hears`, robot by robot, then by distance. The parameters of the
+/// edges are in the third element.
+pub(super) fn parse_graph(
     root: &TableReader<'_, keys::Root>,
     robots: &[Robot],
     ties: &[NeighborKeys<'_>],
-) -> Result<FormationGraph, Diagnostic> {
-    let into_leaders = root.truth(keys::Root::drop_edges_to_leaders)?;
+) -> Result<(FormationGraph, Option<DiskGraph>, EdgeParams), Diagnostic> {
+    let mut params = EdgeParams::new();
+    let into_leaders = root.boolean(keys::Root::drop_edges_to_leaders)?;
     let (list, seen) = (Vec::new(), BTreeMap::new());
-    let mut edges =
-        Edges { robots, ties, drops_into_leaders: into_leaders, edges: list, locations: seen };
+    let mut edges = GraphBuilder {
+        robots,
+        neighbor_keys: ties,
+        drops_edges_into_leaders: into_leaders,
+        edges: list,
+        locations: seen,
+    };
     for table in root.tables(keys::Root::edge)? {
         table.check_keys()?;
-        table.is_at(&format!("edge.{}", edges.edges.len()));
-        let from = table.required(keys::Edge::from)?;
-        let to = table.required(keys::Edge::to)?;
-        let ends = [robot_named(&from, robots)?, robot_named(&to, robots)?];
+        table.record_location(&format!("edge.{}", edges.edges.len()));
+        let from = table.required_value(keys::Edge::from)?;
+        let to = table.required_value(keys::Edge::to)?;
+        let ends = [parse_robot_index(&from, robots)?, parse_robot_index(&to, robots)?];
         let whole = |message, expected| table.error_at_table(message, expected);
-        edges.add(ends, &to, &whole, table.get(keys::Edge::offset_m))?;
+        edges.add_edge(ends, &to, &whole, table.get(keys::Edge::offset_m))?;
+        if let Some(given) = table.get(keys::Edge::params) {
+            let to = &robots[ends[1]];
+            if !to.takes_params {
+                return Err(given.error_about_key(
+                    format!(
+                        "is given, but the law \"{}\" of {} takes no parameters",
+                        to.law, to.name
+                    ),
+                    "expected no such key, or a law that is a program: `[laws.NAME]`",
+                ));
+            }
+            params.insert(ends, given.any_table()?);
+        }
     }
     for (hearer, tie) in ties.iter().enumerate() {
         let Some(hears) = &tie.hears else { continue };
         let expected = "expected a list of names of robots: [\"r2\", \"r3\"]";
         for heard in hears.elements(expected)? {
-            heard.is_at(&format!("edge.{}", edges.edges.len()));
-            let ends = [robot_named(&heard, robots)?, hearer];
-            edges.add(
+            heard.record_location(&format!("edge.{}", edges.edges.len()));
+            let ends = [parse_robot_index(&heard, robots)?, hearer];
+            edges.add_edge(
                 ends,
                 &heard,
                 &|message, expected| heard.error_at_value(message, expected),
@@ -47,28 +85,68 @@ pub(super) fn graph(
             )?;
         }
     }
-    Ok(FormationGraph::new(robots.len(), edges.edges))
+    let mut edges = edges.edges;
+    let disk =
+        root.get(keys::Root::graph).map(|graph| parse_disk_graph(&graph, robots, &mut edges));
+    Ok((FormationGraph::new(robots.len(), edges), disk.transpose()?, params))
+}
+
+/// Parses communication by distance, and adds its edges: to each robot with the role `free` or `goal`, from all others
+/// without an edge to it.
+fn parse_disk_graph(
+    graph: &TypedValue<'_, kinds::FileOrTable<keys::Disk>>,
+    robots: &[Robot],
+    edges: &mut Vec<Edge>,
+) -> Result<DiskGraph, Diagnostic> {
+    let table = graph.table()?;
+    let _: String = table.read_word(keys::Disk::kind)?;
+    let radius_m = table.number(keys::Disk::radius_m)?;
+    let hysteresis_m = table.optional_number(keys::Disk::hysteresis_m)?;
+    let hysteresis_m = hysteresis_m.unwrap_or(HYSTERESIS_FRACTION_DEFAULT * radius_m);
+    if robots.len() > DISK_ROBOTS_MAX {
+        return Err(graph.error_about_key(
+            format!("is communication by distance between {} robots", robots.len()),
+            format!("expected at most {DISK_ROBOTS_MAX} robots, because each has a link from every other"),
+        ));
+    }
+    let needs_no_slot =
+        |to: &usize| matches!(robots[*to].role.reference, Reference::LawTarget | Reference::Goal);
+    let receivers: Vec<usize> = (0..robots.len()).filter(needs_no_slot).collect();
+    if receivers.is_empty() {
+        return Err(graph.error_about_key(
+            "is communication by distance, but no robot has the role `free` or `goal`",
+            "expected a law with `role = \"free\"`: a robot that keeps a slot needs fixed in-neighbors, as `hears` and `edge` \
+             list them",
+        ));
+    }
+    let first_edge = edges.len();
+    let given: BTreeSet<[usize; 2]> = edges.iter().map(|edge| [edge.from, edge.to]).collect();
+    for to in receivers {
+        let others = (0..robots.len()).filter(|&from| from != to && !given.contains(&[from, to]));
+        edges.extend(others.map(|from| Edge { from, to, offset_m: Vec2::zeros() }));
+    }
+    Ok(DiskGraph { range: RangeBrief { radius_m, hysteresis_m }, first_edge_index: first_edge })
 }
 
 /// Graph under construction.
-struct Edges<'a, 't> {
+struct GraphBuilder<'a, 't> {
     robots: &'a [Robot],
-    ties: &'a [NeighborKeys<'t>],
+    neighbor_keys: &'a [NeighborKeys<'t>],
     /// `true` if edges to a leader are dropped. Otherwise they are errors.
-    drops_into_leaders: bool,
+    drops_edges_into_leaders: bool,
     edges: Vec<Edge>,
     /// Source location of the receiver of each edge, by sender and receiver.
     locations: BTreeMap<[usize; 2], Range<usize>>,
 }
 
-impl Edges<'_, '_> {
+impl GraphBuilder<'_, '_> {
     /// Adds an edge. An error points at the receiver, or at the `whole` edge.
-    fn add<T>(
+    fn add_edge<T>(
         &mut self,
         ends: [usize; 2],
-        hearer: &Value<'_, T>,
+        hearer: &TypedValue<'_, T>,
         whole: &dyn Fn(String, String) -> Diagnostic,
-        offset: Option<Value<'_, kinds::Pair>>,
+        offset: Option<TypedValue<'_, kinds::Pair>>,
     ) -> Result<(), Diagnostic> {
         let [from, to] = ends.map(|end| &self.robots[end]);
         if ends[0] == ends[1] {
@@ -77,7 +155,7 @@ impl Edges<'_, '_> {
                 "expected another robot",
             ));
         }
-        if to.role.reference == Reference::Trajectory && self.drops_into_leaders {
+        if to.role.reference == Reference::Trajectory && self.drops_edges_into_leaders {
             return Ok(());
         }
         if let Some(first) = self.locations.insert(ends, hearer.span()) {
@@ -100,13 +178,13 @@ impl Edges<'_, '_> {
             }
             (Reference::Offsets, Some(offset)) => offset.pair()?,
             (Reference::Offsets, None) => self.offset_between_slots(ends, whole)?,
-            (Reference::Free, Some(offset)) => offset.pair()?,
-            (Reference::Free, None) => match ends.map(|end| self.ties[end].place_m) {
+            (Reference::LawTarget, Some(offset)) => offset.pair()?,
+            (Reference::LawTarget, None) => match ends.map(|end| self.neighbor_keys[end].place_m) {
                 [Some(from), Some(to)] => [to[0] - from[0], to[1] - from[1]],
                 _ => [0.0, 0.0],
             },
-            (Reference::Middle | Reference::Goal, None) => [0.0, 0.0],
-            (reference @ (Reference::Middle | Reference::Goal), Some(offset)) => {
+            (Reference::NeighborMean | Reference::Goal, None) => [0.0, 0.0],
+            (reference @ (Reference::NeighborMean | Reference::Goal), Some(offset)) => {
                 let does = match reference {
                     Reference::Goal => "goes to a goal",
                     _ => "is contained",
@@ -128,7 +206,7 @@ impl Edges<'_, '_> {
         whole: &dyn Fn(String, String) -> Diagnostic,
     ) -> Result<[f64; 2], Diagnostic> {
         let [from, to] = ends.map(|end| &self.robots[end].name);
-        let without = match ends.map(|end| self.ties[end].place_m) {
+        let without = match ends.map(|end| self.neighbor_keys[end].place_m) {
             [Some(from), Some(to)] => return Ok([to[0] - from[0], to[1] - from[1]]),
             [None, None] => "neither robot has a".to_owned(),
             [None, Some(_)] => format!("{from} has no"),

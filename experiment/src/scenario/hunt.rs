@@ -3,27 +3,27 @@
 use super::diagnostic::{Diagnostic, most_similar_word};
 use super::fields::{TypedKey, kinds};
 use super::keys::{Hunt, Root};
-use super::robots::robot_named;
-use super::table::{TableReader, Value};
-use super::{HuntBounds, Robot, Varied, seconds};
+use super::robots::parse_robot_index;
+use super::table::{TableReader, TypedValue};
+use super::{HuntBounds, Robot, VariedPart, ns_to_seconds};
 
 /// Parts of a scenario that can vary, with their names for `vary` and `--vary`.
-pub const VARIED: &[(&str, Varied)] = &[
-    ("starts", Varied::Starts),
-    ("faults", Varied::Faults),
-    ("delays", Varied::Delays),
-    ("noise", Varied::Noise),
-    ("gains", Varied::Gains),
+pub const VARY_VALUES: &[(&str, VariedPart)] = &[
+    ("starts", VariedPart::Starts),
+    ("faults", VariedPart::Faults),
+    ("delays", VariedPart::Delays),
+    ("noise", VariedPart::Noise),
+    ("gains", VariedPart::Gains),
 ];
 
 /// Kinds of faults that a hunt can draw: all that act within one process.
-const KINDS: &[&str] = &[
+const FAULT_KINDS: &[&str] = &[
     "kill", "freeze", "slow", "cut", "loss", "bursts", "fading", "delay", "lie", "blackout",
     "noise", "wheels",
 ];
 
 /// Parses `[hunt]`.
-pub(super) fn hunt(
+pub(super) fn parse_hunt(
     root: &TableReader<'_, Root>,
     robots: &[Robot],
     [duration_ns, period_ns]: [u64; 2],
@@ -31,36 +31,36 @@ pub(super) fn hunt(
 ) -> Result<HuntBounds, Diagnostic> {
     let table = root.table(Root::hunt)?;
     let vary = parse_words(&table, Hunt::vary, &|word| {
-        VARIED.iter().find(|(known, _)| *known == word).map(|(_, varied)| *varied)
+        VARY_VALUES.iter().find(|(known, _)| *known == word).map(|(_, varied)| *varied)
     })?;
     let kinds = parse_words(&table, Hunt::kinds, &|word| {
-        KINDS.iter().find(|known| **known == word).copied()
+        FAULT_KINDS.iter().find(|known| **known == word).copied()
     })?;
     let named = match table.get(Hunt::robots) {
         None => (0..robots.len()).collect(),
         Some(list) => {
             let names = list.elements("expected a list of names of robots")?;
             check_not_empty(&list, &names)?;
-            names.iter().map(|name| robot_named(name, robots)).collect::<Result<_, _>>()?
+            names.iter().map(|name| parse_robot_index(name, robots)).collect::<Result<_, _>>()?
         }
     };
     let from_ns = table.time_ns(Hunt::from_s)?;
-    let until_ns = table.maybe_time_ns(Hunt::until_s)?.unwrap_or(duration_ns / 2);
+    let until_ns = table.optional_time_ns(Hunt::until_s)?.unwrap_or(duration_ns / 2);
     if until_ns <= from_ns || until_ns > duration_ns {
         let key = table.get(Hunt::until_s).or_else(|| table.get(Hunt::from_s));
         return Err(key.expect("half of the duration is above 0").error_about_key(
             format!(
                 "leaves no time for faults: from {} s to {} s",
-                seconds(from_ns),
-                seconds(until_ns)
+                ns_to_seconds(from_ns),
+                ns_to_seconds(until_ns)
             ),
             format!(
                 "expected `from_s` below `until_s`, and `until_s` at most {} s",
-                seconds(duration_ns)
+                ns_to_seconds(duration_ns)
             ),
         ));
     }
-    let loss = table.required(Hunt::loss_max)?;
+    let loss = table.required_value(Hunt::loss_max)?;
     let loss_max = loss.number()?;
     if loss_max > 1.0 {
         return Err(loss.error_about_key(
@@ -68,8 +68,8 @@ pub(super) fn hunt(
             "expected a fraction above 0 and at most 1",
         ));
     }
-    let box_m = pair(&table, Hunt::box_m, [4.0 * d_m; 2])?;
-    let gain_factors = pair(&table, Hunt::gain_factors, [0.5, 2.0])?;
+    let box_m = parse_positive_pair(&table, Hunt::box_m, [4.0 * d_m; 2])?;
+    let gain_factors = parse_positive_pair(&table, Hunt::gain_factors, [0.5, 2.0])?;
     if let ([least, most], Some(key)) = (gain_factors, table.get(Hunt::gain_factors))
         && least >= most
     {
@@ -77,20 +77,22 @@ pub(super) fn hunt(
         return Err(key.error_about_key(format!("is [{least}, {most}]"), expected));
     }
     Ok(HuntBounds {
-        vary: vary.unwrap_or_else(|| vec![Varied::Starts, Varied::Faults, Varied::Delays]),
+        varied_parts: vary
+            .unwrap_or_else(|| vec![VariedPart::Starts, VariedPart::Faults, VariedPart::Delays]),
         faults_max: table.integer(Hunt::faults_max)? as usize,
         // Few control laws tolerate Byzantine robots.
-        kinds: kinds
-            .unwrap_or_else(|| KINDS.iter().copied().filter(|kind| *kind != "lie").collect()),
+        fault_kinds: kinds
+            .unwrap_or_else(|| FAULT_KINDS.iter().copied().filter(|kind| *kind != "lie").collect()),
         robots: named,
-        from_ns,
-        until_ns,
-        box_m,
-        separation_min_m: table.maybe_number(Hunt::apart_m)?.unwrap_or(1.5 * d_m),
-        delay_ns_max: table.maybe_time_ns(Hunt::delay_s_max)?.unwrap_or(4 * period_ns),
+        earliest_fault_start_ns: from_ns,
+        latest_fault_end_ns: until_ns,
+        start_box_m: box_m,
+        separation_min_m: table.optional_number(Hunt::apart_m)?.unwrap_or(1.5 * d_m),
+        delay_ns_max: table.optional_time_ns(Hunt::delay_s_max)?.unwrap_or(4 * period_ns),
         loss_max,
-        noise_m_max: table.maybe_number(Hunt::noise_m_max)?.unwrap_or(0.05 * d_m),
+        noise_m_max: table.optional_number(Hunt::noise_m_max)?.unwrap_or(0.05 * d_m),
         noise_heading_rad_max: table.number(Hunt::noise_heading_rad_max)?,
+        message_error_max: table.number(Hunt::message_error_max)?,
         gain_factors,
     })
 }
@@ -103,13 +105,13 @@ fn parse_words<T>(
 ) -> Result<Option<Vec<T>>, Diagnostic> {
     let Some(list) = table.get(key) else { return Ok(None) };
     let known: Vec<&str> = match key.name() {
-        "kinds" => KINDS.to_vec(),
-        _ => VARIED.iter().map(|(word, _)| *word).collect(),
+        "kinds" => FAULT_KINDS.to_vec(),
+        _ => VARY_VALUES.iter().map(|(word, _)| *word).collect(),
     };
     let expected = format!("expected one or more of {}", known.join(", "));
     let words = list.elements(&expected)?;
     check_not_empty(&list, &words)?;
-    let meant_by = |word: &Value<'_, kinds::Texts>| {
+    let meant_by = |word: &TypedValue<'_, kinds::Texts>| {
         let text = word.text(&expected)?;
         meaning(text).ok_or_else(|| {
             let close = most_similar_word(text, known.iter().copied());
@@ -123,7 +125,10 @@ fn parse_words<T>(
     words.iter().map(meant_by).collect::<Result<_, _>>().map(Some)
 }
 
-fn check_not_empty<T>(list: &Value<'_, T>, elements: &[Value<'_, T>]) -> Result<(), Diagnostic> {
+fn check_not_empty<T>(
+    list: &TypedValue<'_, T>,
+    elements: &[TypedValue<'_, T>],
+) -> Result<(), Diagnostic> {
     match elements {
         [] => Err(list.error_about_key(
             "is empty: nothing would vary",
@@ -134,7 +139,7 @@ fn check_not_empty<T>(list: &Value<'_, T>, elements: &[Value<'_, T>]) -> Result<
 }
 
 /// Parses two numbers above 0. `otherwise` is the default.
-fn pair(
+fn parse_positive_pair(
     table: &TableReader<'_, Hunt>,
     key: TypedKey<Hunt, kinds::Pair>,
     otherwise: [f64; 2],

@@ -7,31 +7,36 @@ use std::path::Path;
 use std::sync::Mutex;
 
 use protocol::catalog::Catalog;
-use protocol::law::{LawDescription, Role};
+use protocol::law::{LIARS_MAX_KEY, LawDescription, Role};
 use protocol::law_message::{MESSAGE_BYTES_MAX, MessageArray, MessageFormat};
 use protocol::signals::SIGNALS_MAX;
 use toml::de::{DeTable, DeValue};
 
-use super::diagnostic::{Diagnostic, Source};
+use super::diagnostic::{Diagnostic, SourceText};
 use super::fields::kinds;
-use super::keys::{self, Format};
-use super::program::Program;
-use super::table::{Document, TableReader, Value};
+use super::keys::{self, FileFormat};
+use super::program::ExternalProgram;
+use super::table::{Document, TableReader, TypedValue};
+
+/// Key of a gain, with its lowest and its highest value.
+type GainRange = (&'static str, [f64; 2]);
 
 /// Control law in an external program.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ProgramLaw {
     /// Name, the value of the key `law`.
     pub name: String,
     /// Program that robots with this law run.
-    pub program: Program,
+    pub program: ExternalProgram,
+    /// Distance up to which these robots sense others, m; `None` for that of the avoidance method.
+    pub sensing_radius_m: Option<f64>,
 }
 
 /// Returns the catalog with the external laws of the text added. `program_folder` is the folder that must contain their
 /// files; `None`: not checked.
 pub(super) fn add_external_laws(
     catalog: &Catalog,
-    source: &Source,
+    source: &SourceText,
     entries: &DeTable<'_>,
     program_folder: Option<&Path>,
 ) -> Result<Catalog, Diagnostic> {
@@ -39,31 +44,38 @@ pub(super) fn add_external_laws(
     if entries.get("laws").is_none() {
         return Ok(known);
     }
-    let format = Format::new(catalog);
+    let format = FileFormat::new(catalog);
     let document = Document::new(source.clone(), &format);
     let root: TableReader<'_, keys::Root> = TableReader::root(&document, entries, "the scenario");
     for (name, table) in root.named_tables(keys::Root::laws)? {
-        known.laws.push(description(name, &table, catalog, &format)?);
+        known.laws.push(parse_law_description(name, &table, catalog, &format)?);
         if let Some(folder) = program_folder {
-            Program::check_files_exist(&table, folder)?;
+            ExternalProgram::check_files_exist(&table, folder)?;
         }
     }
     Ok(known)
 }
 
 /// Returns all external laws with their programs.
-pub(super) fn laws(root: &TableReader<'_, keys::Root>) -> Result<Vec<ProgramLaw>, Diagnostic> {
+pub(super) fn parse_laws(
+    root: &TableReader<'_, keys::Root>,
+) -> Result<Vec<ProgramLaw>, Diagnostic> {
     let law = |(name, table): (&str, TableReader<'_, keys::Law>)| {
-        Ok(ProgramLaw { name: name.to_owned(), program: Program::read(&table)? })
+        let sensing_radius_m = table.optional_number(keys::Law::sensing_radius_m)?;
+        Ok(ProgramLaw {
+            name: name.to_owned(),
+            program: ExternalProgram::read(&table)?,
+            sensing_radius_m,
+        })
     };
     root.named_tables(keys::Root::laws)?.into_iter().map(law).collect()
 }
 
-fn description(
+fn parse_law_description(
     name: &str,
     table: &TableReader<'_, keys::Law>,
     catalog: &Catalog,
-    format: &Format,
+    format: &FileFormat,
 ) -> Result<LawDescription, Diagnostic> {
     if !is_name(name, |c| c.is_ascii_alphanumeric() || c == '-' || c == '_') {
         return Err(table.error_at_table(
@@ -79,32 +91,35 @@ fn description(
     }
     let roles = [Role::LEADER, Role::FORMATION, Role::CONTAINED, Role::GOAL, Role::FREE]
         .map(|role| (role.name, role));
-    let role = table.required(keys::Law::role)?.parse_word(&roles)?;
-    let gains = gains(table, catalog, format)?;
+    let role = table.required_value(keys::Law::role)?.parse_word(&roles)?;
+    let gains = parse_gains(table, catalog, format)?;
+    let ranges = gain_ranges(table, &gains)?;
     let params = table.get(keys::Law::params).map(|params| params.any_table()).transpose()?;
     let bound = table
         .get(keys::Law::correction_max)
-        .map(|key| parse_bounding_gain(&key, &gains))
+        .map(|key| parse_bounding_gain(&key, &gains, &ranges))
         .transpose()?;
     Ok(LawDescription {
         name: intern_name(name),
         role,
         source: "in a program of the scenario's own",
-        gains: intern_list(gains),
-        feed_forward: table.truth(keys::Law::feed_forward)?,
+        gain_keys: intern_list(gains),
+        gain_ranges: intern_ranges(ranges),
+        feed_forward: table.boolean(keys::Law::feed_forward)?,
         correction_max: bound,
         params: Some(intern_params(params)),
-        message: message(table)?.map(intern_format),
-        withholds: table.truth(keys::Law::withholds)?,
-        signals: intern_list(signals(table)?),
+        message_format: parse_message_format(table)?.map(intern_format),
+        queued_messages_max: table.integer(keys::Law::message_queue)? as usize,
+        may_withhold_beacon: table.boolean(keys::Law::withholds)?,
+        signals: intern_list(parse_signals(table)?),
     })
 }
 
 /// Parses the keys of the law's gains.
-fn gains(
+fn parse_gains(
     table: &TableReader<'_, keys::Law>,
     catalog: &Catalog,
-    format: &Format,
+    format: &FileFormat,
 ) -> Result<Vec<&'static str>, Diagnostic> {
     let expected = "expected a list of keys, as in [\"k_m_s\"]";
     let Some(list) = table.get(keys::Law::gains) else { return Ok(Vec::new()) };
@@ -117,8 +132,8 @@ fn gains(
                 "expected lower-case letters, digits and `_`, with the unit last, as in \"k_m_s\"",
             ));
         }
-        let of_robots = format.section("robot").key(key).is_some();
-        let of_a_law = catalog.laws.iter().any(|law| law.gains.contains(&key));
+        let of_robots = format.section("robot").find_key(key).is_some();
+        let of_a_law = catalog.laws.iter().any(|law| law.gain_keys.contains(&key));
         if of_robots && !of_a_law {
             return Err(value.error_about_key(
                 format!("is \"{key}\", which is already a key of robots"),
@@ -136,8 +151,32 @@ fn gains(
     Ok(gains)
 }
 
+/// Parses the ranges of some of the law's gains.
+fn gain_ranges(
+    table: &TableReader<'_, keys::Law>,
+    gains: &[&'static str],
+) -> Result<Vec<GainRange>, Diagnostic> {
+    let expected = "expected the lowest and the highest value of some of the `gains`, such as { k_per_s = [-2.0, 2.0] }";
+    let Some(given) = table.get(keys::Law::gain_ranges) else { return Ok(Vec::new()) };
+    let mut ranges = Vec::new();
+    for (key, value) in given.entries(expected)? {
+        let Some(gain) = gains.iter().find(|gain| **gain == key) else {
+            return Err(value.error_about_key("is not one of the law's `gains`", expected));
+        };
+        if *gain == LIARS_MAX_KEY {
+            return Err(value.error_about_key("is a whole number above 0", "expected no range"));
+        }
+        let [lowest, highest] = value.pair()?;
+        if lowest >= highest {
+            return Err(value.error_about_key(format!("is [{lowest}, {highest}]"), expected));
+        }
+        ranges.push((*gain, [lowest, highest]));
+    }
+    Ok(ranges)
+}
+
 /// Parses the names of the law's signals.
-fn signals(table: &TableReader<'_, keys::Law>) -> Result<Vec<&'static str>, Diagnostic> {
+fn parse_signals(table: &TableReader<'_, keys::Law>) -> Result<Vec<&'static str>, Diagnostic> {
     let expected = "expected a list of names, as in [\"cost_m2\"]";
     let Some(list) = table.get(keys::Law::signals) else { return Ok(Vec::new()) };
     let mut signals: Vec<&'static str> = Vec::new();
@@ -172,7 +211,9 @@ pub(super) fn is_key_name(name: &str) -> bool {
 }
 
 /// Parses the format of the law's messages.
-fn message(table: &TableReader<'_, keys::Law>) -> Result<Option<MessageFormat>, Diagnostic> {
+fn parse_message_format(
+    table: &TableReader<'_, keys::Law>,
+) -> Result<Option<MessageFormat>, Diagnostic> {
     let arrays = match (table.get(keys::Law::message), table.get(keys::Law::message_bytes_max)) {
         (None, None) => return Ok(None),
         (None, Some(bytes)) => {
@@ -211,15 +252,15 @@ fn message(table: &TableReader<'_, keys::Law>) -> Result<Option<MessageFormat>, 
 }
 
 /// Parses the shape of an array: 1 for a number, a length, or a list of lengths.
-fn parse_array_shape(shape: &Value<'_, kinds::Any>) -> Result<Vec<usize>, Diagnostic> {
+fn parse_array_shape(shape: &TypedValue<'_, kinds::Any>) -> Result<Vec<usize>, Diagnostic> {
     let expected = "expected the number of numbers, or the lengths of two or more dimensions, such as [20, 2]; each \
                     from 1 to 8192";
-    let length = |value: &Value<'_, kinds::Any>| match value.toml_value() {
+    let length = |value: &TypedValue<'_, kinds::Any>| match value.toml_value() {
         DeValue::Integer(length) => match usize::from_str_radix(length.as_str(), length.radix()) {
             Ok(length) if (1..=MESSAGE_BYTES_MAX / 8).contains(&length) => Ok(length),
             _ => Err(value.error_about_key(format!("is {length}"), expected)),
         },
-        _ => Err(value.wrong_type(expected)),
+        _ => Err(value.wrong_type_error(expected)),
     };
     if !shape.is_list() {
         let count = length(shape)?;
@@ -236,25 +277,32 @@ fn parse_array_shape(shape: &Value<'_, kinds::Any>) -> Result<Vec<usize>, Diagno
 
 /// Parses the name of the gain that bounds the correction of the law.
 fn parse_bounding_gain(
-    value: &Value<'_, kinds::Text>,
+    value: &TypedValue<'_, kinds::Text>,
     gains: &[&'static str],
+    ranges: &[GainRange],
 ) -> Result<&'static str, Diagnostic> {
     let expected = match gains {
         [] => "expected one of the law's `gains`, which has none".to_owned(),
         gains => format!("expected one of its gains: {}", gains.join(", ")),
     };
     let key = value.text(&expected)?;
+    if ranges.iter().any(|(gain, [lowest, _])| *gain == key && *lowest <= 0.0) {
+        return Err(value.error_about_key(
+            format!("is \"{key}\", which may be 0 or less by `gain_ranges`"),
+            "expected a gain that is always above 0",
+        ));
+    }
     let found = gains.iter().find(|gain| **gain == key);
     found.copied().ok_or_else(|| value.error_about_key(format!("is \"{key}\""), expected))
 }
 
 fn is_name(name: &str, may: impl Fn(char) -> bool) -> bool {
     let first = |c: char| c.is_ascii_alphabetic() && may(c);
-    name.starts_with(first) && name.len() <= NAME_MAX && name.chars().all(may)
+    name.starts_with(first) && name.len() <= NAME_BYTES_MAX && name.chars().all(may)
 }
 
 /// Maximum length of the name of a law or gain, bytes.
-const NAME_MAX: usize = 40;
+const NAME_BYTES_MAX: usize = 40;
 
 /// Returns the name as a static string, which descriptions of laws require. Each distinct name is leaked only once.
 fn intern_name(name: &str) -> &'static str {
@@ -278,6 +326,13 @@ fn intern_params(params: Option<toml::Table>) -> &'static toml::Table {
 fn intern_format(format: MessageFormat) -> &'static MessageFormat {
     static INTERNED: Mutex<Vec<&'static MessageFormat>> = Mutex::new(Vec::new());
     intern(&INTERNED, format)
+}
+
+/// Returns the ranges with static lifetime. Each distinct list is leaked only once.
+fn intern_ranges(ranges: Vec<GainRange>) -> &'static [GainRange] {
+    static INTERNED: Mutex<Vec<&'static Vec<GainRange>>> = Mutex::new(Vec::new());
+    let ranges: &'static Vec<GainRange> = intern(&INTERNED, ranges);
+    ranges
 }
 
 fn intern<T: PartialEq>(kept: &Mutex<Vec<&'static T>>, value: T) -> &'static T {

@@ -9,7 +9,7 @@ use super::Robot;
 use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
-use super::table::{TableReader, Value};
+use super::table::{TableReader, TypedValue};
 
 /// Parses `[trajectory]`, which must be given if and only if there is a leader. The scale is parsed later, because its
 /// defaults depend on the whole scenario.
@@ -29,7 +29,7 @@ pub(super) fn parse_trajectory(
             "expected a robot with a leader's law",
         )),
         (Some(_), Some(value)) => {
-            let (trajectory, keep_heading) = trajectory(&value)?;
+            let (trajectory, keep_heading) = parse_trajectory_table(&value)?;
             Ok(Some(LeadBrief { scale: Scale::CONSTANT_ONE, trajectory, keep_heading }))
         }
         (None, None) => Ok(None),
@@ -37,8 +37,8 @@ pub(super) fn parse_trajectory(
 }
 
 /// Parses `[trajectory]`. Returns m(t), and whether theta_n keeps its heading where m(t) reverses.
-fn trajectory(
-    value: &Value<'_, kinds::Table<keys::Trajectory>>,
+fn parse_trajectory_table(
+    value: &TypedValue<'_, kinds::Table<keys::Trajectory>>,
 ) -> Result<(Trajectory, bool), Diagnostic> {
     let table = value.table()?;
     let kind = table.kind()?;
@@ -47,13 +47,13 @@ fn trajectory(
     let radius = || table.number(keys::Trajectory::radius_m);
     let period = || table.number(keys::Trajectory::period_s);
     // Kinds of trajectories that never reverse do not have the key.
-    let keep_heading =
-        matches!(kind, "lissajous" | "waypoints") && table.truth(keys::Trajectory::keep_heading)?;
+    let keep_heading = matches!(kind, "lissajous" | "waypoints")
+        && table.boolean(keys::Trajectory::keep_heading)?;
     let trajectory = match kind {
         "still" => Trajectory::Still { center_m },
         "line" => Trajectory::Line {
             center_m,
-            velocity_m_s: table.required(keys::Trajectory::velocity_m_s)?.pair()?,
+            velocity_m_s: table.required_value(keys::Trajectory::velocity_m_s)?.pair()?,
         },
         "circle" => Trajectory::Circle { center_m, radius_m: radius()?, period_s: period()? },
         "quadrifolium" => {
@@ -63,7 +63,7 @@ fn trajectory(
             Trajectory::Lemniscate { center_m, radius_m: radius()?, period_s: period()? }
         }
         "lissajous" => {
-            let cycles = table.required(keys::Trajectory::cycles)?;
+            let cycles = table.required_value(keys::Trajectory::cycles)?;
             let whole = cycles.pair()?.map(|n| n as u32);
             if cycles.pair()? != whole.map(f64::from) || whole.contains(&0) {
                 return Err(
@@ -72,41 +72,41 @@ fn trajectory(
             }
             Trajectory::Lissajous {
                 center_m,
-                radii_m: table.required(keys::Trajectory::radii_m)?.pair()?,
+                radii_m: table.required_value(keys::Trajectory::radii_m)?.pair()?,
                 cycles: whole,
                 phase_rad: table.number(keys::Trajectory::phase_rad)?,
                 period_s: period()?,
             }
         }
-        "waypoints" => Trajectory::Waypoints(waypoints(&table)?),
+        "waypoints" => Trajectory::Waypoints(parse_waypoints(&table)?),
         other => unreachable!("{other} is a kind, and read here"),
     };
     Ok((trajectory, keep_heading))
 }
 
 /// Parses a path through waypoints. By default it accelerates to its speed within 1 s.
-fn waypoints(table: &TableReader<'_, keys::Trajectory>) -> Result<Path, Diagnostic> {
-    let points_value = table.required(keys::Trajectory::points_m)?;
+fn parse_waypoints(table: &TableReader<'_, keys::Trajectory>) -> Result<Path, Diagnostic> {
+    let points_value = table.required_value(keys::Trajectory::points_m)?;
     let (points, points_m): (Vec<_>, Vec<_>) = points_value.points()?.into_iter().unzip();
     let speed_m_s = table.number(keys::Trajectory::speed_m_s)?;
     let acceleration_m_s2 =
-        table.maybe_number(keys::Trajectory::acceleration_m_s2)?.unwrap_or(speed_m_s);
-    let closed = table.truth(keys::Trajectory::closed)?;
+        table.optional_number(keys::Trajectory::acceleration_m_s2)?.unwrap_or(speed_m_s);
+    let closed = table.boolean(keys::Trajectory::closed)?;
     let waypoints = Waypoints { points_m, speed_m_s, acceleration_m_s2, closed };
     waypoints.try_into().map_err(|error| match error {
-        PathError::Count(count) => points_value.error_about_key(
+        PathError::WaypointCount(count) => points_value.error_about_key(
             format!("has {count} waypoint{}", if count == 1 { "" } else { "s" }),
             format!("expected 2 to {WAYPOINTS_MAX}; kind = \"still\" stays at a point"),
         ),
-        PathError::Coincident(last, 0) => points[last].error_about_key(
+        PathError::CoincidentWaypoints(last, 0) => points[last].error_about_key(
             "is the first waypoint again",
             "expected no repetition: a closed path leads back by itself",
         ),
-        PathError::Coincident(_, again) => points[again].error_about_key(
+        PathError::CoincidentWaypoints(_, again) => points[again].error_about_key(
             "is the same point as the waypoint before it",
             format!("expected waypoints at least {WAYPOINT_DISTANCE_M_MIN} m from their neighbors"),
         ),
-        PathError::Number => points_value
+        PathError::InvalidNumber => points_value
             .error_about_key("makes no path", "expected a speed and an acceleration of sane size"),
     })
 }

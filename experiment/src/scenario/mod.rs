@@ -7,9 +7,10 @@
 //! | `format` | which columns does a row have, and what is suggested for an unknown key? |
 //! | `read` | which scenario does a text describe, and where are its errors? |
 //! | `laws` `program` | which control laws are external programs, and which files do these need? |
-//! | `metrics` `reduction` | which metrics are computed from signals of the laws? |
+//! | `metrics` `reduction` | which metrics are computed from signals of the laws, and which by programs? |
 //! | `robots` `graph` `lead` `scale` `walls` `faults` `expect` | what is in the tables of this kind? |
 //! | `models` | which commercially available robots are known, with which parameters? |
+//! | `team` | which sizes, speeds and command timeouts do robots have, and which does each assume of others? |
 //! | `deputies` | which robots are backup leaders? |
 //! | `spares` | which robots are backup neighbors? |
 //! | `import/` | which robots and edges does a graph of another tool have? |
@@ -54,6 +55,7 @@ mod robots;
 mod scale;
 mod spares;
 pub mod table;
+pub mod team;
 #[cfg(test)]
 mod tests;
 mod walls;
@@ -61,32 +63,36 @@ mod walls;
 use std::collections::BTreeMap;
 use std::ops::{Deref, DerefMut};
 
-pub use metrics::Metric;
-pub use reduction::{OverRobots, OverTime};
-pub use restart::{DeathReaction, RestartPolicy, RestartWhen};
+pub use graph::DiskGraph;
+pub use metrics::{Metric, MetricProgram, MetricSource};
+pub use reduction::{RobotReduction, TimeReduction};
+pub use restart::{DeathReaction, RestartCondition, RestartPolicy};
 
 pub use keys::{RealtimeSettings, Settings};
 
 use laws::ProgramLaw;
-use program::Program;
+use program::ExternalProgram;
 
 use formation::Vec2;
 use formation::drive::{Drive, DriveKind};
 use formation::front_point::front_point;
 use formation::graph::{Edge, FormationGraph};
+use formation::ns_to_seconds;
 use formation::obstacle::{Obstacle, Obstacles};
 use formation::pose::Pose;
 use formation::ramp::Ramp;
 use formation::reachability::Reachability;
 use formation::rewiring::{RepairPlan, Rewiring};
 use formation::scale::Scale;
-use formation::seconds;
-use protocol::avoidance::{AvoidanceDescription, Conditions, Promise};
+use protocol::avoidance::{AvoidanceDescription, DistanceGuarantee, MethodConditions};
 use protocol::brief::{
-    AvoidanceBrief, LeadBrief, LimitsBrief, Pace, Rank, SilenceBrief, WheelsBrief,
+    AccelerationLimitsBrief, AvoidanceBrief, LeadBrief, Pace, RangeBrief, SilenceBrief,
+    WheelsBrief, YieldPriority,
 };
-use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Span, Stream, WheelFaultKind};
-use protocol::law::{LIARS_MAX, Reference, Role};
+use protocol::fault::{
+    Lie, LinkFaultKind, RobotStream, Sensor, SensorFaultKind, Span, WheelFaultKind,
+};
+use protocol::law::{LIARS_MAX_KEY, Reference, Role};
 use protocol::law_message::MessageFormat;
 use serde::Deserialize;
 
@@ -100,38 +106,46 @@ pub struct Scenario {
     /// Settings of real time.
     pub realtime: RealtimeSettings,
     /// Collision avoidance method.
-    pub method: AvoidanceDescription,
+    pub avoidance_method: AvoidanceDescription,
     /// Parameters of the avoidance. They may include gains of other methods.
+    ///
+    /// In a team of robots with different sizes or speeds: the largest minimum distance and the highest speed limit.
     pub avoidance: AvoidanceBrief,
+    /// Whether robots sense size and speed limit of others.
+    pub classes_sensed: bool,
     /// Communication timeouts and the reaction to them.
     pub silence: SilenceBrief,
     /// Control laws in external programs.
     pub laws: Vec<ProgramLaw>,
     /// External program that simulates the robots. `None`: the built-in plant.
-    pub plant: Option<Program>,
+    pub plant_program: Option<ExternalProgram>,
     /// All robots, in the order of the file. Indices of robots refer to this list.
     pub robots: Vec<Robot>,
     /// Communication links with their offsets. The offset is zero if the receiver's law uses no offsets.
     pub graph: FormationGraph,
+    /// Communication by distance; `None` if all edges of the graph are permanent.
+    pub disk_graph: Option<DiskGraph>,
+    /// Parameters of links, by sender and receiver; with any content.
+    pub edge_params: BTreeMap<[usize; 2], toml::Table>,
     /// Backup neighbors and backup leaders.
-    pub repair: RepairPlan,
+    pub repair_plan: RepairPlan,
     /// Time for which an in-neighbor must be lost before a backup neighbor replaces it, and heard again before it is
     /// restored, ns. `None`: no topology repair.
     pub repair_after_ns: Option<u64>,
     /// Reference trajectory and scale of the main leader, if there is one.
     pub lead: Option<LeadBrief>,
     /// delta(t), scale of a leaderless formation. `None`: constant 1.
-    pub unled_scale: Option<Scale>,
+    pub leaderless_scale: Option<Scale>,
     /// Convex parts of walls and obstacles.
     pub walls: Vec<Wall>,
     /// Injected faults, in order of their start times.
     pub faults: Vec<Fault>,
-    /// Metrics of the experiment's own, computed from signals of the laws.
+    /// Metrics of the experiment's own, computed from signals of the laws or by programs.
     pub metrics: Vec<Metric>,
     /// Acceptance criteria.
-    pub expect: Expectations,
+    pub expectations: Expectations,
     /// Search space of a hunt (falsification).
-    pub hunt: HuntBounds,
+    pub hunt_bounds: HuntBounds,
 }
 
 impl Deref for Scenario {
@@ -151,7 +165,7 @@ impl DerefMut for Scenario {
 /// A part of the scenario that a hunt varies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Varied {
+pub enum VariedPart {
     /// Start poses.
     Starts,
     /// Injected faults.
@@ -168,20 +182,20 @@ pub enum Varied {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct HuntBounds {
     /// Varied parts of the scenario.
-    pub vary: Vec<Varied>,
+    pub varied_parts: Vec<VariedPart>,
     /// Maximum number of faults in a run.
     pub faults_max: usize,
     /// Kinds of faults to inject.
-    pub kinds: Vec<&'static str>,
+    pub fault_kinds: Vec<&'static str>,
     /// Indices of the robots that faults may affect.
     pub robots: Vec<usize>,
     /// Earliest start time of a fault, ns.
-    pub from_ns: u64,
+    pub earliest_fault_start_ns: u64,
     /// Time by which every fault has ended, ns.
-    pub until_ns: u64,
+    pub latest_fault_end_ns: u64,
     /// Width and height of the box around each robot's start in the scenario from which the start of its front point is
     /// drawn, m.
-    pub box_m: [f64; 2],
+    pub start_box_m: [f64; 2],
     /// Minimum distance of two front points at the start, m, or their distance in the scenario if that is smaller.
     pub separation_min_m: f64,
     /// Maximum delay, ns.
@@ -192,6 +206,8 @@ pub struct HuntBounds {
     pub noise_m_max: f64,
     /// Maximum error of a sensed heading, rad.
     pub noise_heading_rad_max: f64,
+    /// Maximum offset, and maximum random error, of the numbers in a false message, in their units.
+    pub message_error_max: f64,
     /// Smallest and largest factor by which the gains of the scenario are multiplied.
     pub gain_factors: [f64; 2],
 }
@@ -207,14 +223,23 @@ pub struct Robot {
     pub front_point_m: f64,
     /// Kind of the drive.
     pub drive_kind: DriveKind,
-    /// w_max, maximum turn rate, rad/s. `None`: no limit of its own. Never `None` at the axle midpoint.
+    /// w_max, maximum turn rate, rad/s. `None`: no limit of its own. Never `None` at the axle midpoint, except for a
+    /// car.
     pub turn_rate_max_rad_s: Option<f64>,
+    /// R_min, minimum turning radius of a car, m. `None` for other drives.
+    pub turning_radius_min_m: Option<f64>,
+    /// Part of the robot in the minimum distances, m: d_ij = keep_i + keep_j.
+    pub keep_m: f64,
+    /// v_max of the robot, m/s; infinite without a limit.
+    pub speed_max_m_s: f64,
+    /// h of the robot: number of periods for which the plant may hold its commands, in real time.
+    pub hold_periods: u64,
     /// Wheel limits. `None`: unlimited.
     pub wheels: Option<WheelsBrief>,
     /// Radius of the body around the middle of the axle, m. `None`: unknown.
     pub body_radius_m: Option<f64>,
     /// Inertia: maximum accelerations. `None`: the twist changes instantly.
-    pub limits: Option<LimitsBrief>,
+    pub acceleration_limits: Option<AccelerationLimitsBrief>,
     /// Goal of the front point in the frame `map`, m. `None` for robots with other roles.
     pub goal_m: Option<[f64; 2]>,
     /// Heading to which the robot turns at its goal, rad. `None`: any.
@@ -226,33 +251,40 @@ pub struct Robot {
     /// Gains of the law, by key.
     pub gains: BTreeMap<String, f64>,
     /// `true` if the law uses the velocities of the in-neighbors.
-    pub feed_forward: bool,
+    pub uses_feed_forward: bool,
     /// Bound on each component of the correction that the law adds to these velocities, m/s. `None`: no gain of the law
     /// is such a bound.
     pub correction_max_m_s: Option<f64>,
     /// Format of the messages of the law; `None` if it sends none.
-    pub message: Option<&'static MessageFormat>,
+    pub message_format: Option<&'static MessageFormat>,
+    /// Maximum number of messages of an in-neighbor that are kept between two calls of the law; 0 for only the newest.
+    pub queued_messages_max: usize,
     /// Whether the law may withhold its beacon at a sample.
-    pub withholds: bool,
+    pub withholds_beacons: bool,
     /// Names of the signals that the law records.
     pub signals: &'static [&'static str],
+    /// Lowest and highest value of gains of the law that need not be positive, by key.
+    pub gain_ranges: &'static [(&'static str, [f64; 2])],
+    /// Whether the law takes parameters, its own and those of edges.
+    pub takes_params: bool,
     /// Formation slot, m, if it is given.
     pub place_m: Option<[f64; 2]>,
     /// Parameters of the law, with any content.
     pub params: toml::Table,
     /// Restart policy for an unexpected exit of the process.
-    pub restart: RestartPolicy,
+    pub restart_policy: RestartPolicy,
 }
 
 impl Robot {
     /// Returns the robot's drive.
     pub fn drive(&self) -> Drive {
         Drive::new(self.drive_kind, self.front_point_m, self.turn_rate_max_rad_s)
+            .with_turning_radius(self.turning_radius_min_m)
     }
 
     /// Returns F, the number of extreme values that the robot discards on either side (W-MSR). 0 for other laws.
     pub fn liars_max(&self) -> usize {
-        self.gains.get(LIARS_MAX).map_or(0, |&liars| liars as usize)
+        self.gains.get(LIARS_MAX_KEY).map_or(0, |&liars| liars as usize)
     }
 }
 
@@ -271,22 +303,22 @@ pub struct Wall {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
     /// Start time, ns since the start of the run.
-    pub at_ns: u64,
+    pub start_ns: u64,
     /// Duration, ns. `None`: until the end of the run. A kill has no duration.
-    pub for_ns: Option<u64>,
+    pub duration_ns: Option<u64>,
     /// Kind of the fault and the affected component.
     pub kind: FaultKind,
 }
 
 impl Fault {
     /// Returns the end time, ns since the start of the run, or `None` if the fault lasts until the end of the run.
-    pub fn until_ns(&self) -> Option<u64> {
-        self.for_ns.map(|for_ns| self.at_ns.saturating_add(for_ns))
+    pub fn end_ns(&self) -> Option<u64> {
+        self.duration_ns.map(|for_ns| self.start_ns.saturating_add(for_ns))
     }
 
     /// Returns the interval in which the fault is active.
     pub fn span(&self) -> Span {
-        Span { from_ns: self.at_ns, until_ns: self.until_ns().unwrap_or(Span::END_NS) }
+        Span { from_ns: self.start_ns, until_ns: self.end_ns().unwrap_or(Span::UNBOUNDED_END_NS) }
     }
 }
 
@@ -305,13 +337,13 @@ pub enum FaultKind {
     /// SIGSTOP of a robot's process, and SIGCONT at the end of the fault.
     Freeze { robot: usize },
     /// A robot whose answers are delayed by `delay_ns`, ns.
-    Slow { robot: usize, delay_ns: u64 },
+    Slowdown { robot: usize, delay_ns: u64 },
     /// A link that drops or delays messages.
     Link { edge: usize, kind: LinkFaultKind },
     /// A message stream of a robot that drops or delays messages.
-    Stream { robot: usize, stream: Stream, kind: LinkFaultKind },
+    Stream { robot: usize, stream: RobotStream, kind: LinkFaultKind },
     /// A Byzantine robot: its beacons to `hearer`, or to all out-neighbors if that is `None`, are falsified.
-    Lie { robot: usize, hearer: Option<usize>, lie: Lie },
+    Lie { robot: usize, receiver: Option<usize>, lie: Lie },
     /// A sensor with a dropout or noise.
     Sensor { robot: usize, sensor: Sensor, kind: SensorFaultKind },
     /// Wheels that are stuck or limited in speed.
@@ -324,23 +356,23 @@ pub enum FaultKind {
 
 /// Component that a fault affects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Struck {
+pub struct AffectedComponent {
     /// Index of the robot that is silenced or disturbed. `None` if the fault affects no robot.
     pub robot: Option<usize>,
     /// Index of the only receiver that is affected. `None`: all receivers are.
-    pub hearer: Option<usize>,
+    pub receiver: Option<usize>,
     /// Robot or link from which no beacons arrive during the fault.
-    pub silenced: Silenced,
+    pub silenced_source: SilencedSource,
     /// `true` for a Byzantine fault. Its effects are not predicted.
-    pub lies: bool,
+    pub is_byzantine: bool,
 }
 
 /// Source of beacons that a fault silences.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Silenced {
+pub enum SilencedSource {
     /// No robot and no link.
     #[default]
-    Nobody,
+    NoSource,
     /// All links of the robot with this index.
     Robot(usize),
     /// The link with this index in the graph.
@@ -351,7 +383,7 @@ pub enum Silenced {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum AliveAtEnd {
     /// The robots with these indices must be alive.
-    Names(Vec<usize>),
+    Robots(Vec<usize>),
     /// Minimum number of robots that must be alive.
     Count(u64),
 }
@@ -372,6 +404,8 @@ pub struct MetricBounds {
 pub struct Expectations {
     /// Minimum distance of two front points, at every tick, m.
     pub min_distance_m: Option<f64>,
+    /// Minimum distance of two front points over the minimum distance of the two robots, at every tick.
+    pub min_distance_over_d: Option<f64>,
     /// Minimum distance of a front point from walls and obstacles, at every tick, m.
     pub min_clearance_m: Option<f64>,
     /// Maximum distance of a contained robot from the convex hull of the leaders over the last 10 % of the run, m.
@@ -393,7 +427,7 @@ pub struct Expectations {
     /// Maximum number of deadline misses of all agents (real time only).
     pub deadline_misses_max: Option<u64>,
     /// Expected exit code of the run itself. `None`: 0.
-    pub exit: Option<u8>,
+    pub exit_code: Option<u8>,
     /// Bounds of metrics of the experiment's own.
     pub metrics: Vec<MetricBounds>,
     /// Threshold below which an error counts as converged, m.
@@ -405,27 +439,33 @@ impl Scenario {
     /// may act.
     ///
     /// Lockstep: T. Real time: T_p + L + h T. Delays of odometry and commands by faults are added.
+    /// In a team in which robots have different h it is the longest.
     pub fn command_lifetime_ns(&self, pace: Pace) -> u64 {
+        let hold_periods = self.robots.iter().map(|robot| robot.hold_periods).max();
+        self.lifetime_ns(pace, hold_periods.unwrap_or(self.realtime.hold_periods))
+    }
+
+    /// Returns H of a robot whose commands the plant may hold for `hold_periods`, ns.
+    fn lifetime_ns(&self, pace: Pace, hold_periods: u64) -> u64 {
         let in_time_ns = match pace {
             Pace::Lockstep => self.period_ns,
             Pace::Realtime => {
-                let RealtimeSettings { plant_tick_ns, latency_allowed_ns, hold_periods, .. } =
-                    self.realtime;
+                let RealtimeSettings { plant_tick_ns, latency_allowed_ns, .. } = self.realtime;
                 plant_tick_ns + latency_allowed_ns + hold_periods * self.period_ns
             }
         };
-        in_time_ns + self.late_ns(pace)
+        in_time_ns + self.command_delay_ns_max(pace)
     }
 
     /// Returns the maximum additional latency of a robot's commands that faults and the network between hosts cause,
     /// ns. It is the maximum over all robots. The robot polls its odometry once per period, the plant its commands once
     /// per tick.
-    pub fn late_ns(&self, pace: Pace) -> u64 {
+    pub fn command_delay_ns_max(&self, pace: Pace) -> u64 {
         let plant_tick_ns = match pace {
             Pace::Lockstep => self.period_ns,
             Pace::Realtime => self.realtime.plant_tick_ns,
         };
-        let late_ns = |i: usize, of: Stream, looked_at_ns: u64| {
+        let late_ns = |i: usize, of: RobotStream, looked_at_ns: u64| {
             let delays_ns = self.faults.iter().filter_map(|fault| match fault.kind {
                 FaultKind::Stream {
                     robot,
@@ -437,25 +477,37 @@ impl Scenario {
             delays_ns.max().unwrap_or(0).div_ceil(looked_at_ns) * looked_at_ns
         };
         let of_robot_ns = |i| {
-            late_ns(i, Stream::Odometry, self.period_ns)
-                + late_ns(i, Stream::Commands, plant_tick_ns)
+            late_ns(i, RobotStream::Odometry, self.period_ns)
+                + late_ns(i, RobotStream::Commands, plant_tick_ns)
         };
         let between_hosts_ns = match pace {
             Pace::Lockstep => 0,
-            Pace::Realtime => self.realtime.between_hosts_ns.next_multiple_of(self.period_ns),
+            Pace::Realtime => {
+                self.realtime.between_hosts_latency_ns.next_multiple_of(self.period_ns)
+            }
         };
         between_hosts_ns + (0..self.robots.len()).map(of_robot_ns).max().unwrap_or(0)
     }
 
     /// Returns the format of the messages of robot `i`; `None` if its law sends none.
     pub fn message_format(&self, i: usize) -> Option<&'static MessageFormat> {
-        self.robots[i].message
+        self.robots[i].message_format
+    }
+
+    /// Returns the format of the recorded messages of robot `i`; `None` if its messages are not recorded.
+    pub fn recorded_message_format(&self, i: usize) -> Option<&'static MessageFormat> {
+        self.message_format(i).filter(|_| self.record_messages)
+    }
+
+    /// Returns whether the messages of some law are recorded.
+    pub fn has_recorded_messages(&self) -> bool {
+        (0..self.robots.len()).any(|i| self.recorded_message_format(i).is_some())
     }
 
     /// Returns whether some law sends messages or withholds beacons, so that the beacons and messages of all robots are
     /// counted.
-    pub fn counts_sent(&self) -> bool {
-        self.robots.iter().any(|robot| robot.message.is_some() || robot.withholds)
+    pub fn counts_sent_messages(&self) -> bool {
+        self.robots.iter().any(|robot| robot.message_format.is_some() || robot.withholds_beacons)
     }
 
     /// Returns whether some law records signals.
@@ -464,16 +516,33 @@ impl Scenario {
     }
 
     /// Returns the external program that robot `i` runs, or `None` for the built-in agent.
-    pub fn program(&self, i: usize) -> Option<&Program> {
+    pub fn program(&self, i: usize) -> Option<&ExternalProgram> {
         let law = self.laws.iter().find(|law| law.name == self.robots[i].law)?;
         Some(&law.program)
     }
 
-    /// Returns all external programs that the run starts.
-    pub fn programs(&self) -> impl Iterator<Item = &Program> {
+    /// Returns all external programs that the run starts: those of robots, plant and metrics.
+    pub fn programs(&self) -> impl Iterator<Item = &ExternalProgram> {
+        let of_metrics = self.metric_programs().into_iter().map(|metrics| metrics.program);
+        self.process_programs().chain(of_metrics)
+    }
+
+    /// Returns the external programs that robots and plant run.
+    pub fn process_programs(&self) -> impl Iterator<Item = &ExternalProgram> {
+        self.used_program_laws().map(|law| &law.program).chain(&self.plant_program)
+    }
+
+    /// Returns the laws of programs that a robot has.
+    pub(crate) fn used_program_laws(&self) -> impl Iterator<Item = &ProgramLaw> {
         let followed = |law: &&ProgramLaw| self.robots.iter().any(|robot| robot.law == law.name);
-        let laws = self.laws.iter().filter(followed).map(|law| &law.program);
-        laws.chain(&self.plant)
+        self.laws.iter().filter(followed)
+    }
+
+    /// Returns the distances within which this edge of the graph exists; `None` if it is permanent.
+    pub fn communication_range(&self, edge: usize) -> Option<RangeBrief> {
+        let is_by_distance =
+            |disk: &DiskGraph| (disk.first_edge_index..self.graph.edges().len()).contains(&edge);
+        self.disk_graph.filter(is_by_distance).map(|disk| disk.range)
     }
 
     /// Returns the index of the main leader, or `None` in a leaderless formation.
@@ -488,22 +557,22 @@ impl Scenario {
 
     /// Returns delta(t), the scale of the formation. `None`: constant 1.
     pub fn scale(&self) -> Option<&Scale> {
-        self.lead.as_ref().map(|lead| &lead.scale).or(self.unled_scale.as_ref())
+        self.lead.as_ref().map(|lead| &lead.scale).or(self.leaderless_scale.as_ref())
     }
 
     /// Returns the scenario with the scale delta(t) replaced. `None`: constant 1.
     pub(crate) fn with_scale(mut self, scale: Option<Scale>) -> Scenario {
         match (&mut self.lead, scale) {
             (Some(lead), scale) => lead.scale = scale.unwrap_or(Scale::CONSTANT_ONE),
-            (None, scale) => self.unled_scale = scale,
+            (None, scale) => self.leaderless_scale = scale,
         }
         self
     }
 
     /// Returns the maximum delay of the answers of `robot` by faults, ns.
-    pub fn slow_ns_max(&self, robot: usize) -> u64 {
+    pub fn slow_fault_delay_ns_max(&self, robot: usize) -> u64 {
         let slow = self.faults.iter().filter_map(|fault| match fault.kind {
-            FaultKind::Slow { robot: slow, delay_ns } if slow == robot => Some(delay_ns),
+            FaultKind::Slowdown { robot: slow, delay_ns } if slow == robot => Some(delay_ns),
             _ => None,
         });
         slow.max().unwrap_or(0)
@@ -513,20 +582,20 @@ impl Scenario {
     /// the leader is at rest. A fault that lasts until the end of the run counts as over once it has started.
     ///
     /// Returns `None` if the plan never ends, because the leader never comes to rest or the scale oscillates.
-    pub fn plan_over_ns(&self) -> Option<u64> {
+    pub fn plan_end_ns(&self) -> Option<u64> {
         let lead_s = match &self.lead {
             Some(lead) => lead.trajectory.rest_start_s()?,
             None => 0.0,
         };
         let scale_s = match self.scale() {
-            Some(scale) => scale.constant_from_s()?,
+            Some(scale) => scale.constant_start_s()?,
             None => 0.0,
         };
         let over = |fault: &Fault| match fault.kind {
             FaultKind::Kill { restart_after_ns, .. } => {
-                fault.at_ns.saturating_add(restart_after_ns.unwrap_or(0))
+                fault.start_ns.saturating_add(restart_after_ns.unwrap_or(0))
             }
-            _ => fault.until_ns().unwrap_or(fault.at_ns),
+            _ => fault.end_ns().unwrap_or(fault.start_ns),
         };
         let faults_ns = self.faults.iter().map(over).max().unwrap_or(0);
         Some(faults_ns.max((lead_s.max(scale_s) * 1e9).ceil() as u64))
@@ -536,15 +605,17 @@ impl Scenario {
     pub fn leaders(&self) -> Vec<usize> {
         let heard = self.contained_robots().into_iter().flat_map(|i| self.graph.incoming_edges(i));
         let heard: Vec<usize> = heard.map(|edge| edge.from).collect();
-        let mut leaders = self.robots_with_role(|role| role.reference != Reference::Middle);
+        let mut leaders = self.robots_with_role(|role| role.reference != Reference::NeighborMean);
         // A free robot belongs to the hull only of the robots that hear it.
-        leaders.retain(|i| self.robots[*i].role.reference != Reference::Free || heard.contains(i));
+        leaders.retain(|i| {
+            self.robots[*i].role.reference != Reference::LawTarget || heard.contains(i)
+        });
         leaders
     }
 
     /// Returns the indices of the contained robots.
     pub fn contained_robots(&self) -> Vec<usize> {
-        self.robots_with_role(|role| role.reference == Reference::Middle)
+        self.robots_with_role(|role| role.reference == Reference::NeighborMean)
     }
 
     /// Returns the reachability analysis of the formation graph.
@@ -554,30 +625,31 @@ impl Scenario {
 
     /// Returns the reachability analysis of another graph of these robots.
     pub fn reachability_of(&self, graph: &FormationGraph) -> Reachability {
-        let alone = self
-            .robots_with_role(|role| matches!(role.reference, Reference::Goal | Reference::Free));
+        let alone = self.robots_with_role(|role| {
+            matches!(role.reference, Reference::Goal | Reference::LawTarget)
+        });
         Reachability::new(graph, self.leader(), &self.contained_robots(), &alone)
     }
 
     /// Returns the references of all robots after failures.
     pub fn rewiring(&self) -> Rewiring {
-        let has_offsets = |i: usize| self.robots[i].role.reference != Reference::Middle;
-        Rewiring::new(&self.graph, &self.repair, has_offsets)
+        let has_offsets = |i: usize| self.robots[i].role.reference != Reference::NeighborMean;
+        Rewiring::new(&self.graph, &self.repair_plan, has_offsets)
     }
 
     /// Returns the graph with the backup links appended: all links that may ever be used.
     pub fn graph_with_spares(&self) -> FormationGraph {
-        let edges = self.graph.edges().iter().chain(&self.repair.spares);
+        let edges = self.graph.edges().iter().chain(&self.repair_plan.spares);
         FormationGraph::new(self.robots.len(), edges.copied().collect())
     }
 
     /// Returns the graph of all beacons that any robot may receive: the links of [`Scenario::graph_with_spares`], and
     /// links from the deputies to the main leader, which listens to them before it leads again after a restart.
     pub fn graph_of_receivers(&self) -> FormationGraph {
-        let to_leader = self.repair.deputies.iter().zip(std::iter::repeat(self.leader()));
+        let to_leader = self.repair_plan.deputies.iter().zip(std::iter::repeat(self.leader()));
         let offset_m = Vec2::zeros();
         let to_leader = to_leader.filter_map(|(&from, to)| Some(Edge { from, to: to?, offset_m }));
-        let edges = self.graph.edges().iter().chain(&self.repair.spares).copied();
+        let edges = self.graph.edges().iter().chain(&self.repair_plan.spares).copied();
         FormationGraph::new(self.robots.len(), edges.chain(to_leader).collect())
     }
 
@@ -591,7 +663,7 @@ impl Scenario {
     pub fn anchors_m(&self) -> Vec<Option<Vec2>> {
         let anchor = |robot: &Robot| match robot.role.reference {
             Reference::Goal => robot.goal_m.map(Vec2::from),
-            Reference::Free => Some(front_point(robot.start, robot.front_point_m)),
+            Reference::LawTarget => Some(front_point(robot.start, robot.front_point_m)),
             _ => None,
         };
         self.robots.iter().map(anchor).collect()
@@ -599,17 +671,17 @@ impl Scenario {
 
     /// Returns whether robot `i` is free: its law alone decides where it goes.
     pub fn is_free(&self, i: usize) -> bool {
-        self.robots[i].role.reference == Reference::Free
+        self.robots[i].role.reference == Reference::LawTarget
     }
 
     /// Returns whether a free robot takes part.
     pub fn has_free_robots(&self) -> bool {
-        self.robots.iter().any(|robot| robot.role.reference == Reference::Free)
+        self.robots.iter().any(|robot| robot.role.reference == Reference::LawTarget)
     }
 
     /// Returns the graph without the edges into free robots, whose positions depend on no offset.
     pub fn graph_of_offsets(&self) -> FormationGraph {
-        let is_free = |i: usize| self.robots[i].role.reference == Reference::Free;
+        let is_free = |i: usize| self.robots[i].role.reference == Reference::LawTarget;
         let edges = self.graph.edges().iter().filter(|edge| !is_free(edge.to));
         FormationGraph::new(self.robots.len(), edges.copied().collect())
     }
@@ -631,15 +703,15 @@ impl Scenario {
 
     /// Returns the conditions for parameters of the avoidance method that hold for all robots: the larger H, the
     /// smallest distance of a front point above 0, and the lowest rank.
-    pub fn conditions(&self) -> Conditions<'_> {
+    pub fn avoidance_conditions(&self) -> MethodConditions<'_> {
         let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
         let least_m = front_points_m.filter(|ell_m| *ell_m > 0.0).reduce(f64::min);
-        Conditions {
+        MethodConditions {
             avoidance: &self.avoidance,
-            period_s: seconds(self.period_ns),
-            lifetime_s: seconds(self.command_lifetime_ns_max()),
+            period_s: ns_to_seconds(self.period_ns),
+            command_timeout_s: ns_to_seconds(self.command_lifetime_ns_max()),
             front_point_m: least_m.unwrap_or(0.0),
-            rank: (0..self.robots.len()).map(|i| self.rank(i)).max().unwrap_or_default(),
+            rank: (0..self.robots.len()).map(|i| self.yield_rank(i)).max().unwrap_or_default(),
         }
     }
 
@@ -652,23 +724,24 @@ impl Scenario {
     /// Returns the name of the first robot whose front point has a speed and turn rate that change independently, or
     /// `None`. The guard with inertia guarantees nothing for such a robot. At the axle midpoint they may.
     pub fn first_robot_without_guarantee(&self) -> Option<&str> {
-        let independent =
-            |robot: &&Robot| robot.limits.is_some_and(|limits| limits.ramp == Ramp::Independent);
+        let independent = |robot: &&Robot| {
+            robot.acceleration_limits.is_some_and(|limits| limits.ramp == Ramp::Independent)
+        };
         let independent = |robot: &&Robot| !robot.drive().turns_freely() && independent(robot);
         self.robots.iter().find(independent).map(|robot| robot.name.as_str())
     }
 
     /// Returns the reason why the guarantee of the avoidance method does not hold for these robots, or `None` if it
     /// holds.
-    pub fn missing_guarantee(&self) -> Option<String> {
-        if self.method.promise != Promise::Always {
+    pub fn missing_guarantee_reason(&self) -> Option<String> {
+        if self.avoidance_method.distance_guarantee != DistanceGuarantee::Unconditional {
             return None;
         }
-        if let Some(plant) = &self.plant {
+        if let Some(plant) = &self.plant_program {
             let words = plant.command_line.join(" ");
             return Some(format!(
                 "`{words}` moves the robots, and the {} is proven for another plant",
-                self.method.name
+                self.avoidance_method.name
             ));
         }
         let name = self.first_robot_without_guarantee()?;
@@ -676,35 +749,71 @@ impl Scenario {
     }
 
     /// Returns the yield priority of robot `i`.
-    pub fn rank(&self, i: usize) -> Rank {
+    pub fn yield_rank(&self, i: usize) -> YieldPriority {
         match self.robots[i].role {
-            Role { gives_way: true, .. } => Rank::Contained,
-            Role { leads: false, .. } if self.lead.is_some() => Rank::Follower,
-            _ => Rank::First,
+            Role { gives_way: true, .. } => YieldPriority::Contained,
+            Role { leads: false, .. } if self.lead.is_some() => YieldPriority::Follower,
+            _ => YieldPriority::First,
         }
     }
 
     /// Returns the distance at which another robot makes robot `i` steer, m. Two robots closer than the larger of their
     /// distances do not both come to rest (Remark 1). Returns `None` if the method does not steer.
-    pub fn steers_within_m(&self, i: usize) -> Option<f64> {
-        let (_, distance_m) = self.method.steers_within?;
-        Some(distance_m(&Conditions { rank: self.rank(i), ..self.conditions() }))
+    pub fn steering_distance_m(&self, i: usize) -> Option<f64> {
+        let (_, distance_m) = self.avoidance_method.steering_distance?;
+        if self.is_team() {
+            let own = self.avoidance_of(i, Pace::Lockstep);
+            return Some(distance_m(&self.conditions_of(i, &own)));
+        }
+        Some(distance_m(&MethodConditions {
+            rank: self.yield_rank(i),
+            ..self.avoidance_conditions()
+        }))
+    }
+
+    /// Returns the larger of the distances at which two robots steer because of each other, m. Closer than this they do
+    /// not both come to rest (Remark 1). Returns `None` if the method does not steer.
+    pub fn pair_steering_distance_m(&self, [i, j]: [usize; 2]) -> Option<f64> {
+        let (_, distance_m) = self.avoidance_method.steering_distance?;
+        if !self.is_team() {
+            return Some(self.steering_distance_m(i)?.max(self.steering_distance_m(j)?));
+        }
+        let steering_distance_m = |robot: usize| {
+            let mut own = self.avoidance_of(robot, Pace::Lockstep);
+            if self.classes_sensed {
+                own.distance_min_m = self.pair_distance_min_m([i, j]);
+            }
+            distance_m(&self.conditions_of(robot, &own))
+        };
+        Some(steering_distance_m(i).max(steering_distance_m(j)))
     }
 
     /// Returns the minimum sensing radius that the method requires, m.
     pub fn sensing_radius_needed_m(&self) -> f64 {
-        let conditions = self.conditions();
+        if self.is_team() {
+            let of = |i: usize| {
+                let own = self.avoidance_of(i, Pace::Realtime);
+                (self.avoidance_method.sensing_radius_m)(&self.conditions_of(i, &own))
+            };
+            return (0..self.robots.len()).map(of).fold(0.0, f64::max);
+        }
+        let conditions = self.avoidance_conditions();
         let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
         let radii_m = front_points_m.map(|front_point_m| {
-            (self.method.sensing_radius_m)(&Conditions { front_point_m, ..conditions })
+            (self.avoidance_method.sensing_radius_m)(&MethodConditions {
+                front_point_m,
+                ..conditions
+            })
         });
         radii_m.fold(0.0, f64::max)
     }
 
     /// Returns the maximum sensing radius that the method can use, m.
     pub fn sensing_radius_useful_m(&self) -> f64 {
-        let useful_m =
-            self.method.useful_radius_m.map_or(0.0, |radius_m| radius_m(&self.conditions()));
+        let useful_m = self
+            .avoidance_method
+            .useful_radius_m
+            .map_or(0.0, |radius_m| radius_m(&self.avoidance_conditions()));
         useful_m.max(self.sensing_radius_needed_m())
     }
 }

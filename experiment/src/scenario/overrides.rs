@@ -11,7 +11,7 @@ use super::fault;
 pub struct Overrides {
     /// Assignments `key=value`, in order. Keys are dotted as in `avoidance.kind` or `robot.r1.law`. The value is TOML;
     /// other text is taken as a string.
-    pub set: Vec<String>,
+    pub assignments: Vec<String>,
     /// Faults to add, in the syntax of [`fault::parse`].
     pub faults: Vec<String>,
     /// Seed in place of that of the file.
@@ -20,25 +20,28 @@ pub struct Overrides {
 
 impl Overrides {
     /// Returns whether the overrides set the key `graph`.
-    pub(crate) fn name_graph(&self) -> bool {
-        self.set.iter().any(|argument| names_graph(argument))
+    pub(crate) fn sets_graph(&self) -> bool {
+        self.assignments.iter().any(|argument| is_graph_assignment(argument))
     }
 
     /// Returns whether the overrides change nothing except perhaps the key `graph`.
-    pub(crate) fn change_only_the_graph(&self) -> bool {
-        let only_graph = self.set.iter().all(|argument| names_graph(argument));
+    pub(crate) fn sets_only_graph(&self) -> bool {
+        let only_graph = self.assignments.iter().all(|argument| is_graph_assignment(argument));
         only_graph && self.faults.is_empty() && self.seed.is_none()
     }
 
     /// Applies the assignment of the key `graph`, which precedes all others.
     pub(crate) fn apply_graph(&self, document: &mut DocumentMut) -> Result<(), Diagnostic> {
-        self.set.iter().filter(|argument| names_graph(argument)).try_for_each(|a| set(document, a))
+        self.assignments
+            .iter()
+            .filter(|argument| is_graph_assignment(argument))
+            .try_for_each(|a| apply_assignment(document, a))
     }
 
     /// Applies all overrides other than the key `graph`.
     pub(crate) fn apply(&self, document: &mut DocumentMut) -> Result<(), Diagnostic> {
-        for argument in self.set.iter().filter(|argument| !names_graph(argument)) {
-            set(document, argument)?;
+        for argument in self.assignments.iter().filter(|argument| !is_graph_assignment(argument)) {
+            apply_assignment(document, argument)?;
         }
         if let Some(seed) = self.seed {
             let seed = i64::try_from(seed).map_err(|_| {
@@ -47,7 +50,7 @@ impl Overrides {
                     format!("expected at most {}", i64::MAX),
                 )
             })?;
-            put(document.as_table_mut(), "seed", seed.into());
+            replace_value(document.as_table_mut(), "seed", seed.into());
         }
         for argument in &self.faults {
             add_fault(document, argument)?;
@@ -56,12 +59,12 @@ impl Overrides {
     }
 }
 
-fn names_graph(argument: &str) -> bool {
+fn is_graph_assignment(argument: &str) -> bool {
     argument.split_once('=').is_some_and(|(key, _)| key.trim() == "graph")
 }
 
 /// Applies one assignment `key=value`.
-fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
+fn apply_assignment(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
     let wrong = |reason: String| {
         Diagnostic::without_location(
             format!("`--set {argument}`: {reason}"),
@@ -69,7 +72,8 @@ fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
         )
     };
     let (key, text) = argument.split_once('=').ok_or_else(|| wrong("there is no `=`".into()))?;
-    let keys = Key::parse(key).map_err(|_| wrong(format!("`{}` is not a key", key.trim())))?;
+    let keys = Key::parse(&quote_edges(key))
+        .map_err(|_| wrong(format!("`{}` is not a key", key.trim())))?;
     let text = text.trim();
     if text.is_empty() {
         return Err(wrong("there is no value".into()));
@@ -93,7 +97,7 @@ fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
             let wanted = names.next().ok_or_else(|| {
                 wrong(format!("`{name}` is a list: say which of them by its name"))
             })?;
-            element(item, wanted.get())
+            find_named_table(item, wanted.get())
                 .ok_or_else(|| wrong(format!("there is no {name} named `{}`", wanted.get())))?
         } else {
             item.as_table_like_mut().ok_or_else(|| wrong(format!("`{name}` is not a table")))?
@@ -107,14 +111,28 @@ fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
         let name = last.get();
         return Err(wrong(format!("`{name}` is a list of tables; {name}=[] removes them")));
     }
-    put(table, last.get(), value);
+    replace_value(table, last.get(), value);
     Ok(())
 }
 
-/// Returns the table with this `name` in a list of tables or in an inline list.
-fn element<'i>(list: &'i mut Item, name: &str) -> Option<&'i mut dyn TableLike> {
+/// Returns a dotted key in which each `FROM->TO` is quoted, as TOML requires.
+fn quote_edges(key: &str) -> String {
+    let quoted = |part: &str| match part.contains("->") && !part.contains(['"', '\'']) {
+        true => format!("\"{}\"", part.trim()),
+        false => part.to_owned(),
+    };
+    key.split('.').map(quoted).collect::<Vec<_>>().join(".")
+}
+
+/// Returns the table with this `name` in a list of tables or in an inline list. An edge, which has no name, is found by
+/// `FROM->TO`.
+fn find_named_table<'i>(list: &'i mut Item, name: &str) -> Option<&'i mut dyn TableLike> {
     fn is_named(table: &dyn TableLike, name: &str) -> bool {
-        table.get("name").and_then(Item::as_str) == Some(name)
+        let text = |key: &str| table.get(key).and_then(Item::as_str);
+        match name.split_once("->") {
+            Some((from, to)) => text("from") == Some(from) && text("to") == Some(to),
+            None => text("name") == Some(name),
+        }
     }
     match list {
         Item::ArrayOfTables(tables) => {
@@ -136,7 +154,7 @@ fn is_list_of_tables(item: &Item) -> bool {
 }
 
 /// Replaces a value and keeps the comment after it.
-fn put(table: &mut dyn TableLike, key: &str, mut value: Value) {
+fn replace_value(table: &mut dyn TableLike, key: &str, mut value: Value) {
     match table.get_mut(key) {
         Some(Item::Value(old)) => {
             *value.decor_mut() = old.decor().clone();
@@ -154,7 +172,7 @@ fn add_fault(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnosti
     let table = fault::parse(argument).map_err(|error| {
         Diagnostic::without_location(
             format!("`--fault '{argument}'`: {error}"),
-            error.expected.clone(),
+            error.remedy.clone(),
         )
     })?;
     let list = document.entry("fault").or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));

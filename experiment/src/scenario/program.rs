@@ -8,17 +8,17 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Component, Path, PathBuf};
 
 use super::diagnostic::Diagnostic;
-use super::fields::Has;
+use super::fields::{HasGroup, kinds};
 use super::file::check_inside_folder;
 use super::keys;
-use super::table::{TableReader, Value};
+use super::table::{TableReader, TypedValue};
 
 /// Folder of the copies in the directory of a run.
-pub const PROGRAMS: &str = "programs";
+pub const PROGRAMS_FOLDER: &str = "programs";
 
 /// External program of a scenario.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Program {
+pub struct ExternalProgram {
     /// Program and arguments, as in the scenario.
     pub command_line: Vec<String>,
     /// Files and folders that the program needs in addition to those among `command_line`.
@@ -27,19 +27,26 @@ pub struct Program {
     pub memory_max_mb: Option<u64>,
 }
 
-impl Program {
+impl ExternalProgram {
     /// Parses the keys `program`, `files` and `memory_max_mb` of a table.
-    pub(super) fn read<S: Has<keys::Program>>(
+    pub(super) fn read<S: HasGroup<keys::Program> + HasGroup<keys::ProgramFiles>>(
         table: &TableReader<'_, S>,
-    ) -> Result<Program, Diagnostic> {
-        let program = table.required(keys::Program::program)?;
+    ) -> Result<ExternalProgram, Diagnostic> {
+        ExternalProgram::read_with_program(&table.required_value(keys::Program::program)?, table)
+    }
+
+    /// Parses the value of `program`, and the keys `files` and `memory_max_mb` of its table.
+    pub(super) fn read_with_program<S: HasGroup<keys::ProgramFiles>>(
+        program: &TypedValue<'_, kinds::Texts>,
+        table: &TableReader<'_, S>,
+    ) -> Result<ExternalProgram, Diagnostic> {
         let words = program.texts(PROGRAM_REMEDY)?;
         if words.first().is_none_or(|word| word.is_empty()) {
             return Err(program.error_about_key("names no program", PROGRAM_REMEDY));
         }
-        let files = table.get(keys::Program::files);
-        let memory = table.get(keys::Program::memory_max_mb).map(|memory| memory.integer());
-        Ok(Program {
+        let files = table.get(keys::ProgramFiles::files);
+        let memory = table.get(keys::ProgramFiles::memory_max_mb).map(|memory| memory.integer());
+        Ok(ExternalProgram {
             command_line: words,
             files: files.map_or(Ok(Vec::new()), |files| files.texts("expected a list of files"))?,
             memory_max_mb: memory.transpose()?,
@@ -47,11 +54,24 @@ impl Program {
     }
 
     /// Checks that the program and all its files exist, relative to the scenario's folder.
-    pub(super) fn check_files_exist<S: Has<keys::Program>>(
+    pub(super) fn check_files_exist<S: HasGroup<keys::Program> + HasGroup<keys::ProgramFiles>>(
         table: &TableReader<'_, S>,
         folder: &Path,
     ) -> Result<(), Diagnostic> {
-        let words = table.required(keys::Program::program)?.elements(PROGRAM_REMEDY)?;
+        ExternalProgram::check_files_with_program(
+            &table.required_value(keys::Program::program)?,
+            table,
+            folder,
+        )
+    }
+
+    /// Checks as [`Program::check_files_exist`], given the value of `program`.
+    pub(super) fn check_files_with_program<S: HasGroup<keys::ProgramFiles>>(
+        program: &TypedValue<'_, kinds::Texts>,
+        table: &TableReader<'_, S>,
+        folder: &Path,
+    ) -> Result<(), Diagnostic> {
+        let words = program.elements(PROGRAM_REMEDY)?;
         let mut option = false;
         for (at, value) in words.iter().enumerate() {
             let word = value.text(PROGRAM_REMEDY)?;
@@ -68,8 +88,9 @@ impl Program {
             }
             option = word.starts_with('-');
         }
-        let files =
-            table.get(keys::Program::files).map(|files| files.elements("expected a list of files"));
+        let files = table
+            .get(keys::ProgramFiles::files)
+            .map(|files| files.elements("expected a list of files"));
         for value in files.transpose()?.into_iter().flatten() {
             check_file_exists(&value, value.text("expected a file or a folder")?, folder)?;
         }
@@ -82,7 +103,7 @@ impl Program {
         let mut found: Vec<(String, PathBuf)> = Vec::new();
         for name in self.command_line.iter().chain(&self.files) {
             let by_name = std::ptr::eq(name, &self.command_line[0]) && !name.contains('/');
-            let Some(path) = find(folder, name).filter(|_| !by_name) else { continue };
+            let Some(path) = find_file(folder, name).filter(|_| !by_name) else { continue };
             let files = match path.is_dir() {
                 true => list_folder_files(folder, name, &path).unwrap_or_default(),
                 false => vec![(name.clone(), path)],
@@ -97,9 +118,9 @@ impl Program {
     }
 
     /// Returns whether `word` names a file or a folder below `folder`.
-    pub fn is_own(&self, word: &str, folder: &Path) -> bool {
+    pub fn is_program_file(&self, word: &str, folder: &Path) -> bool {
         let by_name = word == self.command_line[0] && !word.contains('/');
-        !by_name && find(folder, word).is_some()
+        !by_name && find_file(folder, word).is_some()
     }
 }
 
@@ -155,9 +176,9 @@ fn list_folder_files(
 
 /// Returns the path of the file or folder `name`: in the scenario's folder or, if that is the directory of a run, among
 /// the copies.
-fn find(folder: &Path, name: &str) -> Option<PathBuf> {
-    let places = [folder.join(name), folder.join(PROGRAMS).join(name)];
-    let inside = stays_inside(name);
+fn find_file(folder: &Path, name: &str) -> Option<PathBuf> {
+    let places = [folder.join(name), folder.join(PROGRAMS_FOLDER).join(name)];
+    let inside = is_path_inside_folder(name);
     let is_there = |path: &PathBuf| path.is_file() || path.is_dir();
     places
         .into_iter()
@@ -165,7 +186,7 @@ fn find(folder: &Path, name: &str) -> Option<PathBuf> {
 }
 
 /// Returns whether `name` is a path that stays inside the folder.
-fn stays_inside(name: &str) -> bool {
+fn is_path_inside_folder(name: &str) -> bool {
     let parts = Path::new(name).components();
     parts.clone().all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
         && parts.clone().next().is_some()
@@ -182,8 +203,12 @@ fn looks_like_file(word: &str) -> bool {
     !word.starts_with('-') && ending.is_some_and(|(_, ending)| letters(ending))
 }
 
-fn check_file_exists<T>(value: &Value<'_, T>, name: &str, folder: &Path) -> Result<(), Diagnostic> {
-    if Path::new(name).is_absolute() && runs(Path::new(name)) {
+fn check_file_exists<T>(
+    value: &TypedValue<'_, T>,
+    name: &str,
+    folder: &Path,
+) -> Result<(), Diagnostic> {
+    if Path::new(name).is_absolute() && is_executable(Path::new(name)) {
         return Ok(());
     }
     let is_link_out = || {
@@ -199,7 +224,7 @@ fn check_file_exists<T>(value: &Value<'_, T>, name: &str, folder: &Path) -> Resu
             ),
         ));
     }
-    if !stays_inside(name) || is_link_out() {
+    if !is_path_inside_folder(name) || is_link_out() {
         let expected =
             "expected a file in the scenario's folder: it is copied into the run's directory";
         return Err(value.error_about_key(
@@ -207,7 +232,7 @@ fn check_file_exists<T>(value: &Value<'_, T>, name: &str, folder: &Path) -> Resu
             expected,
         ));
     }
-    match find(folder, name) {
+    match find_file(folder, name) {
         Some(path) if path.is_dir() => match list_folder_files(folder, name, &path) {
             Ok(_) => Ok(()),
             Err(what) => {
@@ -228,7 +253,7 @@ fn check_file_exists<T>(value: &Value<'_, T>, name: &str, folder: &Path) -> Resu
 /// Links are not followed: the environment is that of the path.
 fn interpreter_of_environment(path: &Path) -> Option<PathBuf> {
     let environment = path.parent()?.parent()?;
-    let is_one = environment.join("pyvenv.cfg").is_file() && runs(path);
+    let is_one = environment.join("pyvenv.cfg").is_file() && is_executable(path);
     let absolute = |path: &Path| Some(path.parent()?.canonicalize().ok()?.join(path.file_name()?));
     is_one.then(|| absolute(path)).flatten()
 }
@@ -236,10 +261,10 @@ fn interpreter_of_environment(path: &Path) -> Option<PathBuf> {
 /// Returns whether a folder of PATH has an executable `name`.
 fn is_on_path(name: &str) -> bool {
     let folders = std::env::var_os("PATH").unwrap_or_default();
-    std::env::split_paths(&folders).any(|folder| runs(&folder.join(name)))
+    std::env::split_paths(&folders).any(|folder| is_executable(&folder.join(name)))
 }
 
-fn runs(path: &Path) -> bool {
+fn is_executable(path: &Path) -> bool {
     #[cfg(unix)]
     let executable = |meta: std::fs::Metadata| meta.permissions().mode() & 0o111 != 0;
     // In a browser there are no files.
@@ -283,8 +308,11 @@ mod tests {
         let words =
             ["python3", "law.py", "fast", "kept.py", "../law.py", "law.py", "same.py", "out.py"];
         let words = words.map(str::to_owned).to_vec();
-        let program =
-            Program { command_line: words, files: vec!["law.py".into()], memory_max_mb: None };
+        let program = ExternalProgram {
+            command_line: words,
+            files: vec!["law.py".into()],
+            memory_max_mb: None,
+        };
         let found = program.files(folder.path());
         let names: Vec<&str> = found.iter().map(|(name, _)| &**name).collect();
         assert_eq!(names, ["law.py", "kept.py", "same.py"]);
@@ -300,8 +328,11 @@ mod tests {
             std::fs::write(path, "").unwrap();
         }
         let words = vec!["python3".to_owned(), "law.py".to_owned()];
-        let program =
-            Program { command_line: words, files: vec!["mylaws/".into()], memory_max_mb: None };
+        let program = ExternalProgram {
+            command_line: words,
+            files: vec!["mylaws/".into()],
+            memory_max_mb: None,
+        };
         let files = program.files(folder.path());
         let names: Vec<&str> = files.iter().map(|(name, _)| &**name).collect();
         assert_eq!(names, ["mylaws/deep/more.py", "mylaws/gains.py"]);

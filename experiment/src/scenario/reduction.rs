@@ -5,7 +5,7 @@ use serde::Deserialize;
 /// Reduction of the values that one robot recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum OverTime {
+pub enum TimeReduction {
     /// Value that was recorded last.
     Last,
     /// Mean of all values.
@@ -21,7 +21,7 @@ pub enum OverTime {
 /// Reduction of the values of the robots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum OverRobots {
+pub enum RobotReduction {
     /// Largest value.
     Max,
     /// Smallest value.

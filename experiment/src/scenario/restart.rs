@@ -6,7 +6,7 @@ use serde::Deserialize;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RestartPolicy {
     /// Exits that lead to a restart.
-    pub condition: RestartWhen,
+    pub condition: RestartCondition,
     /// Backoff: delay before the first restart, ns. It doubles after each restart.
     pub delay_ns: u64,
     /// Maximum delay before a restart, ns.
@@ -20,7 +20,7 @@ pub struct RestartPolicy {
 /// Exits that lead to a restart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum RestartWhen {
+pub enum RestartCondition {
     /// No exit leads to a restart.
     Never,
     /// Exits by a signal or with an exit code other than 0.
@@ -29,13 +29,13 @@ pub enum RestartWhen {
     Always,
 }
 
-impl RestartWhen {
+impl RestartCondition {
     /// Returns the value of `restart_policy` in scenarios.
     pub fn keyword(self) -> &'static str {
         match self {
-            RestartWhen::Never => "never",
-            RestartWhen::OnFailure => "on-failure",
-            RestartWhen::Always => "always",
+            RestartCondition::Never => "never",
+            RestartCondition::OnFailure => "on-failure",
+            RestartCondition::Always => "always",
         }
     }
 }
@@ -45,28 +45,28 @@ impl RestartWhen {
 #[expect(missing_docs, reason = "the field is named in the variant's comment")]
 pub enum DeathReaction {
     /// A replacement process starts `delay_ns` after the exit.
-    Return { delay_ns: u64 },
+    Restart { delay_ns: u64 },
     /// No replacement, because the policy does not ask for one.
     StayDead,
     /// No replacement, because `restarts_max` is reached within the window.
-    Ceiling,
+    RestartLimitReached,
 }
 
 impl RestartPolicy {
     /// Returns the reaction to an exit. `success`: exit code 0. `recent`: number of restarts within the window.
     pub fn action_after_death(&self, success: bool, recent: u32) -> DeathReaction {
         let wanted = match self.condition {
-            RestartWhen::Never => false,
-            RestartWhen::OnFailure => !success,
-            RestartWhen::Always => true,
+            RestartCondition::Never => false,
+            RestartCondition::OnFailure => !success,
+            RestartCondition::Always => true,
         };
         if !wanted {
             DeathReaction::StayDead
         } else if recent >= self.restarts_max {
-            DeathReaction::Ceiling
+            DeathReaction::RestartLimitReached
         } else {
             let grown_ns = self.delay_ns.saturating_mul(1 << recent.min(32));
-            DeathReaction::Return { delay_ns: grown_ns.min(self.delay_ns_max) }
+            DeathReaction::Restart { delay_ns: grown_ns.min(self.delay_ns_max) }
         }
     }
 }
@@ -75,7 +75,7 @@ impl RestartPolicy {
 mod tests {
     use super::*;
 
-    fn policy(when: RestartWhen) -> RestartPolicy {
+    fn policy(when: RestartCondition) -> RestartPolicy {
         RestartPolicy {
             condition: when,
             delay_ns: 100,
@@ -87,23 +87,23 @@ mod tests {
 
     #[test]
     fn restart_delay_doubles_up_to_its_maximum() {
-        let after = |recent| policy(RestartWhen::OnFailure).action_after_death(false, recent);
+        let after = |recent| policy(RestartCondition::OnFailure).action_after_death(false, recent);
         let waits = [0, 1, 2, 3].map(after);
-        let wait = |delay_ns| DeathReaction::Return { delay_ns };
-        assert_eq!(waits, [wait(100), wait(200), wait(350), DeathReaction::Ceiling]);
+        let wait = |delay_ns| DeathReaction::Restart { delay_ns };
+        assert_eq!(waits, [wait(100), wait(200), wait(350), DeathReaction::RestartLimitReached]);
     }
 
     #[test]
     fn successful_exit_restarts_only_with_policy_always() {
         for (when, success, returns) in [
-            (RestartWhen::Never, false, false),
-            (RestartWhen::OnFailure, true, false),
-            (RestartWhen::OnFailure, false, true),
-            (RestartWhen::Always, true, true),
+            (RestartCondition::Never, false, false),
+            (RestartCondition::OnFailure, true, false),
+            (RestartCondition::OnFailure, false, true),
+            (RestartCondition::Always, true, true),
         ] {
             let found = policy(when).action_after_death(success, 0);
             assert_eq!(
-                matches!(found, DeathReaction::Return { .. }),
+                matches!(found, DeathReaction::Restart { .. }),
                 returns,
                 "{when:?} {success}"
             );

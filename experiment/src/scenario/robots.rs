@@ -6,15 +6,15 @@ use std::ops::Range;
 use formation::drive::{Drive, DriveKind};
 use formation::pose::{Pose, wrap_angle};
 use formation::ramp::Ramp;
-use protocol::brief::{LimitsBrief, WheelsBrief};
+use protocol::brief::{AccelerationLimitsBrief, WheelsBrief};
 use protocol::law::{LawDescription, Reference};
 
 use super::diagnostic::{Diagnostic, format_list, most_similar_word};
-use super::fields::{Has, TypedKey, kinds};
+use super::fields::{HasGroup, TypedKey, kinds};
 use super::keys;
-use super::models::{MODELS, Model};
-use super::table::{Document, TableReader, Value};
-use super::{RestartPolicy, Robot, seconds};
+use super::models::{MODELS, RobotModel};
+use super::table::{Document, TableReader, TypedValue};
+use super::{RestartPolicy, Robot, ns_to_seconds};
 
 /// Maximum number of robots of a scenario. Each is a process.
 const ROBOTS_MAX: usize = 1024;
@@ -24,11 +24,11 @@ const RESERVED_NAMES: &[&str] =
     &["awake", "bridge", "load", "machine", "plant", "reaper", "ros2", "supervisor"];
 
 /// All robots, and the keys of each that define the graph.
-pub(super) struct Robots<'t> {
+pub(super) struct ParsedRobots<'t> {
     /// All robots, in the order of the file.
     pub(super) robots: Vec<Robot>,
     /// Keys of each robot that name its neighbors.
-    pub(super) ties: Vec<NeighborKeys<'t>>,
+    pub(super) neighbor_keys: Vec<NeighborKeys<'t>>,
     /// Warnings about gains that no robot uses.
     pub(super) warnings: Vec<Diagnostic>,
 }
@@ -38,24 +38,35 @@ pub(super) struct NeighborKeys<'t> {
     /// Formation slot, m.
     pub(super) place_m: Option<[f64; 2]>,
     /// In-neighbors: a list of names.
-    pub(super) hears: Option<Value<'t, kinds::Names>>,
+    pub(super) hears: Option<TypedValue<'t, kinds::Names>>,
     /// Backup neighbors: a list of names.
-    pub(super) spares: Option<Value<'t, kinds::Names>>,
+    pub(super) spares: Option<TypedValue<'t, kinds::Names>>,
     /// Backup leaders: a list of names.
-    pub(super) deputies: Option<Value<'t, kinds::Names>>,
+    pub(super) deputies: Option<TypedValue<'t, kinds::Names>>,
 }
 
-/// Parses all `[[robot]]` tables. `speed_max_m_s` is the maximum speed of a front point.
-pub(super) fn robots<'t>(
+/// Parameters of robots that do not have their own values.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct DefaultRobotParameters {
+    /// Half of d, m.
+    pub(super) keep_m: f64,
+    /// Maximum speed of a front point, m/s.
+    pub(super) speed_max_m_s: f64,
+    /// Number of periods for which the plant may hold a command.
+    pub(super) hold_periods: u64,
+}
+
+/// Parses all `[[robot]]` tables.
+pub(super) fn parse_robots<'t>(
     root: &TableReader<'t, keys::Root>,
     laws: &[LawDescription],
-    speed_max_m_s: f64,
+    shared: DefaultRobotParameters,
     document: &Document<'_>,
-) -> Result<Robots<'t>, Diagnostic> {
+) -> Result<ParsedRobots<'t>, Diagnostic> {
     let defaults = root.get(keys::Root::robot_defaults).map(|value| value.table()).transpose()?;
     let tables = root.tables(keys::Root::robot)?;
     if tables.is_empty() {
-        root.required(keys::Root::robot)?;
+        root.required_value(keys::Root::robot)?;
         return Err(root.error_at_table(
             "the scenario has no robot",
             "expected at least one table headed `[[robot]]`, or robot = [{ ... }, ...]",
@@ -65,8 +76,8 @@ pub(super) fn robots<'t>(
     let mut ties = Vec::new();
     for table in tables {
         table.check_keys()?;
-        let name = table.required(keys::Robot::name)?;
-        let name_text = robot_name(&name)?;
+        let name = table.required_value(keys::Robot::name)?;
+        let name_text = parse_robot_name(&name)?;
         if let Some(first) = robots.iter().position(|robot| robot.name == name_text) {
             return Err(name.error_about_key(
                 format!("is \"{name_text}\", which is already the name of robot {}", first + 1),
@@ -81,7 +92,7 @@ pub(super) fn robots<'t>(
         }
         let table = table.with_title(&format!("robot.{name_text}"), &format!("robot {name_text}"));
         let table = table.with_defaults(defaults.clone());
-        let robot = robot(&table, name_text, laws, speed_max_m_s, document)?;
+        let robot = parse_robot(&table, name_text, laws, shared, document)?;
         let leads = |other: &&Robot| other.role.leads;
         if let (true, Some(first)) = (robot.role.leads, robots.iter().find(leads)) {
             return Err(name.error_about_key(
@@ -97,53 +108,47 @@ pub(super) fn robots<'t>(
         robots.push(robot);
     }
     let unused = |(key, span): (&str, Range<usize>)| {
-        let owner = laws.iter().find(|law| law.gains.contains(&key))?;
+        let owner = laws.iter().find(|law| law.gain_keys.contains(&key))?;
         let used = |robot: &Robot| {
-            laws.iter().any(|law| law.name == robot.law && law.gains.contains(&key))
+            laws.iter().any(|law| law.name == robot.law && law.gain_keys.contains(&key))
         };
         if robots.iter().any(used) {
             return None;
         }
         let message = format!("`{key}` has no effect: no robot follows the law \"{}\"", owner.name);
         let expected = "expected a gain of a law that is used, or none";
-        Some(document.source.error(&span, message, expected).as_warning())
+        Some(document.source.error_at(&span, message, expected).into_warning())
     };
     let warnings =
         defaults.iter().flat_map(|defaults| defaults.keys()).filter_map(unused).collect();
-    Ok(Robots { robots, ties, warnings })
+    Ok(ParsedRobots { robots, neighbor_keys: ties, warnings })
 }
 
 /// Parses one `[[robot]]` table.
-fn robot(
+fn parse_robot(
     table: &TableReader<'_, keys::Robot>,
     name: &str,
     laws: &[LawDescription],
-    speed_max_m_s: f64,
+    shared: DefaultRobotParameters,
     document: &Document<'_>,
 ) -> Result<Robot, Diagnostic> {
-    let start = pose(&table.required(keys::Robot::pose)?)?;
+    let speed_max_m_s = table.optional_number(keys::RobotDefaults::speed_max_m_s)?;
+    let speed_max_m_s = speed_max_m_s.unwrap_or(shared.speed_max_m_s);
+    let start = parse_pose(&table.required_value(keys::Robot::pose)?)?;
     let models: Vec<_> = MODELS.iter().map(|model| (model.name, model)).collect();
     let model =
         table.get(keys::RobotDefaults::model).map(|model| model.parse_word(&models)).transpose()?;
     let drive_kind: DriveKind = table.read_word(keys::RobotDefaults::drive)?;
-    let front_point_m = front_point(table, drive_kind, model)?;
-    let body_radius_m = table.maybe_number(keys::RobotDefaults::body_radius_m)?;
-    let has_wheels = model.is_some() || table.get(keys::RobotDefaults::wheels).is_some();
-    let wheels = has_wheels.then(|| {
-        let table = table.table(keys::RobotDefaults::wheels)?;
-        let own = model.map(|model| model.wheels);
-        Ok(WheelsBrief {
-            speed_max_m_s: number(
-                &table,
-                keys::Wheels::speed_max_m_s,
-                own.map(|own| own.speed_max_m_s),
-            )?,
-            track_m: number(&table, keys::Wheels::track_m, own.map(|own| own.track_m))?,
-        })
-    });
-    let wheels = wheels.transpose()?;
+    let front_point_m = parse_front_point_m(table, drive_kind, model)?;
+    let body_radius_m = table.optional_number(keys::RobotDefaults::body_radius_m)?;
+    let wheels = parse_wheels(table, model)?;
     let drive = Drive::new(drive_kind, front_point_m, None);
-    let turn_rate_max_rad_s = turn_rate_max(table, drive, wheels.as_ref())?;
+    let turning_radius_min_m = parse_turning_radius(table, drive)?;
+    let turn_rate_max_rad_s = match drive.is_car() {
+        // It follows from speed and turning radius.
+        true => None,
+        false => parse_turn_rate_max(table, drive, wheels.as_ref())?,
+    };
     let has_limits = model.is_some() || table.get(keys::RobotDefaults::limits).is_some();
     let limits = has_limits.then(|| {
         parse_limits(
@@ -154,17 +159,14 @@ fn robot(
         )
     });
     let limits = limits.transpose()?;
-    let law = law(table, laws)?;
-    foreign_gains(table, name, law, laws, document)?;
-    let goal_m = goal_m(table, name, law, laws)?;
-    let goal_heading_rad = goal_heading(table, name, front_point_m, goal_m.is_some())?;
+    let law = parse_law(table, laws)?;
+    check_foreign_gains(table, name, law, laws, document)?;
+    let goal_m = parse_goal_m(table, name, law, laws)?;
+    let can_turn_in_place = front_point_m == 0.0 && !drive.is_car();
+    let goal_heading_rad = parse_goal_heading(table, name, can_turn_in_place, goal_m.is_some())?;
     let mut gains = BTreeMap::new();
-    for &key in law.gains {
-        let name = law.name;
-        let expected =
-            format!("a gain of the law \"{name}\", above 0; write `{key} = ...` next to `law`");
-        let gain = table.gain(key)?.ok_or_else(|| table.missing_gain(key, &expected))?;
-        gains.insert(key.to_owned(), gain);
+    for &key in law.gain_keys {
+        gains.insert(key.to_owned(), parse_gain(table, law, key)?);
     }
     Ok(Robot {
         name: name.to_owned(),
@@ -172,27 +174,73 @@ fn robot(
         front_point_m,
         drive_kind,
         turn_rate_max_rad_s,
+        turning_radius_min_m,
+        keep_m: table.optional_number(keys::RobotDefaults::keep_m)?.unwrap_or(shared.keep_m),
+        speed_max_m_s,
+        hold_periods: match table.get(keys::RobotDefaults::hold_periods) {
+            Some(own) => own.integer()?,
+            None => shared.hold_periods,
+        },
         wheels,
         body_radius_m: body_radius_m.or(model.map(|model| model.body_radius_m)),
-        limits,
+        acceleration_limits: limits,
         goal_m,
         goal_heading_rad,
         law: law.name.to_owned(),
         role: law.role,
-        feed_forward: law.feed_forward,
+        uses_feed_forward: law.feed_forward,
         correction_max_m_s: law.correction_max.map(|key| gains[key]),
-        message: law.message,
-        withholds: law.withholds,
+        message_format: law.message_format,
+        queued_messages_max: law.queued_messages_max,
+        withholds_beacons: law.may_withhold_beacon,
         signals: law.signals,
+        gain_ranges: law.gain_ranges,
+        takes_params: law.params.is_some(),
         place_m: table.get(keys::RobotDefaults::place_m).map(|place| place.pair()).transpose()?,
-        params: params(table, law)?,
+        params: parse_params(table, law)?,
         gains,
-        restart: restart(table)?,
+        restart_policy: parse_restart_policy(table)?,
     })
 }
 
+/// Parses `wheels`, by default those of the model. Returns `None` without wheels and model.
+fn parse_wheels(
+    table: &TableReader<'_, keys::Robot>,
+    model: Option<&RobotModel>,
+) -> Result<Option<WheelsBrief>, Diagnostic> {
+    if model.is_none() && table.get(keys::RobotDefaults::wheels).is_none() {
+        return Ok(None);
+    }
+    let table = table.table(keys::RobotDefaults::wheels)?;
+    let own = model.map(|model| model.wheels);
+    Ok(Some(WheelsBrief {
+        speed_max_m_s: number_or_model_value(
+            &table,
+            keys::Wheels::speed_max_m_s,
+            own.map(|own| own.speed_max_m_s),
+        )?,
+        track_m: number_or_model_value(&table, keys::Wheels::track_m, own.map(|own| own.track_m))?,
+    }))
+}
+
+/// Parses a gain of the law, which is above 0 unless the law gives it a range.
+fn parse_gain(
+    table: &TableReader<'_, keys::Robot>,
+    law: &LawDescription,
+    key: &str,
+) -> Result<f64, Diagnostic> {
+    let range = law.gain_range(key);
+    let values = match range {
+        None => "above 0".to_owned(),
+        Some([lowest, highest]) => format!("from {lowest} to {highest}"),
+    };
+    let expected =
+        format!("a gain of the law \"{}\", {values}; write `{key} = ...` next to `law`", law.name);
+    table.gain(key, range)?.ok_or_else(|| table.missing_gain_error(key, &expected))
+}
+
 /// Parses the parameters of the law: those in its own table, with those of the robot in place of equal keys.
-fn params(
+fn parse_params(
     table: &TableReader<'_, keys::Robot>,
     law: &LawDescription,
 ) -> Result<toml::Table, Diagnostic> {
@@ -210,7 +258,7 @@ fn params(
 }
 
 /// Parses the control law.
-fn law<'l>(
+fn parse_law<'l>(
     table: &TableReader<'_, keys::Robot>,
     laws: &'l [LawDescription],
 ) -> Result<&'l LawDescription, Diagnostic> {
@@ -230,28 +278,29 @@ fn law<'l>(
 }
 
 /// Returns an error if the robot's own table has a gain of another law.
-fn foreign_gains(
+fn check_foreign_gains(
     table: &TableReader<'_, keys::Robot>,
     name: &str,
     law: &LawDescription,
     laws: &[LawDescription],
     document: &Document<'_>,
 ) -> Result<(), Diagnostic> {
-    for (key, span) in table.keys().filter(|(key, _)| !law.gains.contains(key)) {
-        if let Some(owner) = laws.iter().find(|other| other.gains.contains(&key)) {
+    for (key, span) in table.keys().filter(|(key, _)| !law.gain_keys.contains(key)) {
+        if let Some(owner) = laws.iter().find(|other| other.gain_keys.contains(&key)) {
             let message = format!(
                 "`{key}` is a gain of the law \"{}\", but robot {name} follows \"{}\"",
                 owner.name, law.name
             );
-            let expected = format!("expected gains of \"{}\": {}", law.name, law.gains.join(", "));
-            return Err(document.source.error(&span, message, expected));
+            let expected =
+                format!("expected gains of \"{}\": {}", law.name, law.gain_keys.join(", "));
+            return Err(document.source.error_at(&span, message, expected));
         }
     }
     Ok(())
 }
 
 /// Parses the goal, m, which must be given if and only if the law goes to a goal.
-fn goal_m(
+fn parse_goal_m(
     table: &TableReader<'_, keys::Robot>,
     name: &str,
     law: &LawDescription,
@@ -277,16 +326,19 @@ fn goal_m(
 }
 
 /// Parses the distance of the front point, m: 0 for an omnidirectional robot, which has no `model` and no `wheels`.
-fn front_point(
+fn parse_front_point_m(
     table: &TableReader<'_, keys::Robot>,
     drive: DriveKind,
-    model: Option<&Model>,
+    model: Option<&RobotModel>,
 ) -> Result<f64, Diagnostic> {
     if drive.is_differential() {
         let of_model = model.map(|model| model.front_point_m);
-        return number(table, keys::RobotDefaults::front_point_m, of_model);
+        return number_or_model_value(table, keys::RobotDefaults::front_point_m, of_model);
     }
-    let of_wheels = "describes two driven wheels on one axle, but the robot has `drive = \"omni\"`";
+    let drive_name = if drive == DriveKind::Omni { "omni" } else { "ackermann" };
+    let of_wheels = format!(
+        "describes two driven wheels on one axle, but the robot has `drive = \"{drive_name}\"`"
+    );
     let expected = "expected no such key, or `drive = \"differential\"`; in a mixed team give it to each robot with a \
                     differential drive instead of `robot_defaults`";
     if let Some(model) = table.get(keys::RobotDefaults::model) {
@@ -299,15 +351,50 @@ fn front_point(
     let front_point_m = given.number()?;
     if front_point_m > 0.0 {
         return Err(given.error_about_key(
-            format!("is {front_point_m}, but the robot has `drive = \"omni\"`"),
-            "expected 0, or no such key: an omnidirectional robot is controlled at its center",
+            format!("is {front_point_m}, but the robot has `drive = \"{drive_name}\"`"),
+            match drive {
+                DriveKind::Ackermann => {
+                    "expected 0, or no such key: a car is controlled at its rear axle. Controlled at a front point, \
+                     none arrives"
+                }
+                _ => "expected 0, or no such key: an omnidirectional robot is controlled at its center",
+            },
         ));
     }
     Ok(0.0)
 }
 
+/// Parses the minimum turning radius of a car, m, which other drives do not have.
+fn parse_turning_radius(
+    table: &TableReader<'_, keys::Robot>,
+    drive: Drive,
+) -> Result<Option<f64>, Diagnostic> {
+    let given = table.get(keys::RobotDefaults::turning_radius_min_m);
+    match (drive.is_car(), given) {
+        (true, Some(radius)) => {
+            if let Some(turn_rate) = table.get(keys::RobotDefaults::turn_rate_max_rad_s) {
+                return Err(turn_rate.error_about_key(
+                    "is given, but the turn rate of a car follows from its speed and turning radius",
+                    "expected no such key with `drive = \"ackermann\"`",
+                ));
+            }
+            radius.number().map(Some)
+        }
+        (true, None) => {
+            let expected = "above 0, in meters: a car with `drive = \"ackermann\"` has a minimum turning \
+                            radius";
+            Err(table.missing_key_error(keys::RobotDefaults::turning_radius_min_m, expected))
+        }
+        (false, Some(radius)) => Err(radius.error_about_key(
+            "is given, but the robot is no car",
+            "expected `drive = \"ackermann\"`, or no such key",
+        )),
+        (false, None) => Ok(None),
+    }
+}
+
 /// Parses the maximum turn rate, rad/s. At the axle midpoint it is that of the wheels unless given.
-fn turn_rate_max(
+fn parse_turn_rate_max(
     table: &TableReader<'_, keys::Robot>,
     drive: Drive,
     wheels: Option<&WheelsBrief>,
@@ -332,7 +419,7 @@ fn turn_rate_max(
                 "above 0, in rad/s, or `wheels` or a `model`: with `front_point_m` = 0 the robot turns independently of \
                  its speed"
             }
-            DriveKind::Omni => {
+            DriveKind::Omni | DriveKind::Ackermann => {
                 "at least 0, in rad/s: an omnidirectional robot turns independently of its speed; with 0 it keeps its heading"
             }
         };
@@ -342,10 +429,10 @@ fn turn_rate_max(
 }
 
 /// Parses the heading at the goal, rad.
-fn goal_heading(
+fn parse_goal_heading(
     table: &TableReader<'_, keys::Robot>,
     name: &str,
-    front_point_m: f64,
+    can_turn_in_place: bool,
     has_goal: bool,
 ) -> Result<Option<f64>, Diagnostic> {
     let Some(value) = table.get(keys::Robot::goal_heading_rad) else { return Ok(None) };
@@ -355,22 +442,22 @@ fn goal_heading(
             "expected a law with the role `goal` and its `goal_m`, or no such key",
         ));
     }
-    if front_point_m > 0.0 {
+    if !can_turn_in_place {
         return Err(value.error_about_key(
             format!("is given, but {name} cannot turn without moving its front point"),
-            "expected `front_point_m = 0`, or no such key",
+            "expected `front_point_m = 0` with another drive than \"ackermann\", or no such key",
         ));
     }
-    heading(&value).map(Some)
+    parse_heading(&value).map(Some)
 }
 
 /// Returns the number `key`, or that of the model. Returns an error if there is neither.
-fn number<S: Has<G>, G>(
+fn number_or_model_value<S: HasGroup<G>, G>(
     table: &TableReader<'_, S>,
     key: TypedKey<G, kinds::Number>,
     of_model: Option<f64>,
 ) -> Result<f64, Diagnostic> {
-    match (table.maybe_number(key)?, of_model) {
+    match (table.optional_number(key)?, of_model) {
         (Some(number), _) | (None, Some(number)) => Ok(number),
         (None, None) => table.number(key),
     }
@@ -379,15 +466,19 @@ fn number<S: Has<G>, G>(
 /// Parses `limits`. Without a speed limit the braking time is not used.
 fn parse_limits(
     table: &TableReader<'_, keys::Limits>,
-    model: Option<&Model>,
+    model: Option<&RobotModel>,
     front_point_m: f64,
     speed_max_m_s: f64,
-) -> Result<LimitsBrief, Diagnostic> {
-    let own = model.map(|model| [model.acceleration_m_s2, model.turn_acceleration_rad_s2]);
-    let acceleration_m_s2 = number(table, keys::Limits::acceleration_m_s2, own.map(|own| own[0]))?;
-    let turn_acceleration_rad_s2 =
-        number(table, keys::Limits::turn_acceleration_rad_s2, own.map(|own| own[1]))?;
-    let braking_time_s = match table.maybe_number(keys::Limits::braking_time_s)? {
+) -> Result<AccelerationLimitsBrief, Diagnostic> {
+    let own = model.map(|model| [model.acceleration_max_m_s2, model.turn_acceleration_max_rad_s2]);
+    let acceleration_m_s2 =
+        number_or_model_value(table, keys::Limits::acceleration_m_s2, own.map(|own| own[0]))?;
+    let turn_acceleration_rad_s2 = number_or_model_value(
+        table,
+        keys::Limits::turn_acceleration_rad_s2,
+        own.map(|own| own[1]),
+    )?;
+    let braking_time_s = match table.optional_number(keys::Limits::braking_time_s)? {
         Some(braking_time_s) => braking_time_s,
         None if speed_max_m_s.is_finite() && front_point_m == 0.0 => {
             speed_max_m_s / acceleration_m_s2
@@ -401,7 +492,7 @@ fn parse_limits(
     let ramp = match table.get(keys::Limits::ramp) {
         Some(given) => {
             let ramp: Ramp = given.read_word()?;
-            if front_point_m == 0.0 && ramp.is_together() {
+            if front_point_m == 0.0 && ramp.is_coupled() {
                 return Err(given.error_about_key(
                     "is \"together\" with `front_point_m` = 0: a slow turn would prolong the braking",
                     "expected no such key: speed and turn rate of the axle midpoint change independently",
@@ -412,11 +503,16 @@ fn parse_limits(
         None if front_point_m == 0.0 => Ramp::Independent,
         None => Ramp::Together,
     };
-    Ok(LimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp })
+    Ok(AccelerationLimitsBrief {
+        acceleration_m_s2,
+        turn_acceleration_rad_s2,
+        braking_time_s,
+        ramp,
+    })
 }
 
 /// Parses the name of a robot, which becomes a part of the names of services, processes and files.
-fn robot_name<'t>(value: &Value<'t, kinds::Text>) -> Result<&'t str, Diagnostic> {
+fn parse_robot_name<'t>(value: &TypedValue<'t, kinds::Text>) -> Result<&'t str, Diagnostic> {
     let expected = "expected a letter, then at most 30 letters, digits, `-` or `_`";
     let name = value.text(expected)?;
     let sound = name.starts_with(|c: char| c.is_ascii_alphabetic())
@@ -435,14 +531,18 @@ fn robot_name<'t>(value: &Value<'t, kinds::Text>) -> Result<&'t str, Diagnostic>
 }
 
 /// Parses a start pose.
-fn pose(value: &Value<'_, kinds::Table<keys::Pose>>) -> Result<Pose, Diagnostic> {
+fn parse_pose(value: &TypedValue<'_, kinds::Table<keys::Pose>>) -> Result<Pose, Diagnostic> {
     let table = value.table()?;
     let (x_m, y_m) = (table.number(keys::Pose::x_m)?, table.number(keys::Pose::y_m)?);
-    Ok(Pose { x_m, y_m, heading_rad: heading(&table.required(keys::Pose::heading_rad)?)? })
+    Ok(Pose {
+        x_m,
+        y_m,
+        heading_rad: parse_heading(&table.required_value(keys::Pose::heading_rad)?)?,
+    })
 }
 
 /// Parses a heading, rad.
-fn heading(value: &Value<'_, kinds::Number>) -> Result<f64, Diagnostic> {
+fn parse_heading(value: &TypedValue<'_, kinds::Number>) -> Result<f64, Diagnostic> {
     let heading_rad = value.number()?;
     if heading_rad.abs() > std::f64::consts::TAU {
         return Err(value.error_about_key(
@@ -457,7 +557,7 @@ fn heading(value: &Value<'_, kinds::Number>) -> Result<f64, Diagnostic> {
 }
 
 /// Parses the restart policy.
-fn restart(table: &TableReader<'_, keys::Robot>) -> Result<RestartPolicy, Diagnostic> {
+fn parse_restart_policy(table: &TableReader<'_, keys::Robot>) -> Result<RestartPolicy, Diagnostic> {
     let when = table.read_word(keys::RobotDefaults::restart_policy)?;
     let restarts_max = table.integer(keys::RobotDefaults::max_restarts)? as u32;
     let delay_ns = table.time_ns(keys::RobotDefaults::restart_delay_s)?;
@@ -466,8 +566,8 @@ fn restart(table: &TableReader<'_, keys::Robot>) -> Result<RestartPolicy, Diagno
         ceiling.as_ref().map_or(Ok(delay_ns.max(10_000_000_000)), |ceiling| ceiling.time_ns())?;
     if let Some(ceiling) = ceiling.filter(|_| delay_ns_max < delay_ns) {
         return Err(ceiling.error_about_key(
-            format!("is {}, shorter than the first wait", seconds(delay_ns_max)),
-            format!("expected at least `restart_delay_s`, {} s", seconds(delay_ns)),
+            format!("is {}, shorter than the first wait", ns_to_seconds(delay_ns_max)),
+            format!("expected at least `restart_delay_s`, {} s", ns_to_seconds(delay_ns)),
         ));
     }
     let window_ns = table.time_ns(keys::RobotDefaults::restart_window_s)?;
@@ -475,7 +575,10 @@ fn restart(table: &TableReader<'_, keys::Robot>) -> Result<RestartPolicy, Diagno
 }
 
 /// Returns the index of the robot that `value` names.
-pub(super) fn robot_named<T>(value: &Value<'_, T>, robots: &[Robot]) -> Result<usize, Diagnostic> {
+pub(super) fn parse_robot_index<T>(
+    value: &TypedValue<'_, T>,
+    robots: &[Robot],
+) -> Result<usize, Diagnostic> {
     let names: Vec<&str> = robots.iter().map(|robot| robot.name.as_str()).collect();
     let expected = format!("expected the name of a robot: {}", format_list(&names, 8));
     let name = value.text(&expected)?;

@@ -1,18 +1,18 @@
 //! Time-varying scale of the formation: `[scale]`.
 
+use formation::ns_to_seconds;
 use formation::scale::Scale;
-use formation::seconds;
 use protocol::law::Reference;
 
 use super::Scenario;
 use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
-use super::table::{TableReader, Value};
+use super::table::{TableReader, TypedValue};
 use crate::check::Opening;
 
 /// Parses `[scale]`. `scenario` is complete except for the scale. `None`: constant 1.
-pub(super) fn scale(
+pub(super) fn parse_scale(
     root: &TableReader<'_, keys::Root>,
     scenario: &Scenario,
 ) -> Result<Option<Scale>, Diagnostic> {
@@ -26,14 +26,14 @@ pub(super) fn scale(
     }
     let table = value.table()?;
     match table.kind()? {
-        "sine" => sine(&table),
+        "sine" => parse_sine_scale(&table),
         _ => parse_closing_scale(&table, &value, scenario),
     }
     .map(Some)
 }
 
 /// Parses an oscillating scale, which must stay above 0.
-fn sine(table: &TableReader<'_, keys::Scale>) -> Result<Scale, Diagnostic> {
+fn parse_sine_scale(table: &TableReader<'_, keys::Scale>) -> Result<Scale, Diagnostic> {
     let mean = table.number(keys::Scale::mean)?;
     let Some(amplitude) = table.get(keys::Scale::amplitude) else {
         return Ok(Scale::Sine { mean, amplitude: 0.0, period_s: 1.0 });
@@ -51,11 +51,11 @@ fn sine(table: &TableReader<'_, keys::Scale>) -> Result<Scale, Diagnostic> {
 /// Parses a scale that is open and then closes. Missing values are computed from slots, starts and speeds.
 fn parse_closing_scale(
     table: &TableReader<'_, keys::Scale>,
-    value: &Value<'_, kinds::Table<keys::Scale>>,
+    value: &TypedValue<'_, kinds::Table<keys::Scale>>,
     scenario: &Scenario,
 ) -> Result<Scale, Diagnostic> {
     let opening = Opening::compute(scenario);
-    let time_s = |key| Ok(table.maybe_time_ns(key)?.map(seconds));
+    let time_s = |key| Ok(table.optional_time_ns(key)?.map(ns_to_seconds));
     let (from, hold_s, over_s) =
         (table.get(keys::Scale::from), time_s(keys::Scale::hold_s)?, time_s(keys::Scale::over_s)?);
     let given = from.as_ref().map(|from| from.number()).transpose()?;
@@ -79,15 +79,15 @@ fn parse_closing_scale(
     let mut scale = Scale::Closing { from: from_scale, hold_s, over_s, reopen_at_s: Vec::new() };
     let times = table.get(keys::Scale::reopen_at_s).map(|times| times.times_ns()).transpose()?;
     for (time, at_ns) in times.unwrap_or_default() {
-        let closed_s = scale.closed_at_s().unwrap_or_default();
-        if seconds(at_ns) < closed_s {
+        let closed_s = scale.closing_end_s().unwrap_or_default();
+        if ns_to_seconds(at_ns) < closed_s {
             return Err(time.error_about_key(
-                format!("is {}, before the formation has closed", seconds(at_ns)),
+                format!("is {}, before the formation has closed", ns_to_seconds(at_ns)),
                 format!("expected at least {closed_s} s"),
             ));
         }
         if let Scale::Closing { reopen_at_s, .. } = &mut scale {
-            reopen_at_s.push(seconds(at_ns));
+            reopen_at_s.push(ns_to_seconds(at_ns));
         }
     }
     Ok(scale)

@@ -15,51 +15,51 @@ use std::collections::BTreeSet;
 use formation::Vec2;
 use formation::graph::Edge;
 use formation::laplacian::move_to_settled_positions;
-use formation::rewiring::{RepairPlan, Rewiring, Substitutes, Succession};
+use formation::rewiring::{PlannedReplacement, RepairPlan, Rewiring, Succession};
 use formation::trajectory::Trajectory;
 use protocol::law::Reference;
 
 use super::Scenario;
-use super::deputies::{deputies, successions};
+use super::deputies::{parse_deputies, parse_successions};
 use super::diagnostic::Diagnostic;
 use super::keys;
-use super::robots::{NeighborKeys, robot_named};
+use super::robots::{NeighborKeys, parse_robot_index};
 use super::table::TableReader;
 use crate::check::planned_positions;
 
 /// Number of nearest robots outside of the in-neighbors that are considered as replacements for a contained robot.
-const NEAREST: usize = 5;
+const NEAREST_CANDIDATES: usize = 5;
 /// Maximum number of robots that replace one in-neighbor.
 const SUBSTITUTES_MAX: usize = 3;
 /// Maximum number of improvement rounds.
-const ROUNDS: usize = 4;
+const IMPROVEMENT_ROUNDS_MAX: usize = 4;
 
 /// Maximum number of robots for which plans are also optimized for pairs of failures.
-const PAIRS_ROBOTS_MAX: usize = 16;
+const PAIR_PLANNING_ROBOTS_MAX: usize = 16;
 
 /// Returns the backup neighbors and backup leaders, and the time for which an in-neighbor must be lost before it is
 /// replaced, ns (`None`: no repair). `scenario` has none of them yet.
-pub(super) fn repair(
+pub(super) fn parse_repair(
     root: &TableReader<'_, keys::Root>,
     scenario: &Scenario,
     ties: &[NeighborKeys<'_>],
     warnings: &mut Vec<Diagnostic>,
 ) -> Result<(RepairPlan, Option<u64>), Diagnostic> {
-    let deputies = deputies(root, scenario)?;
-    let successions = successions(scenario, ties)?;
+    let deputies = parse_deputies(root, scenario)?;
+    let successions = parse_successions(scenario, ties)?;
     let leaders = RepairPlan { deputies, successions, ..RepairPlan::default() };
     let config = RepairConfig::read(root, scenario, &leaders, ties, warnings)?;
-    Ok((config.plan(scenario, leaders), config.after_ns))
+    Ok((config.plan_repair(scenario, leaders), config.repair_after_ns))
 }
 
 /// Configuration of topology repair.
 struct RepairConfig {
     /// Time for which an in-neighbor must be lost before it is replaced, ns. `None`: no repair.
-    after_ns: Option<u64>,
+    repair_after_ns: Option<u64>,
     /// Number of backup neighbors chosen for a robot.
-    count: usize,
+    spares_per_robot: usize,
     /// Backup neighbors that a robot lists itself. `None`: chosen.
-    given: Vec<Option<Vec<usize>>>,
+    listed_spares: Vec<Option<Vec<usize>>>,
 }
 
 impl RepairConfig {
@@ -71,12 +71,13 @@ impl RepairConfig {
         ties: &[NeighborKeys<'_>],
         warnings: &mut Vec<Diagnostic>,
     ) -> Result<RepairConfig, Diagnostic> {
-        let repairs =
-            root.required(keys::Root::repair)?.parse_word(&[("none", false), ("spares", true)])?;
+        let repairs = root
+            .required_value(keys::Root::repair)?
+            .parse_word(&[("none", false), ("spares", true)])?;
         let given = ties
             .iter()
             .enumerate()
-            .map(|(hearer, tie)| listed_spares(scenario, leaders, hearer, tie));
+            .map(|(hearer, tie)| parse_listed_spares(scenario, leaders, hearer, tie));
         let given: Vec<Option<Vec<usize>>> = given.collect::<Result<_, _>>()?;
         let own = ties.iter().flat_map(|tie| [&tie.spares, &tie.deputies]).flatten().cloned();
         let wrong = "has no effect: nothing is repaired";
@@ -90,64 +91,76 @@ impl RepairConfig {
         .flatten()
         .chain(own.map(|own| own.error_about_key(wrong, expected)));
         if let Some(unused) = unused.next().filter(|_| !repairs) {
-            warnings.push(unused.as_warning());
+            warnings.push(unused.into_warning());
         }
         let after_ns = root.time_ns(keys::Root::repair_after_s)?;
         let count = root.integer(keys::Root::spares)? as usize;
-        Ok(RepairConfig { after_ns: repairs.then_some(after_ns), count, given })
+        Ok(RepairConfig {
+            repair_after_ns: repairs.then_some(after_ns),
+            spares_per_robot: count,
+            listed_spares: given,
+        })
     }
 
-    /// Returns the plan: `leaders`, which has the backup leaders only, with the backup neighbors of all robots, if repair
-    /// is on. Without repair no robot takes the slot of a secondary leader.
-    fn plan(&self, scenario: &Scenario, leaders: RepairPlan) -> RepairPlan {
-        if self.after_ns.is_none() {
+    /// Returns the plan: `leaders`, which has the backup leaders only, with the backup neighbors of all robots, if
+    /// repair is on. Without repair no robot takes the slot of a secondary leader.
+    fn plan_repair(&self, scenario: &Scenario, leaders: RepairPlan) -> RepairPlan {
+        if self.repair_after_ns.is_none() {
             return RepairPlan { successions: Vec::new(), ..leaders };
         }
-        let (spares, substitutes) = self.spares(scenario, &leaders);
+        let (spares, substitutes) = self.choose_spares_and_substitutes(scenario, &leaders);
         RepairPlan { spares, substitutes, ..leaders }
     }
 
     /// Returns the backup links of all robots, grouped by receiver, and the planned replacements of contained robots.
     /// The offset of a link is the difference of the two slots that follow from the whole graph (Remark 1).
-    fn spares(&self, scenario: &Scenario, leaders: &RepairPlan) -> (Vec<Edge>, Vec<Substitutes>) {
+    fn choose_spares_and_substitutes(
+        &self,
+        scenario: &Scenario,
+        leaders: &RepairPlan,
+    ) -> (Vec<Edge>, Vec<PlannedReplacement>) {
         // Without slots the scenario has errors and is never run.
         let Some(places) = planned_positions(scenario) else { return Default::default() };
-        let contained = |i: &usize| scenario.robots[*i].role.reference == Reference::Middle;
-        let plans = |i: &usize| contained(i) && self.given[*i].is_none();
+        let contained = |i: &usize| scenario.robots[*i].role.reference == Reference::NeighborMean;
+        let plans = |i: &usize| contained(i) && self.listed_spares[*i].is_none();
         let robots = 0..scenario.robots.len();
-        let mut choice = Choice::new(scenario, leaders, &places);
-        choice.keep_by = robots.clone().map(|i| self.slot_keeping_robots(&choice, i)).collect();
+        let mut choice = SpareChooser::new(scenario, leaders, &places);
+        choice.taken_slot_references =
+            robots.clone().map(|i| self.slot_keeping_robots(&choice, i)).collect();
         let planning: Vec<usize> = robots.clone().filter(plans).collect();
-        let mut plans: Vec<Vec<Substitutes>> =
-            robots.map(|lost| choice.plan(lost, &planning, self.count)).collect();
-        if !planning.is_empty() && plans.len() <= PAIRS_ROBOTS_MAX {
-            for _ in 0..ROUNDS {
-                if !choice.plan_for_pairs(&mut plans, self.count) {
+        let mut plans: Vec<Vec<PlannedReplacement>> = robots
+            .map(|lost| choice.plan_substitutes(lost, &planning, self.spares_per_robot))
+            .collect();
+        if !planning.is_empty() && plans.len() <= PAIR_PLANNING_ROBOTS_MAX {
+            for _ in 0..IMPROVEMENT_ROUNDS_MAX {
+                if !choice.plan_for_pairs(&mut plans, self.spares_per_robot) {
                     break;
                 }
             }
         }
-        let filled = |planned: &Substitutes| !planned.by.is_empty();
-        let substitutes: Vec<Substitutes> = plans.into_iter().flatten().filter(filled).collect();
+        let filled = |planned: &PlannedReplacement| !planned.substitutes.is_empty();
+        let substitutes: Vec<PlannedReplacement> =
+            plans.into_iter().flatten().filter(filled).collect();
         let heard_leaders = {
             let has_offsets = |i: usize| !contained(&i);
             Rewiring::new(&scenario.graph, leaders, has_offsets)
         };
         let mut spares = Vec::new();
-        for (to, given) in self.given.iter().enumerate() {
+        for (to, given) in self.listed_spares.iter().enumerate() {
             let mut from = match given {
                 Some(given) => given.clone(),
                 None if contained(&to) => {
                     let planned = substitutes.iter().filter(|planned| planned.robot == to);
-                    let by = planned.flat_map(|planned| planned.by.iter().copied());
-                    let by: BTreeSet<usize> = by.filter(|&by| !choice.hears(to, by)).collect();
+                    let by = planned.flat_map(|planned| planned.substitutes.iter().copied());
+                    let by: BTreeSet<usize> =
+                        by.filter(|&by| !choice.receives_from(to, by)).collect();
                     by.into_iter().collect()
                 }
-                None => choice.choose_spares(to, self.count),
+                None => choice.choose_spares(to, self.spares_per_robot),
             };
             let successions = heard_leaders.receiver(to).successions();
             for deputy in successions.iter().flat_map(|one| &one.deputies) {
-                if *deputy != to && !choice.hears(to, *deputy) && !from.contains(deputy) {
+                if *deputy != to && !choice.receives_from(to, *deputy) && !from.contains(deputy) {
                     from.push(*deputy);
                 }
             }
@@ -155,7 +168,7 @@ impl RepairConfig {
                 let offset_m = places[to] - places[from];
                 Edge { from, to, offset_m: if contained(&to) { Vec2::zeros() } else { offset_m } }
             }));
-            let (place, by) = choice.keep_by[to].clone();
+            let (place, by) = choice.taken_slot_references[to].clone();
             spares.extend(by.into_iter().map(|from| Edge {
                 from,
                 to,
@@ -167,24 +180,24 @@ impl RepairConfig {
 
     /// Returns the leader whose slot a backup leader takes, and the robots relative to which it then keeps it: the
     /// in-neighbors of that leader and its backup neighbors, except those that the backup leader hears itself.
-    fn slot_keeping_robots(&self, choice: &Choice<'_>, deputy: usize) -> (usize, Vec<usize>) {
-        let mut successions = choice.leaders.successions.iter();
+    fn slot_keeping_robots(&self, choice: &SpareChooser<'_>, deputy: usize) -> (usize, Vec<usize>) {
+        let mut successions = choice.backup_leaders.successions.iter();
         let Some(one) = successions.find(|one| one.deputies.contains(&deputy)) else {
             return (deputy, Vec::new());
         };
         let leader = one.leader;
-        let spares = self.given[leader].clone();
-        let spares = spares.unwrap_or_else(|| choice.choose_spares(leader, self.count));
+        let spares = self.listed_spares[leader].clone();
+        let spares = spares.unwrap_or_else(|| choice.choose_spares(leader, self.spares_per_robot));
         let heard = choice.scenario.graph.incoming_edges(leader).map(|edge| edge.from);
-        let own = self.given[deputy].as_deref().unwrap_or_default();
+        let own = self.listed_spares[deputy].as_deref().unwrap_or_default();
         let by = heard.chain(spares);
-        let by = by.filter(|from| !choice.hears(deputy, *from) && !own.contains(from));
+        let by = by.filter(|from| !choice.receives_from(deputy, *from) && !own.contains(from));
         (leader, by.collect())
     }
 }
 
 /// Returns the backup neighbors that a robot lists in the file, or `None`.
-fn listed_spares(
+fn parse_listed_spares(
     scenario: &Scenario,
     leaders: &RepairPlan,
     hearer: usize,
@@ -202,7 +215,7 @@ fn listed_spares(
     }
     let mut spares: Vec<usize> = Vec::new();
     for value in list.elements("expected a list of names of robots: [\"r2\", \"r3\"]")? {
-        let spare = robot_named(&value, robots)?;
+        let spare = parse_robot_index(&value, robots)?;
         let other = &robots[spare].name;
         let wrong = |what: String, expected: &str| Err(value.error_at_value(what, expected));
         if spare == hearer {
@@ -228,7 +241,7 @@ fn listed_spares(
                 "expected a robot that is no in-neighbor of that leader",
             );
         }
-        let contained = robots[spare].role.reference == Reference::Middle;
+        let contained = robots[spare].role.reference == Reference::NeighborMean;
         if reference == Reference::Offsets && contained {
             return wrong(
                 format!("{name} keeps a slot, but its spare {other} is contained and has none"),
@@ -242,9 +255,10 @@ fn listed_spares(
 
 /// Returns the rank of each robot in the order of choice: hops from the leader (without one, from the first root), then
 /// the index in the file. `None` if it is not reached.
-fn order(scenario: &Scenario) -> Vec<Option<(usize, usize)>> {
+fn hop_order(scenario: &Scenario) -> Vec<Option<(usize, usize)>> {
     let first = scenario.leader().or_else(|| scenario.graph.roots().first().copied());
-    let hops = first.map(|first| scenario.graph.hops().swap_remove(first)).unwrap_or_default();
+    let hops =
+        first.map(|first| scenario.graph.hop_counts().swap_remove(first)).unwrap_or_default();
     hops.into_iter().enumerate().map(|(i, hops)| Some((hops?, i))).collect()
 }
 
@@ -252,36 +266,48 @@ fn order(scenario: &Scenario) -> Vec<Option<(usize, usize)>> {
 const STRANDED_COST: u64 = 10_000_000;
 
 /// Cost of a plan.
-type Cost = (u64, u64, usize);
+type PlanCost = (u64, u64, usize);
 
 /// Data by which backup neighbors are chosen.
-struct Choice<'a> {
+struct SpareChooser<'a> {
     scenario: &'a Scenario,
     /// Backup leaders.
-    leaders: &'a RepairPlan,
-    order: Vec<Option<(usize, usize)>>,
+    backup_leaders: &'a RepairPlan,
+    hop_order: Vec<Option<(usize, usize)>>,
     /// Settled positions at scale 1, m.
     positions: &'a [Vec2],
     /// For each backup leader, the leader whose slot it takes, and the robots relative to which it then keeps it.
-    keep_by: Vec<(usize, Vec<usize>)>,
+    taken_slot_references: Vec<(usize, Vec<usize>)>,
     /// List of the in-neighbors of each robot.
-    heard: Vec<Vec<usize>>,
+    in_neighbors: Vec<Vec<usize>>,
     /// For each robot of a leaderless formation, whether its information reaches each other robot. Empty with a leader.
-    reached: Vec<Vec<bool>>,
+    reachability: Vec<Vec<bool>>,
 }
 
-impl<'a> Choice<'a> {
-    fn new(scenario: &'a Scenario, leaders: &'a RepairPlan, positions: &'a [Vec2]) -> Choice<'a> {
+impl<'a> SpareChooser<'a> {
+    fn new(
+        scenario: &'a Scenario,
+        leaders: &'a RepairPlan,
+        positions: &'a [Vec2],
+    ) -> SpareChooser<'a> {
         let mut heard = vec![Vec::new(); positions.len()];
         scenario.graph.edges().iter().for_each(|edge| heard[edge.to].push(edge.from));
         let unled = scenario.leader().is_none();
         let reached = if unled { scenario.graph.reachability() } else { Vec::new() };
-        let order = order(scenario);
-        Choice { scenario, leaders, order, positions, keep_by: Vec::new(), heard, reached }
+        let order = hop_order(scenario);
+        SpareChooser {
+            scenario,
+            backup_leaders: leaders,
+            hop_order: order,
+            positions,
+            taken_slot_references: Vec::new(),
+            in_neighbors: heard,
+            reachability: reached,
+        }
     }
 
-    fn hears(&self, to: usize, from: usize) -> bool {
-        self.heard[to].contains(&from)
+    fn receives_from(&self, to: usize, from: usize) -> bool {
+        self.in_neighbors[to].contains(&from)
     }
 
     fn reference(&self, robot: usize) -> Reference {
@@ -289,13 +315,13 @@ impl<'a> Choice<'a> {
     }
 
     fn precedes(&self, from: usize, to: usize) -> bool {
-        self.order[from].is_some() && self.order[from] < self.order[to]
+        self.hop_order[from].is_some() && self.hop_order[from] < self.hop_order[to]
     }
 
     /// Returns whether `to` may use `from`. In a leaderless formation a cycle is not allowed, because velocity feedback
     /// in it does not decay.
     fn may_use(&self, to: usize, from: usize) -> bool {
-        from != to && !self.reached.get(to).is_some_and(|reached| reached[from])
+        from != to && !self.reachability.get(to).is_some_and(|reached| reached[from])
     }
 
     /// Chooses at most `count` backup neighbors for a robot with a slot, best first.
@@ -303,22 +329,25 @@ impl<'a> Choice<'a> {
         if self.reference(to) != Reference::Offsets {
             return Vec::new();
         }
-        let deputies = &self.leaders.deputies;
+        let deputies = &self.backup_leaders.deputies;
         let rank_of = |from: usize| deputies.iter().position(|&deputy| deputy == from);
         let fits = |&from: &usize| {
             let before = self.precedes(from, to) || rank_of(from).is_some();
-            before && self.reference(from) != Reference::Middle
+            before && self.reference(from) != Reference::NeighborMean
         };
         let fits = (0..self.scenario.robots.len()).filter(fits);
-        let candidates = fits.filter(|&from| !self.hears(to, from) && self.may_use(to, from));
+        let candidates =
+            fits.filter(|&from| !self.receives_from(to, from) && self.may_use(to, from));
         let distance_m = |from: usize| (self.positions[from] - self.positions[to]).norm();
         // After the failure of the leader, the robots that heard it use the robot that leads then.
-        let hears_leader = self.scenario.leader().is_some_and(|leader| self.hears(to, leader));
+        let hears_leader =
+            self.scenario.leader().is_some_and(|leader| self.receives_from(to, leader));
         let first = |from: usize| match hears_leader {
             true => rank_of(from).unwrap_or(deputies.len()),
             false => 0,
         };
-        let rated = candidates.map(|from| ((first(from), rank(distance_m(from))), from));
+        let rated =
+            candidates.map(|from| ((first(from), to_integer_micrometers(distance_m(from))), from));
         let mut rated: Vec<((usize, u64), usize)> = rated.collect();
         rated.sort_unstable();
         rated.into_iter().take(count).map(|(_, from)| from).collect()
@@ -328,28 +357,35 @@ impl<'a> Choice<'a> {
     /// plan minimizes the violation of the rest distance (Remark 1), then the displacement of all positions. One
     /// robot's choice is improved after the other until none is better; if some robots are still too close, two choices
     /// at a time. A leader with backup leaders is replaced by them.
-    fn plan(&self, lost: usize, planning: &[usize], count: usize) -> Vec<Substitutes> {
-        if self.leaders.successions.iter().any(|one| one.leader == lost) {
+    fn plan_substitutes(
+        &self,
+        lost: usize,
+        planning: &[usize],
+        count: usize,
+    ) -> Vec<PlannedReplacement> {
+        if self.backup_leaders.successions.iter().any(|one| one.leader == lost) {
             return Vec::new();
         }
-        let hears_lost = |&&to: &&usize| to != lost && self.hears(to, lost);
+        let hears_lost = |&&to: &&usize| to != lost && self.receives_from(to, lost);
         let hearers: Vec<usize> = planning.iter().filter(hears_lost).copied().collect();
         if hearers.is_empty() {
             return Vec::new();
         }
         let left = |to: usize| {
-            let heard = self.heard[to].iter().copied();
+            let heard = self.in_neighbors[to].iter().copied();
             heard.filter(|&from| from != lost).collect::<Vec<usize>>()
         };
         let heard: Vec<Vec<usize>> = (0..self.positions.len()).map(left).collect();
-        let options = hearers.iter().map(|&to| (to, self.options(lost, to, &heard[to], count)));
+        let options = hearers
+            .iter()
+            .map(|&to| (to, self.candidate_in_neighbors(lost, to, &heard[to], count)));
         let options: Vec<(usize, Vec<Vec<usize>>)> = options.collect();
-        let mut best = (self.cost(&[lost], &heard), heard);
-        for _ in 0..ROUNDS {
+        let mut best = (self.plan_cost(&[lost], &heard), heard);
+        for _ in 0..IMPROVEMENT_ROUNDS_MAX {
             let before = best.0;
-            options
-                .iter()
-                .for_each(|one| self.search(lost, &[one], &mut best.1.clone(), &mut best));
+            options.iter().for_each(|one| {
+                self.search_combinations(lost, &[one], &mut best.1.clone(), &mut best)
+            });
             if best.0 == before {
                 break;
             }
@@ -359,18 +395,18 @@ impl<'a> Choice<'a> {
             pairs.flat_map(|(k, one)| options[k + 1..].iter().map(move |other| [one, other]));
         for pair in pairs {
             if best.0.0 > 0 {
-                self.search(lost, &pair, &mut best.1.clone(), &mut best);
+                self.search_combinations(lost, &pair, &mut best.1.clone(), &mut best);
             }
         }
         let planned = hearers.into_iter().map(|robot| {
             let by = best.1[robot].split_off(left(robot).len());
-            Substitutes { robot, lost, by }
+            PlannedReplacement { robot, lost_in_neighbor: lost, substitutes: by }
         });
         planned.collect()
     }
 
     /// Improves the plans for pairs of failures without making single failures worse. Returns whether a plan changed.
-    fn plan_for_pairs(&self, plans: &mut [Vec<Substitutes>], count: usize) -> bool {
+    fn plan_for_pairs(&self, plans: &mut [Vec<PlannedReplacement>], count: usize) -> bool {
         let mut better = false;
         for lost in 0..plans.len() {
             let mut best = self.pair_failure_cost(lost, plans, u64::MAX);
@@ -378,14 +414,14 @@ impl<'a> Choice<'a> {
                 let to = plans[lost][k].robot;
                 let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
                 let left: Vec<usize> = heard.filter(|&from| from != lost).collect();
-                for option in self.options(lost, to, &left, count) {
+                for option in self.candidate_in_neighbors(lost, to, &left, count) {
                     let by = option[left.len()..].to_vec();
-                    let before = std::mem::replace(&mut plans[lost][k].by, by);
+                    let before = std::mem::replace(&mut plans[lost][k].substitutes, by);
                     let cost = self.pair_failure_cost(lost, plans, best.0);
                     if cost < best {
                         (best, better) = (cost, true);
                     } else {
-                        plans[lost][k].by = before;
+                        plans[lost][k].substitutes = before;
                     }
                 }
             }
@@ -398,27 +434,35 @@ impl<'a> Choice<'a> {
     fn pair_failure_cost(
         &self,
         lost: usize,
-        plans: &[Vec<Substitutes>],
+        plans: &[Vec<PlannedReplacement>],
         worst: u64,
     ) -> (u64, u64, u64, usize) {
-        let (lacking, moved, count) = self.cost(&[lost], &self.used_in_neighbors(plans, &[lost]));
+        let (lacking, moved, count) =
+            self.plan_cost(&[lost], &self.used_in_neighbors(plans, &[lost]));
         if lacking > worst {
             return (lacking, 0, 0, 0);
         }
         let others = (0..plans.len()).filter(|&other| other != lost);
         let pairs = others.map(|other| [lost, other]);
-        let lacking_m = pairs.map(|dead| self.cost(&dead, &self.used_in_neighbors(plans, &dead)).0);
+        let lacking_m =
+            pairs.map(|dead| self.plan_cost(&dead, &self.used_in_neighbors(plans, &dead)).0);
         (lacking, lacking_m.map(|lacking_m| lacking_m.min(STRANDED_COST)).sum(), moved, count)
     }
 
     /// Returns the in-neighbors that each robot uses after these failures.
-    fn used_in_neighbors(&self, plans: &[Vec<Substitutes>], dead: &[usize]) -> Vec<Vec<usize>> {
+    fn used_in_neighbors(
+        &self,
+        plans: &[Vec<PlannedReplacement>],
+        dead: &[usize],
+    ) -> Vec<Vec<usize>> {
         let used_references = |to: usize| {
             let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
             let (silent, mut left): (Vec<usize>, Vec<usize>) =
                 heard.partition(|from| dead.contains(from));
             let planned = silent.iter().flat_map(|&lost| &plans[lost]);
-            let by = planned.filter(|planned| planned.robot == to).flat_map(|planned| &planned.by);
+            let by = planned
+                .filter(|planned| planned.robot == to)
+                .flat_map(|planned| &planned.substitutes);
             left.extend(by.filter(|by| !dead.contains(by)));
             let taken = self.taken_slots(dead).filter(|(leader, _)| silent.contains(leader));
             left.extend(taken.map(|(_, deputy)| deputy));
@@ -429,20 +473,20 @@ impl<'a> Choice<'a> {
 
     /// Returns the leaders whose slots are taken after these failures, and the robots that take them.
     fn taken_slots(&self, dead: &[usize]) -> impl Iterator<Item = (usize, usize)> {
-        let taken = |one: &Succession| Some((one.leader, one.taken_by(dead)?));
-        self.leaders.successions.iter().filter_map(taken)
+        let taken = |one: &Succession| Some((one.leader, one.acting_deputy(dead)?));
+        self.backup_leaders.successions.iter().filter_map(taken)
     }
 
     /// Searches all combinations of the robots' options. The best combination is kept in `best`.
-    fn search(
+    fn search_combinations(
         &self,
         lost: usize,
         choices: &[&(usize, Vec<Vec<usize>>)],
         heard: &mut [Vec<usize>],
-        best: &mut (Cost, Vec<Vec<usize>>),
+        best: &mut (PlanCost, Vec<Vec<usize>>),
     ) {
         let [(to, options), others @ ..] = choices else {
-            let cost = self.cost(&[lost], heard);
+            let cost = self.plan_cost(&[lost], heard);
             if cost < best.0 {
                 *best = (cost, heard.to_vec());
             }
@@ -450,22 +494,30 @@ impl<'a> Choice<'a> {
         };
         for option in options {
             heard[*to].clone_from(option);
-            self.search(lost, others, heard, best);
+            self.search_combinations(lost, others, heard, best);
         }
     }
 
     /// Returns the candidate in-neighbor sets of a contained robot that has lost `lost`: the ones `left`, with up to
     /// `count` of these and of the nearest other robots added, possibly twice. Each set has a robot that precedes `to`.
-    fn options(&self, lost: usize, to: usize, left: &[usize], count: usize) -> Vec<Vec<usize>> {
+    fn candidate_in_neighbors(
+        &self,
+        lost: usize,
+        to: usize,
+        left: &[usize],
+        count: usize,
+    ) -> Vec<Vec<usize>> {
         let unled = self.scenario.leader().is_none();
         let fits = |&from: &usize| {
             let other = from != lost && !left.contains(&from) && self.may_use(to, from);
-            let other = other && !self.keep_by[to].1.contains(&from);
+            let other = other && !self.taken_slot_references[to].1.contains(&from);
             other && (!unled || self.precedes(from, to))
         };
         let mut others: Vec<usize> = (0..self.positions.len()).filter(fits).collect();
-        others.sort_by_key(|&from| rank((self.positions[from] - self.positions[to]).norm()));
-        others.truncate(NEAREST);
+        others.sort_by_key(|&from| {
+            to_integer_micrometers((self.positions[from] - self.positions[to]).norm())
+        });
+        others.truncate(NEAREST_CANDIDATES);
         let candidates = [left, &others].concat();
         let mut options = vec![left.to_vec()];
         let mut shorter = 0;
@@ -487,11 +539,12 @@ impl<'a> Choice<'a> {
 
     /// Returns the cost of these in-neighbors after the failures `dead`: the total violation of the rest distance, then
     /// the total squared displacement, then the number of in-neighbors.
-    fn cost(&self, dead: &[usize], heard: &[Vec<usize>]) -> Cost {
+    fn plan_cost(&self, dead: &[usize], heard: &[Vec<usize>]) -> PlanCost {
         let n = self.positions.len();
         let taken: Vec<(usize, usize)> = self.taken_slots(dead).collect();
         let contained = |i: usize| {
-            self.reference(i) == Reference::Middle && taken.iter().all(|(_, deputy)| *deputy != i)
+            self.reference(i) == Reference::NeighborMean
+                && taken.iter().all(|(_, deputy)| *deputy != i)
         };
         let moves = |&i: &usize| !dead.contains(&i) && contained(i);
         let free: Vec<usize> = (0..n).filter(moves).collect();
@@ -505,8 +558,8 @@ impl<'a> Choice<'a> {
         if stranded || move_to_settled_positions(&used_references, &free, &mut places).is_none() {
             return (u64::MAX, 0, 0);
         }
-        let scale = self.scenario.scale().map_or(1.0, |scale| scale.range()[0]);
-        let steers_m = |robot: usize| self.scenario.steers_within_m(robot).unwrap_or(0.0);
+        let scale = self.scenario.scale().map_or(1.0, |scale| scale.value_range()[0]);
+        let steers_m = |robot: usize| self.scenario.steering_distance_m(robot).unwrap_or(0.0);
         // A moving formation leaves dead robots behind.
         let lead = self.scenario.lead.as_ref();
         let stands = lead.is_none_or(|lead| matches!(lead.trajectory, Trajectory::Still { .. }));
@@ -519,12 +572,16 @@ impl<'a> Choice<'a> {
                 lacking_m += (asked_m - scale * (places[i] - places[j]).norm()).max(0.0);
             }
         }
-        (rank(lacking_m), rank(moved_m2), heard.iter().map(Vec::len).sum())
+        (
+            to_integer_micrometers(lacking_m),
+            to_integer_micrometers(moved_m2),
+            heard.iter().map(Vec::len).sum(),
+        )
     }
 }
 
 /// Returns a length, m, or its square, in integer micrometers (or their square), because sums of offsets differ in
 /// their last digits.
-fn rank(length_m: f64) -> u64 {
+fn to_integer_micrometers(length_m: f64) -> u64 {
     (length_m * 1e6).round() as u64
 }

@@ -1,7 +1,8 @@
 //! TOML values with their source locations, so that every diagnostic can point at its cause.
 //!
-//! [`TableReader`] and [`Value`] take types, units, ranges and defaults from the rows of `keys`. A key is named by its constant,
-//! so that a request for a key that its table does not have, or for a value of another type, does not compile.
+//! [`TableReader`] and [`TypedValue`] take types, units, ranges and defaults from the rows of `keys`. A key is named by
+//! its constant, so that a request for a key that its table does not have, or for a value of another type, does not
+//! compile.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -12,9 +13,9 @@ use serde::de::value::{Error, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer as _};
 use toml::de::{DeTable, DeValue};
 
-use super::diagnostic::{Diagnostic, Shown, Source, most_similar_word};
-use super::fields::{Has, TableFormat, TypedKey, kinds};
-use super::format::{Format, IfMissing, Key, Range as Numbers, Section, ValueType};
+use super::diagnostic::{Diagnostic, DisplayedNumber, SourceText, most_similar_word};
+use super::fields::{HasGroup, TableFormat, TypedKey, kinds};
+use super::format::{FileFormat, IfMissing, KeySpec, NumberRange as Numbers, Section, ValueType};
 
 /// Maximum magnitude of a number, in its unit. A larger one is assumed to be a typing error, and its square would
 /// exceed the range of exact arithmetic.
@@ -25,24 +26,24 @@ pub const SECONDS_MAX: f64 = 1e7;
 const NANOSECOND_TOLERANCE: f64 = 1e-6;
 
 /// Source location of each key, by its path: `avoidance.kind`, `robot.r1.pose`, `edge.0`.
-pub type Places = BTreeMap<String, Range<usize>>;
+pub type KeySpans = BTreeMap<String, Range<usize>>;
 
 /// A text and the source locations found in it so far.
 #[derive(Debug)]
 pub struct Document<'f> {
     /// Text of the document.
-    pub source: Source,
+    pub source: SourceText,
     /// Format that defines the allowed keys.
-    format: &'f Format,
+    format: &'f FileFormat,
     /// Source locations by path.
-    pub key_locations: RefCell<Places>,
+    pub key_locations: RefCell<KeySpans>,
     /// Warnings about former names of keys.
     pub warnings: RefCell<Vec<Diagnostic>>,
 }
 
 impl<'f> Document<'f> {
     /// Creates a document of which nothing has been parsed.
-    pub fn new(source: Source, format: &'f Format) -> Document<'f> {
+    pub fn new(source: SourceText, format: &'f FileFormat) -> Document<'f> {
         Document { source, format, key_locations: RefCell::default(), warnings: RefCell::default() }
     }
 }
@@ -50,8 +51,8 @@ impl<'f> Document<'f> {
 /// A table of the format `S`.
 #[derive(Debug)]
 pub struct TableReader<'t, S> {
-    entries: Entries<'t>,
-    of: PhantomData<fn() -> S>,
+    entries: TableEntries<'t>,
+    marker: PhantomData<fn() -> S>,
 }
 
 impl<S> Clone for TableReader<'_, S> {
@@ -62,7 +63,7 @@ impl<S> Clone for TableReader<'_, S> {
 
 /// Entries of a table, with their path.
 #[derive(Debug, Clone)]
-struct Entries<'t> {
+struct TableEntries<'t> {
     document: &'t Document<'t>,
     path: String,
     /// Name in messages: `[avoidance]`, `robot r1`.
@@ -71,37 +72,37 @@ struct Entries<'t> {
     /// Entries. `None` if the table is not given.
     table: Option<&'t DeTable<'t>>,
     /// Table that supplies keys which this one does not have.
-    defaults: Option<Box<Entries<'t>>>,
+    defaults: Option<Box<TableEntries<'t>>>,
     span: Range<usize>,
 }
 
 /// A point `[x, y]`, with its value.
-pub type Point<'t, T> = (Value<'t, T>, [f64; 2]);
+pub type LocatedPoint<'t, T> = (TypedValue<'t, T>, [f64; 2]);
 
 /// A value of the type `T`, one of [`kinds`], and its source location.
 #[derive(Debug)]
-pub struct Value<'t, T> {
+pub struct TypedValue<'t, T> {
     document: &'t Document<'t>,
     /// Path of the key.
     path: String,
     /// Name of the key in messages.
     key: String,
-    row: &'t Key,
+    row: &'t KeySpec,
     value: &'t DeValue<'t>,
     span: Range<usize>,
-    of: PhantomData<fn() -> T>,
+    marker: PhantomData<fn() -> T>,
 }
 
-impl<T> Clone for Value<'_, T> {
+impl<T> Clone for TypedValue<'_, T> {
     fn clone(&self) -> Self {
-        Value {
+        TypedValue {
             document: self.document,
             path: self.path.clone(),
             key: self.key.clone(),
             row: self.row,
             value: self.value,
             span: self.span.clone(),
-            of: PhantomData,
+            marker: PhantomData,
         }
     }
 }
@@ -113,16 +114,16 @@ impl<'t> Document<'t> {
         section: &str,
         given: Option<&'t DeTable<'t>>,
         span: Range<usize>,
-    ) -> Entries<'t> {
+    ) -> TableEntries<'t> {
         let (document, section) = (self, self.format.section(section));
         let (path, title) = (String::new(), String::new());
-        Entries { document, path, title, section, table: given, defaults: None, span }
+        TableEntries { document, path, title, section, table: given, defaults: None, span }
     }
 }
 
 impl<'t, S> TableReader<'t, S> {
-    fn from_entries(entries: Entries<'t>) -> TableReader<'t, S> {
-        TableReader { entries, of: PhantomData }
+    fn from_entries(entries: TableEntries<'t>) -> TableReader<'t, S> {
+        TableReader { entries, marker: PhantomData }
     }
 
     /// Adds `defaults`, which supplies keys that the table does not have.
@@ -144,10 +145,10 @@ impl<'t, S> TableReader<'t, S> {
     /// Returns the value of `kind`. Returns an error if the table has a key that this kind does not allow.
     pub fn kind(&self) -> Result<&'static str, Diagnostic> {
         let word = self.kind_unchecked()?;
-        let kinds = self.entries.section.kinds.iter().filter(|kind| kind.word == word);
+        let kinds = self.entries.section.kinds.iter().filter(|kind| kind.name == word);
         let kinds: Vec<_> = kinds.collect();
-        let allows = |key: &Key| kinds.iter().any(|kind| kind.allows_key(key.name));
-        self.entries.check_keys_of(&allows, false)?;
+        let allows = |key: &KeySpec| kinds.iter().any(|kind| kind.allows_key(key.name));
+        self.entries.check_allowed_keys(&allows, false)?;
         Ok(word)
     }
 
@@ -155,16 +156,16 @@ impl<'t, S> TableReader<'t, S> {
     pub fn kind_unchecked(&self) -> Result<&'static str, Diagnostic> {
         let words = self.entries.section.kind_names().into_iter().map(|word| (word, word));
         let words: Vec<_> = words.collect();
-        self.entries.required("kind")?.parse_word(&words)
+        self.entries.required_value("kind")?.parse_word(&words)
     }
 
     /// Checks that the table has only `kind` and these keys.
     pub fn check_kind_and_keys(&self, keys: &[&str]) -> Result<(), Diagnostic> {
-        self.entries.check_keys_of(&|key: &Key| keys.contains(&key.name), false)
+        self.entries.check_allowed_keys(&|key: &KeySpec| keys.contains(&key.name), false)
     }
 
     /// Records this table as the source location of `path`.
-    pub fn is_at(&self, path: &str) {
+    pub fn record_location(&self, path: &str) {
         let mut places = self.entries.document.key_locations.borrow_mut();
         places.insert(path.to_owned(), self.entries.span.clone());
     }
@@ -189,36 +190,39 @@ impl<'t, S> TableReader<'t, S> {
     }
 
     /// Returns the value of a key from the table or from its defaults, or `None`.
-    pub fn get<G, T>(&self, field: TypedKey<G, T>) -> Option<Value<'t, T>>
+    pub fn get<G, T>(&self, field: TypedKey<G, T>) -> Option<TypedValue<'t, T>>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
-        self.entries.get(field.name()).map(Value::cast)
+        self.entries.get(field.name()).map(TypedValue::cast)
     }
 
     /// Returns the value of a key, or the default of its row. Returns an error if there is neither.
-    pub fn required<G, T>(&self, field: TypedKey<G, T>) -> Result<Value<'t, T>, Diagnostic>
+    pub fn required_value<G, T>(
+        &self,
+        field: TypedKey<G, T>,
+    ) -> Result<TypedValue<'t, T>, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
-        self.entries.required(field.name()).map(Value::cast)
+        self.entries.required_value(field.name()).map(TypedValue::cast)
     }
 
     /// Returns the number of a key, or its default.
     pub fn number<G>(&self, field: TypedKey<G, kinds::Number>) -> Result<f64, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
-        self.required(field)?.number()
+        self.required_value(field)?.number()
     }
 
     /// Returns the number of a key, or `None` if it is not given.
-    pub fn maybe_number<G>(
+    pub fn optional_number<G>(
         &self,
         field: TypedKey<G, kinds::Number>,
     ) -> Result<Option<f64>, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
         self.get(field).map(|value| value.number()).transpose()
     }
@@ -226,36 +230,36 @@ impl<'t, S> TableReader<'t, S> {
     /// Returns the time of a key, or its default, ns.
     pub fn time_ns<G>(&self, field: TypedKey<G, kinds::Time>) -> Result<u64, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
-        self.required(field)?.time_ns()
+        self.required_value(field)?.time_ns()
     }
 
     /// Returns the time of a key, ns, or `None` if it is not given.
-    pub fn maybe_time_ns<G>(
+    pub fn optional_time_ns<G>(
         &self,
         field: TypedKey<G, kinds::Time>,
     ) -> Result<Option<u64>, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
         self.get(field).map(|value| value.time_ns()).transpose()
     }
 
     /// Returns the integer of a key, or its default.
-    pub fn integer<G>(&self, field: TypedKey<G, kinds::Whole>) -> Result<u64, Diagnostic>
+    pub fn integer<G>(&self, field: TypedKey<G, kinds::Integer>) -> Result<u64, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
-        self.required(field)?.integer()
+        self.required_value(field)?.integer()
     }
 
     /// Returns the boolean of a key, or its default.
-    pub fn truth<G>(&self, field: TypedKey<G, kinds::Truth>) -> Result<bool, Diagnostic>
+    pub fn boolean<G>(&self, field: TypedKey<G, kinds::Boolean>) -> Result<bool, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
-        self.required(field)?.truth()
+        self.required_value(field)?.boolean()
     }
 
     /// Returns the meaning of the word of a key, or of its default.
@@ -264,22 +268,35 @@ impl<'t, S> TableReader<'t, S> {
         field: TypedKey<G, kinds::Word<W>>,
     ) -> Result<W, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
-        self.required(field)?.read_word()
+        self.required_value(field)?.read_word()
     }
 
     /// Returns the value of the gain `key` of a law or a method, or `None` if it is not given. The catalog of laws and
-    /// methods names the gains, and they have rows in the format.
-    pub fn gain(&self, key: &str) -> Result<Option<f64>, Diagnostic> {
+    /// methods names the gains, and they have rows in the format. `range`: lowest and highest value; `None` for any
+    /// above 0.
+    pub fn gain(&self, key: &str, range: Option<[f64; 2]>) -> Result<Option<f64>, Diagnostic> {
         let Some(value) = self.entries.get(key) else { return Ok(None) };
-        match value.row.value_type {
-            ValueType::Whole(..) => {
-                value.cast::<kinds::Whole>().integer().map(|whole| whole as f64)
-            }
-            _ => value.cast::<kinds::Number>().number(),
+        let gain = match value.row.value_type {
+            ValueType::Integer(..) => value.clone().cast::<kinds::Integer>().integer()? as f64,
+            _ => value.clone().cast::<kinds::Number>().number()?,
+        };
+        let (is_within, expected) = match range {
+            None => (gain > 0.0, "expected a number above 0".to_owned()),
+            Some([lowest, highest]) => (
+                (lowest..=highest).contains(&gain),
+                format!(
+                    "expected a number from {} to {}",
+                    DisplayedNumber(lowest),
+                    DisplayedNumber(highest)
+                ),
+            ),
+        };
+        match is_within {
+            true => Ok(Some(gain)),
+            false => Err(value.error_about_key(format!("is {}", DisplayedNumber(gain)), expected)),
         }
-        .map(Some)
     }
 
     /// Returns the table of a key, or an empty one if it is not given.
@@ -288,14 +305,14 @@ impl<'t, S> TableReader<'t, S> {
         field: TypedKey<G, kinds::Table<I>>,
     ) -> Result<TableReader<'t, I>, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
         if let Some(value) = self.get(field) {
             return value.table();
         }
         let (own, key) = (&self.entries, field.name());
         let table = own.document.entries(I::NAME, None, self.span());
-        Ok(TableReader::from_entries(Entries {
+        Ok(TableReader::from_entries(TableEntries {
             path: own.path_of(key),
             title: format!("[{key}]"),
             ..table
@@ -308,19 +325,21 @@ impl<'t, S> TableReader<'t, S> {
         field: TypedKey<G, kinds::Tables<I>>,
     ) -> Result<Vec<TableReader<'t, I>>, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
         let (document, key) = (self.entries.document, field.name());
         let Some(list) = self.get(field) else { return Ok(Vec::new()) };
         let expected = format!(
             "expected a list of tables, each headed `[[{key}]]`, or {key} = [{{ ... }}, ...]"
         );
-        let DeValue::Array(elements) = list.value else { return Err(list.wrong_type(&expected)) };
+        let DeValue::Array(elements) = list.value else {
+            return Err(list.wrong_type_error(&expected));
+        };
         let element = |(index, element): (usize, &'t toml::Spanned<DeValue<'t>>)| {
             let title = format!("{key} {}", index + 1);
             let DeValue::Table(entries) = element.get_ref() else {
-                let message = format!("{title} is {}", with_article(element.get_ref()));
-                return Err(document.source.error(&element.span(), message, &expected));
+                let message = format!("{title} is {}", type_with_article(element.get_ref()));
+                return Err(document.source.error_at(&element.span(), message, &expected));
             };
             let table = document.entries(I::NAME, Some(entries), element.span());
             Ok(TableReader::from_entries(table.with_title(&format!("{key}.{index}"), &title)))
@@ -334,18 +353,20 @@ impl<'t, S> TableReader<'t, S> {
         field: TypedKey<G, kinds::NamedTables<I>>,
     ) -> Result<Vec<(&'t str, TableReader<'t, I>)>, Diagnostic>
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
         let (document, key) = (self.entries.document, field.name());
         let Some(named) = self.get(field) else { return Ok(Vec::new()) };
         let expected = format!("expected a table with a name of its own, headed `[{key}.NAME]`");
-        let DeValue::Table(tables) = named.value else { return Err(named.wrong_type(&expected)) };
+        let DeValue::Table(tables) = named.value else {
+            return Err(named.wrong_type_error(&expected));
+        };
         let mut found = Vec::new();
         for (name, value) in tables {
             let path = format!("{}.{}", self.entries.path_of(key), name.get_ref());
             let DeValue::Table(entries) = value.get_ref() else {
-                let message = format!("`{path}` is {}", with_article(value.get_ref()));
-                return Err(document.source.error(&value.span(), message, expected));
+                let message = format!("`{path}` is {}", type_with_article(value.get_ref()));
+                return Err(document.source.error_at(&value.span(), message, expected));
             };
             let table = document.entries(I::NAME, Some(entries), value.span());
             let table = table.with_title(&path, &format!("[{path}]"));
@@ -358,13 +379,13 @@ impl<'t, S> TableReader<'t, S> {
     /// Returns the error that a key is missing or misspelled. `expected` describes the value to add.
     pub fn missing_key_error<G, T>(&self, field: TypedKey<G, T>, expected: &str) -> Diagnostic
     where
-        S: Has<G>,
+        S: HasGroup<G>,
     {
         self.entries.missing_key_error(field.name(), expected)
     }
 
     /// Returns the error that the gain `key` of a law or a method is missing or misspelled.
-    pub fn missing_gain(&self, key: &str, expected: &str) -> Diagnostic {
+    pub fn missing_gain_error(&self, key: &str, expected: &str) -> Diagnostic {
         self.entries.missing_key_error(key, expected)
     }
 }
@@ -377,38 +398,43 @@ impl<'t, S: TableFormat> TableReader<'t, S> {
         title: &'static str,
     ) -> TableReader<'t, S> {
         let root = document.entries(S::NAME, Some(entries), 0..0);
-        TableReader::from_entries(Entries { title: title.to_owned(), ..root })
+        TableReader::from_entries(TableEntries { title: title.to_owned(), ..root })
     }
 }
 
-impl<'t> Entries<'t> {
-    fn with_title(self, path: &str, title: &str) -> Entries<'t> {
+impl<'t> TableEntries<'t> {
+    fn with_title(self, path: &str, title: &str) -> TableEntries<'t> {
         self.document.key_locations.borrow_mut().insert(path.to_owned(), self.span.clone());
-        Entries { path: path.to_owned(), title: title.to_owned(), ..self }
+        TableEntries { path: path.to_owned(), title: title.to_owned(), ..self }
     }
 
     fn check_keys(&self) -> Result<(), Diagnostic> {
-        self.check_keys_of(&|_| true, true)
+        self.check_allowed_keys(&|_| true, true)
     }
 
-    fn check_keys_of(&self, may: &dyn Fn(&Key) -> bool, elsewhere: bool) -> Result<(), Diagnostic> {
+    fn check_allowed_keys(
+        &self,
+        may: &dyn Fn(&KeySpec) -> bool,
+        elsewhere: bool,
+    ) -> Result<(), Diagnostic> {
         let rows = self.section.keys.iter().filter(|key| key.name == "kind" || may(key));
-        let rows: Vec<&Key> = rows.collect();
+        let rows: Vec<&KeySpec> = rows.collect();
         let mut keys: Vec<_> = self.keys().collect();
         keys.sort_by_key(|(_, span)| span.start);
-        let wrong = |span, message, expected| self.document.source.error(span, message, expected);
+        let wrong =
+            |span, message, expected| self.document.source.error_at(span, message, expected);
         for (word, span) in &keys {
             if rows.iter().any(|row| row.name == *word) {
                 continue;
             }
-            if let Some(remedy) = self.section.remedy_for_withdrawn(word) {
+            if let Some(remedy) = self.section.withdrawn_key_remedy(word) {
                 let message =
                     format!("{} has no key `{word}` anymore: it was withdrawn", self.title);
                 return Err(wrong(span, message, remedy.to_owned()));
             }
             let Some(row) = rows.iter().find(|row| row.old_names.contains(word)) else {
                 let expected =
-                    self.document.format.suggestion(self.section, &rows, word, elsewhere);
+                    self.document.format.unknown_key_remedy(self.section, &rows, word, elsewhere);
                 return Err(wrong(span, format!("{} has no key `{word}`", self.title), expected));
             };
             let new = row.name;
@@ -418,7 +444,7 @@ impl<'t> Entries<'t> {
             }
             let message = format!("`{word}` is called `{new}` now");
             let expected = format!("expected `{new}`; the old name still works");
-            let warning = wrong(span, message, expected).as_warning();
+            let warning = wrong(span, message, expected).into_warning();
             self.document.warnings.borrow_mut().push(warning);
         }
         Ok(())
@@ -430,12 +456,12 @@ impl<'t> Entries<'t> {
     }
 
     /// Returns the row of a key. Constants of keys and their rows come from one declaration.
-    fn row(&self, key: &str) -> &'t Key {
-        let row = self.section.key(key);
+    fn row(&self, key: &str) -> &'t KeySpec {
+        let row = self.section.find_key(key);
         row.unwrap_or_else(|| panic!("`{key}` is a key of {}", self.section.name))
     }
 
-    fn get(&self, key: &str) -> Option<Value<'t, ()>> {
+    fn get(&self, key: &str) -> Option<TypedValue<'t, ()>> {
         let row = self.row(key);
         let given = self.table.and_then(|entries| {
             let old = || row.old_names.iter().find_map(|old| entries.get(*old));
@@ -443,7 +469,7 @@ impl<'t> Entries<'t> {
         });
         let path = self.path_of(key);
         let Some(found) = given else {
-            let defaults = self.defaults.as_ref().filter(|d| d.section.key(key).is_some())?;
+            let defaults = self.defaults.as_ref().filter(|d| d.section.find_key(key).is_some())?;
             let value = defaults.get(key)?;
             self.document.key_locations.borrow_mut().insert(path, value.span.clone());
             return Some(value);
@@ -452,12 +478,17 @@ impl<'t> Entries<'t> {
         Some(self.value(row, found.get_ref(), found.span()))
     }
 
-    fn value(&self, row: &'t Key, value: &'t DeValue<'t>, span: Range<usize>) -> Value<'t, ()> {
+    fn value(
+        &self,
+        row: &'t KeySpec,
+        value: &'t DeValue<'t>,
+        span: Range<usize>,
+    ) -> TypedValue<'t, ()> {
         let (path, key) = (self.path_of(row.name), row.name.to_owned());
-        Value { document: self.document, path, key, row, value, span, of: PhantomData }
+        TypedValue { document: self.document, path, key, row, value, span, marker: PhantomData }
     }
 
-    fn required(&self, key: &str) -> Result<Value<'t, ()>, Diagnostic> {
+    fn required_value(&self, key: &str) -> Result<TypedValue<'t, ()>, Diagnostic> {
         let row = self.row(key);
         match (self.get(key), &row.if_missing) {
             (Some(given), _) => Ok(given),
@@ -468,12 +499,12 @@ impl<'t> Entries<'t> {
 
     fn missing_key_error(&self, key: &str, expected: &str) -> Diagnostic {
         let stands_for_it = |(word, _): &(&str, Range<usize>)| {
-            let row = self.section.key(key).filter(|_| self.section.key(word).is_none());
+            let row = self.section.find_key(key).filter(|_| self.section.find_key(word).is_none());
             row.is_some_and(|row| row.is_meant_by(word) || most_similar_word(word, [key]).is_some())
         };
         if let Some((word, span)) = self.keys().find(stands_for_it) {
             let message = format!("{} has no key `{word}`", self.title);
-            return self.document.source.error(&span, message, format!("did you mean `{key}`?"));
+            return self.document.source.error_at(&span, message, format!("did you mean `{key}`?"));
         }
         let message = format!("{} has no `{key}`", self.title);
         self.error_at_table(message, format!("expected `{key}`: {expected}"))
@@ -484,7 +515,7 @@ impl<'t> Entries<'t> {
         message: impl Into<String>,
         expected: impl Into<String>,
     ) -> Diagnostic {
-        self.document.source.error(&self.span, message, expected)
+        self.document.source.error_at(&self.span, message, expected)
     }
 
     fn path_of(&self, key: &str) -> String {
@@ -492,11 +523,11 @@ impl<'t> Entries<'t> {
     }
 }
 
-impl<'t, T> Value<'t, T> {
+impl<'t, T> TypedValue<'t, T> {
     /// Returns the value as one of another type. The caller knows that its row has that type.
-    fn cast<U>(self) -> Value<'t, U> {
-        let Value { document, path, key, row, value, span, .. } = self;
-        Value { document, path, key, row, value, span, of: PhantomData }
+    fn cast<U>(self) -> TypedValue<'t, U> {
+        let TypedValue { document, path, key, row, value, span, .. } = self;
+        TypedValue { document, path, key, row, value, span, marker: PhantomData }
     }
 
     /// Returns an error at this value.
@@ -505,7 +536,7 @@ impl<'t, T> Value<'t, T> {
         message: impl Into<String>,
         expected: impl Into<String>,
     ) -> Diagnostic {
-        self.document.source.error(&self.span, message, expected)
+        self.document.source.error_at(&self.span, message, expected)
     }
 
     /// Returns an error at this value. `message` follows the name of the key.
@@ -514,7 +545,7 @@ impl<'t, T> Value<'t, T> {
         message: impl std::fmt::Display,
         expected: impl Into<String>,
     ) -> Diagnostic {
-        self.document.source.error(&self.span, format!("`{}` {message}", self.key), expected)
+        self.document.source.error_at(&self.span, format!("`{}` {message}", self.key), expected)
     }
 
     /// Returns the source range of the value.
@@ -528,7 +559,7 @@ impl<'t, T> Value<'t, T> {
     }
 
     /// Records this value as the source location of `path`, also for paths below it.
-    pub fn is_at(&self, path: &str) {
+    pub fn record_location(&self, path: &str) {
         let mut places = self.document.key_locations.borrow_mut();
         let mut path = path;
         places.insert(path.to_owned(), self.span.clone());
@@ -542,7 +573,7 @@ impl<'t, T> Value<'t, T> {
     pub fn text(&self, expected: &str) -> Result<&'t str, Diagnostic> {
         match self.value {
             DeValue::String(text) => Ok(text.as_ref()),
-            _ => Err(self.wrong_type(expected)),
+            _ => Err(self.wrong_type_error(expected)),
         }
     }
 
@@ -584,7 +615,7 @@ impl<'t, T> Value<'t, T> {
             }
             _ => return Ok(number),
         };
-        Err(self.error_about_key(format!("is {}", Shown(number)), expected))
+        Err(self.error_about_key(format!("is {}", DisplayedNumber(number)), expected))
     }
 
     /// Returns the number if it is finite and within [`NUMBER_MAX`].
@@ -597,7 +628,7 @@ impl<'t, T> Value<'t, T> {
                 i64::from_str_radix(integer.as_str(), integer.radix()).ok().map(|n| n as f64),
                 integer.to_string(),
             ),
-            _ => return Err(self.wrong_type(&expected)),
+            _ => return Err(self.wrong_type_error(&expected)),
         };
         match number {
             Some(number) if number.abs() <= NUMBER_MAX => Ok(number),
@@ -615,7 +646,7 @@ impl<'t, T> Value<'t, T> {
     fn whole_nanoseconds(&self, seconds: f64) -> Result<u64, Diagnostic> {
         if seconds > SECONDS_MAX {
             return Err(self.error_about_key(
-                format!("is {}", Shown(seconds)),
+                format!("is {}", DisplayedNumber(seconds)),
                 "expected at most 1e7 s (115 days)",
             ));
         }
@@ -624,7 +655,7 @@ impl<'t, T> Value<'t, T> {
         let tolerance = NANOSECOND_TOLERANCE.max(2.0 * ns * f64::EPSILON);
         if (ns - ns.round()).abs() > tolerance || (seconds > 0.0 && ns < 0.5) {
             return Err(self.error_about_key(
-                format!("is {}", Shown(seconds)),
+                format!("is {}", DisplayedNumber(seconds)),
                 format!(
                     "expected a whole number of nanoseconds, such as {:.9}",
                     ns.round().max(1.0) * 1e-9
@@ -642,26 +673,27 @@ impl<'t, T> Value<'t, T> {
     /// Returns the table with any content.
     pub fn any_table(&self) -> Result<toml::Table, Diagnostic> {
         let expected = "expected a table, such as { weight = 0.5, goals_m = [[0.0, 1.0]] }";
-        let DeValue::Table(_) = self.value else { return Err(self.wrong_type(expected)) };
+        let DeValue::Table(_) = self.value else { return Err(self.wrong_type_error(expected)) };
         let text = format!("value = {}", format_as_toml(self.value));
         let parsed = text.parse::<toml::Table>().ok();
         match parsed.and_then(|mut table| table.remove("value")) {
             Some(toml::Value::Table(table)) => Ok(table),
-            _ => Err(self.wrong_type(expected)),
+            _ => Err(self.wrong_type_error(expected)),
         }
     }
 
     /// Sets the name of the value in messages.
-    pub fn with_name(self, key: &str) -> Value<'t, T> {
-        Value { key: key.to_owned(), ..self }
+    pub fn with_name(self, key: &str) -> TypedValue<'t, T> {
+        TypedValue { key: key.to_owned(), ..self }
     }
 
     /// Returns the entries of a table with any keys, in file order.
-    pub fn entries(&self, expected: &str) -> Result<Vec<(String, Value<'t, T>)>, Diagnostic> {
-        let DeValue::Table(table) = self.value else { return Err(self.wrong_type(expected)) };
+    pub fn entries(&self, expected: &str) -> Result<Vec<(String, TypedValue<'t, T>)>, Diagnostic> {
+        let DeValue::Table(table) = self.value else { return Err(self.wrong_type_error(expected)) };
         let entries = table.iter().map(|(key, value)| {
             let (key, span) = (key.get_ref().clone().into_owned(), value.span());
-            let value = Value { key: key.clone(), value: value.get_ref(), span, ..self.clone() };
+            let value =
+                TypedValue { key: key.clone(), value: value.get_ref(), span, ..self.clone() };
             (key, value)
         });
         Ok(entries.collect())
@@ -673,9 +705,9 @@ impl<'t, T> Value<'t, T> {
     }
 
     /// Returns the elements of a list. Messages count them from 1.
-    pub fn elements(&self, expected: &str) -> Result<Vec<Value<'t, T>>, Diagnostic> {
-        let DeValue::Array(list) = self.value else { return Err(self.wrong_type(expected)) };
-        let elements = list.iter().enumerate().map(|(index, element)| Value {
+    pub fn elements(&self, expected: &str) -> Result<Vec<TypedValue<'t, T>>, Diagnostic> {
+        let DeValue::Array(list) = self.value else { return Err(self.wrong_type_error(expected)) };
+        let elements = list.iter().enumerate().map(|(index, element)| TypedValue {
             key: format!("{} ({})", self.key, index + 1),
             value: element.get_ref(),
             span: element.span(),
@@ -685,7 +717,7 @@ impl<'t, T> Value<'t, T> {
     }
 
     /// Returns the points `[[x, y], ...]`, each with its value.
-    pub fn points(&self) -> Result<Vec<Point<'t, T>>, Diagnostic> {
+    pub fn points(&self) -> Result<Vec<LocatedPoint<'t, T>>, Diagnostic> {
         let points = self.elements("expected a list of points: [[0.0, 0.0], [1.0, 0.5]]")?;
         points.into_iter().map(|point| point.pair().map(|pair| (point, pair))).collect()
     }
@@ -693,26 +725,27 @@ impl<'t, T> Value<'t, T> {
     /// Returns the two numbers `[x, y]`.
     pub fn pair(&self) -> Result<[f64; 2], Diagnostic> {
         let expected = format!("expected two numbers{}: [x, y]", format_in_unit(self.row.unit()));
-        let [x, y] = <[Value<'t, T>; 2]>::try_from(self.elements(&expected)?).map_err(|list| {
-            let plural = if list.len() == 1 { "" } else { "s" };
-            self.error_about_key(format!("has {} element{plural}", list.len()), &expected)
-        })?;
-        let component = |element: Value<'t, T>, name: &str| {
-            Value { key: format!("{} ({name})", self.key), ..element }.finite_number()
+        let [x, y] =
+            <[TypedValue<'t, T>; 2]>::try_from(self.elements(&expected)?).map_err(|list| {
+                let plural = if list.len() == 1 { "" } else { "s" };
+                self.error_about_key(format!("has {} element{plural}", list.len()), &expected)
+            })?;
+        let component = |element: TypedValue<'t, T>, name: &str| {
+            TypedValue { key: format!("{} ({name})", self.key), ..element }.finite_number()
         };
         Ok([component(x, "x")?, component(y, "y")?])
     }
 
     /// Returns the error that this value has another type than `expected`.
-    pub fn wrong_type(&self, expected: &str) -> Diagnostic {
-        self.error_about_key(format!("is {}", with_article(self.value)), expected)
+    pub fn wrong_type_error(&self, expected: &str) -> Diagnostic {
+        self.error_about_key(format!("is {}", type_with_article(self.value)), expected)
     }
 
     fn integer_within(&self, least: u64, most: u64, expected: String) -> Result<u64, Diagnostic> {
         let DeValue::Integer(integer) = self.value else {
             return match self.value {
                 DeValue::Float(float) => Err(self.error_about_key(format!("is {float}"), expected)),
-                _ => Err(self.wrong_type(&expected)),
+                _ => Err(self.wrong_type_error(&expected)),
             };
         };
         match u64::from_str_radix(integer.as_str(), integer.radix()) {
@@ -722,26 +755,40 @@ impl<'t, T> Value<'t, T> {
     }
 }
 
-impl<'t, S: TableFormat> Value<'t, kinds::Table<S>> {
+impl<'t, S: TableFormat> TypedValue<'t, kinds::Table<S>> {
     /// Returns the table that this value is.
     pub fn table(&self) -> Result<TableReader<'t, S>, Diagnostic> {
+        self.table_of_section()
+    }
+}
+
+impl<'t, S: TableFormat> TypedValue<'t, kinds::FileOrTable<S>> {
+    /// Returns the table that this value is, in place of the path of a file.
+    pub fn table(&self) -> Result<TableReader<'t, S>, Diagnostic> {
+        self.table_of_section()
+    }
+}
+
+impl<'t, T> TypedValue<'t, T> {
+    /// Returns the table with the keys of a section that this value is.
+    fn table_of_section<S: TableFormat>(&self) -> Result<TableReader<'t, S>, Diagnostic> {
         let DeValue::Table(entries) = self.value else {
             let keys = &self.document.format.section(S::NAME).keys;
             let names: Vec<&str> = keys.iter().map(|key| key.name).collect();
-            return Err(self.wrong_type(&format!("expected a table of {}", names.join(", "))));
+            return Err(self.wrong_type_error(&format!("expected a table of {}", names.join(", "))));
         };
         let title = match self.path == self.key {
             true => format!("[{}]", self.key),
             false => format!("`{}`", self.key),
         };
         let table = self.document.entries(S::NAME, Some(entries), self.span());
-        let table = Entries { path: self.path.clone(), title, ..table };
+        let table = TableEntries { path: self.path.clone(), title, ..table };
         table.check_keys()?;
         Ok(TableReader::from_entries(table))
     }
 }
 
-impl<W: DeserializeOwned> Value<'_, kinds::Word<W>> {
+impl<W: DeserializeOwned> TypedValue<'_, kinds::Word<W>> {
     /// Returns the meaning of the word.
     ///
     /// # Panics
@@ -755,7 +802,7 @@ impl<W: DeserializeOwned> Value<'_, kinds::Word<W>> {
     }
 }
 
-impl Value<'_, kinds::Number> {
+impl TypedValue<'_, kinds::Number> {
     /// Returns the number, checked against the range of its row.
     pub fn number(&self) -> Result<f64, Diagnostic> {
         let ValueType::Number(range) = self.row.value_type else { unreachable!("by its type") };
@@ -763,7 +810,7 @@ impl Value<'_, kinds::Number> {
     }
 }
 
-impl Value<'_, kinds::Time> {
+impl TypedValue<'_, kinds::Time> {
     /// Returns the time, checked against the range of its row, ns.
     pub fn time_ns(&self) -> Result<u64, Diagnostic> {
         let ValueType::Time(range) = self.row.value_type else { unreachable!("by its type") };
@@ -771,11 +818,11 @@ impl Value<'_, kinds::Time> {
     }
 }
 
-impl<'t> Value<'t, kinds::Times> {
+impl<'t> TypedValue<'t, kinds::Times> {
     /// Returns the list of times, each with its value and checked to be at least 0, ns.
-    pub fn times_ns(&self) -> Result<Vec<(Value<'t, kinds::Times>, u64)>, Diagnostic> {
+    pub fn times_ns(&self) -> Result<Vec<(TypedValue<'t, kinds::Times>, u64)>, Diagnostic> {
         let times = self.elements("expected a list of times in seconds: [120.0, 300.0]")?;
-        let read = |time: Value<'t, kinds::Times>| {
+        let read = |time: TypedValue<'t, kinds::Times>| {
             let at_ns = time.whole_nanoseconds(time.number_within(Numbers::NotNegative)?)?;
             Ok((time, at_ns))
         };
@@ -783,17 +830,17 @@ impl<'t> Value<'t, kinds::Times> {
     }
 }
 
-impl Value<'_, kinds::Whole> {
+impl TypedValue<'_, kinds::Integer> {
     /// Returns the integer, checked against the range of its row.
     pub fn integer(&self) -> Result<u64, Diagnostic> {
-        let ValueType::Whole(least, most) = self.row.value_type else {
+        let ValueType::Integer(least, most) = self.row.value_type else {
             unreachable!("by its type")
         };
         self.integer_within(least, most, format!("expected a whole number from {least} to {most}"))
     }
 }
 
-impl Value<'_, kinds::NamesOrCount> {
+impl TypedValue<'_, kinds::NamesOrCount> {
     /// Returns the number of robots.
     pub fn count(&self) -> Result<u64, Diagnostic> {
         let expected = "expected a whole number of robots, or names of robots: [\"r1\", \"r2\"]";
@@ -801,32 +848,32 @@ impl Value<'_, kinds::NamesOrCount> {
     }
 }
 
-impl Value<'_, kinds::Truth> {
+impl TypedValue<'_, kinds::Boolean> {
     /// Returns the boolean.
-    pub fn truth(&self) -> Result<bool, Diagnostic> {
+    pub fn boolean(&self) -> Result<bool, Diagnostic> {
         match self.value {
             DeValue::Boolean(truth) => Ok(*truth),
-            _ => Err(self.wrong_type("expected true or false")),
+            _ => Err(self.wrong_type_error("expected true or false")),
         }
     }
 }
 
 /// Type of a value that needs no context to be read.
-pub trait Plain: Sized {
+pub trait PlainValue: Sized {
     /// Type of the value in Rust.
     type Stored;
 
     /// Reads a value. Returns an error if it has another type or is out of range.
-    fn read(value: &Value<'_, Self>) -> Result<Self::Stored, Diagnostic>;
+    fn read(value: &TypedValue<'_, Self>) -> Result<Self::Stored, Diagnostic>;
 }
 
-/// Implements [`Plain`] by a method of [`Value`].
+/// Implements [`PlainValue`] by a method of [`TypedValue`].
 macro_rules! plain {
     ($($kind:ident $stored:ty, $method:ident;)*) => {
-        $(impl Plain for kinds::$kind {
+        $(impl PlainValue for kinds::$kind {
             type Stored = $stored;
 
-            fn read(value: &Value<'_, kinds::$kind>) -> Result<$stored, Diagnostic> {
+            fn read(value: &TypedValue<'_, kinds::$kind>) -> Result<$stored, Diagnostic> {
                 value.$method()
             }
         })*
@@ -834,31 +881,31 @@ macro_rules! plain {
 }
 
 plain! {
-    Truth bool, truth;
+    Boolean bool, boolean;
     Number f64, number;
     Time u64, time_ns;
-    Whole u64, integer;
+    Integer u64, integer;
     Pair [f64; 2], pair;
 }
 
-impl<W: DeserializeOwned> Plain for kinds::Word<W> {
+impl<W: DeserializeOwned> PlainValue for kinds::Word<W> {
     type Stored = W;
 
-    fn read(value: &Value<'_, kinds::Word<W>>) -> Result<W, Diagnostic> {
+    fn read(value: &TypedValue<'_, kinds::Word<W>>) -> Result<W, Diagnostic> {
         value.read_word()
     }
 }
 
 /// Reads a required key, or its default.
-pub fn read<S: Has<G>, G, T: Plain>(
+pub fn read_required<S: HasGroup<G>, G, T: PlainValue>(
     table: &TableReader<'_, S>,
     field: TypedKey<G, T>,
 ) -> Result<T::Stored, Diagnostic> {
-    T::read(&table.required(field)?)
+    T::read(&table.required_value(field)?)
 }
 
 /// Reads an optional key.
-pub fn read_optional<S: Has<G>, G, T: Plain>(
+pub fn read_optional<S: HasGroup<G>, G, T: PlainValue>(
     table: &TableReader<'_, S>,
     field: TypedKey<G, T>,
 ) -> Result<Option<T::Stored>, Diagnostic> {
@@ -880,7 +927,7 @@ fn format_in_unit(unit: &str) -> String {
 }
 
 /// Returns the type of a value with an article, for messages.
-fn with_article(value: &DeValue<'_>) -> &'static str {
+fn type_with_article(value: &DeValue<'_>) -> &'static str {
     match value {
         DeValue::String(_) => "a string",
         DeValue::Integer(_) | DeValue::Float(_) => "a number",
@@ -908,14 +955,14 @@ pub(crate) fn format_as_toml(value: &DeValue<'_>) -> String {
         DeValue::Table(table) => {
             let entries = table.iter();
             let entries = entries.map(|(key, value)| {
-                format!("{} = {}", spelled_key(key.get_ref()), format_as_toml(value.get_ref()))
+                format!("{} = {}", format_key(key.get_ref()), format_as_toml(value.get_ref()))
             });
             format!("{{ {} }}", entries.collect::<Vec<_>>().join(", "))
         }
     }
 }
 
-fn spelled_key(key: &str) -> String {
+fn format_key(key: &str) -> String {
     let is_bare = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     let is_plain = !key.is_empty() && key.chars().all(is_bare);
     if is_plain { key.to_owned() } else { toml::Value::String(key.to_owned()).to_string() }
@@ -933,18 +980,19 @@ mod tests {
 
     /// Parses the key `period_s`, with the former name `step_s`.
     fn parse_period(text: &str) -> (Result<f64, Diagnostic>, Vec<Diagnostic>) {
-        let mut format = Format::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
+        let mut format = FileFormat::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
         let keys = &mut format.sections[0].keys;
         keys.iter_mut().find(|key| key.name == "period_s").unwrap().old_names = &["step_s"];
-        let document = Document::new(Source::new(Path::new("t.toml"), text, false), &format);
+        let document = Document::new(SourceText::new(Path::new("t.toml"), text, false), &format);
         let entries = DeTable::parse(text).unwrap();
         let root: TableReader<'_, Root> =
             TableReader::root(&document, entries.get_ref(), "the scenario");
-        let period = root.check_keys().and_then(|()| root.required(Root::period_s)?.seconds());
+        let period =
+            root.check_keys().and_then(|()| root.required_value(Root::period_s)?.seconds());
         (period, document.warnings.take())
     }
 
-    impl Value<'_, kinds::Time> {
+    impl TypedValue<'_, kinds::Time> {
         fn seconds(&self) -> Result<f64, Diagnostic> {
             self.time_ns().map(|ns| ns as f64 / 1e9)
         }

@@ -3,7 +3,10 @@
 use std::path::Path;
 
 use formation::ramp::Ramp;
-use protocol::avoidance::{Advice, AvoidanceDescription, Gain, Promise, Senses};
+use protocol::avoidance::{
+    AvoidanceDescription, AvoidanceWarning, DistanceGuarantee, Gain, RequiredSensing,
+};
+use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::law::{LawDescription, Role};
 
@@ -11,12 +14,12 @@ use serde::de::value::{Error, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer as _};
 
 use super::diagnostic::{Diagnostic, Severity};
-use super::keys::{Format, ValueType};
-use super::read::{Overrides, Reading, read_text};
-use super::{RestartWhen, Scenario};
+use super::keys::{FileFormat, ValueType};
+use super::read::{Overrides, ReadResult, read_text};
+use super::{RestartCondition, Scenario};
 use crate::{campaign, check};
 
-const fn law(
+const fn test_law(
     name: &'static str,
     role: Role,
     gains: &'static [&'static str],
@@ -26,20 +29,22 @@ const fn law(
         name,
         role,
         source: "(18)",
-        gains,
+        gain_keys: gains,
         feed_forward: false,
         correction_max,
+        gain_ranges: &[],
+        queued_messages_max: 0,
         params: None,
-        message: None,
-        withholds: false,
+        message_format: None,
+        may_withhold_beacon: false,
         signals: &[],
     }
 }
 
 const LAWS: [LawDescription; 3] = [
-    law("formation-unit", Role::FORMATION, &["speed_m_s"], Some("speed_m_s")),
-    law("formation", Role::FORMATION, &["gain_formation_per_s"], None),
-    law("mean", Role::CONTAINED, &[], None),
+    test_law("formation-unit", Role::FORMATION, &["speed_m_s"], Some("speed_m_s")),
+    test_law("formation", Role::FORMATION, &["gain_formation_per_s"], None),
+    test_law("mean", Role::CONTAINED, &[], None),
 ];
 
 /// Returns a catalog with three methods: one that limits speeds and keeps d, one that does neither, and none. Their
@@ -47,49 +52,49 @@ const LAWS: [LawDescription; 3] = [
 const METHODS: &[AvoidanceDescription] = &[
     AvoidanceDescription {
         name: "guard",
-        promise: Promise::Always,
+        distance_guarantee: DistanceGuarantee::Unconditional,
         clamps_speed: true,
-        senses: Senses::Positions,
+        required_sensing: RequiredSensing::Positions,
         sensing_radius_m: |at| {
-            1.05 * at.avoidance.distance_min_m + 4.0 * at.speed_m_s() * at.period_s
+            1.05 * at.avoidance.distance_min_m + 4.0 * at.speed_max_m_s() * at.period_s
         },
-        steers_within: Some(("d_f", |at| 1.05 * at.avoidance.distance_min_m)),
-        ..AvoidanceDescription::INERT
+        steering_distance: Some(("d_f", |at| 1.05 * at.avoidance.distance_min_m)),
+        ..AvoidanceDescription::NO_AVOIDANCE
     },
     AvoidanceDescription {
         name: "focus",
-        promise: Promise::Ideal,
-        senses: Senses::Positions,
+        distance_guarantee: DistanceGuarantee::UnderIdealAssumptions,
+        required_sensing: RequiredSensing::Positions,
         sensing_radius_m: |at| at.avoidance.distance_min_m,
-        gains: &[Gain::required(
+        gains: &[Gain::new(
             "epsilon_per_s",
             "epsilon, gain of the repulsion between robots closer than d, \
                                                   in 1/s; a larger gain repels more strongly",
         )],
-        advice: |at| {
-            (at.avoidance.gains["epsilon_per_s"] > 10.0).then(|| Advice {
+        find_warning: |at| {
+            (at.avoidance.gains["epsilon_per_s"] > 10.0).then(|| AvoidanceWarning {
                 key: "epsilon_per_s",
                 message: "too strong".to_owned(),
-                expected: "expected at most 10".to_owned(),
+                expected_value: "expected at most 10".to_owned(),
             })
         },
-        ..AvoidanceDescription::INERT
+        ..AvoidanceDescription::NO_AVOIDANCE
     },
-    AvoidanceDescription { name: "none", ..AvoidanceDescription::INERT },
+    AvoidanceDescription { name: "none", ..AvoidanceDescription::NO_AVOIDANCE },
 ];
 
-pub(super) fn catalog() -> Catalog {
+pub(super) fn test_catalog() -> Catalog {
     Catalog { laws: LAWS.to_vec(), methods: METHODS.to_vec() }
 }
 
 /// Returns the text of `scenarios/triangle.toml`.
-pub(super) fn triangle() -> String {
+pub(super) fn triangle_text() -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/triangle.toml");
     std::fs::read_to_string(path).unwrap()
 }
 
 /// The triangle with headed tables and another order of keys.
-pub(super) const HEADED: &str = r#"
+pub(super) const TRIANGLE_WITH_HEADED_TABLES: &str = r#"
 period_s = 5e-3
 seed = 1
 duration_s = 30
@@ -130,33 +135,36 @@ final_error_m_max = 1e-3
 converged_by_s = 10.0
 "#;
 
-fn parse(text: &str, overrides: &Overrides) -> Reading {
-    read_text(Path::new("test.toml"), text, overrides, &catalog())
+fn parse(text: &str, overrides: &Overrides) -> ReadResult {
+    read_text(Path::new("test.toml"), text, overrides, &test_catalog())
 }
 
-fn set(arguments: &[&str]) -> Overrides {
-    Overrides { set: arguments.iter().map(|&s| s.to_owned()).collect(), ..Overrides::default() }
+fn set_overrides(arguments: &[&str]) -> Overrides {
+    Overrides {
+        assignments: arguments.iter().map(|&s| s.to_owned()).collect(),
+        ..Overrides::default()
+    }
 }
 
 /// Returns the triangle with these `--set` assignments.
 fn triangle_with(arguments: &[&str]) -> Scenario {
-    parse(&triangle(), &set(arguments)).unwrap_or_else(|error| panic!("{error}")).0
+    parse(&triangle_text(), &set_overrides(arguments)).unwrap_or_else(|error| panic!("{error}")).0
 }
 
 /// Returns the error of the triangle with these `--set` assignments.
 fn triangle_error(arguments: &[&str]) -> Diagnostic {
-    parse(&triangle(), &set(arguments)).expect_err("an error")
+    parse(&triangle_text(), &set_overrides(arguments)).expect_err("an error")
 }
 
 /// Returns the output of `phalanx check`.
-fn report(scenario: &Scenario) -> String {
-    check::report(scenario, &check::Theory::compute(scenario))
+fn check_report(scenario: &Scenario) -> String {
+    check::format_report(scenario, &check::Theory::compute(scenario))
 }
 
 #[test]
 fn triangle_scenario_matches_the_chapter() {
-    let (scenario, text, warnings) = parse(&triangle(), &Overrides::default()).unwrap();
-    assert_eq!((text, warnings), (triangle(), Vec::new()));
+    let (scenario, text, warnings) = parse(&triangle_text(), &Overrides::default()).unwrap();
+    assert_eq!((text, warnings), (triangle_text(), Vec::new()));
     assert_eq!((scenario.duration_ns, scenario.period_ns), (30_000_000_000, 5_000_000));
     assert_eq!(scenario.command_lifetime_ns_max(), 13_000_000);
     assert_eq!(scenario.avoidance.kind, "guard");
@@ -164,20 +172,69 @@ fn triangle_scenario_matches_the_chapter() {
     let silence = &scenario.silence;
     assert_eq!((silence.stale_after_ns, silence.lost_after_ns), (15_000_000, 100_000_000));
     assert_eq!(scenario.robots[1].gains["speed_m_s"], 0.1);
-    assert_eq!(scenario.robots[1].restart.condition, RestartWhen::OnFailure);
+    assert_eq!(scenario.robots[1].restart_policy.condition, RestartCondition::OnFailure);
     let heard = |i| scenario.graph.incoming_edges(i).map(|edge| edge.from).collect::<Vec<_>>();
     assert_eq!([0, 1, 2].map(heard), [[1], [2], [0]]);
-    assert_eq!(scenario.expect.converged_error_m, 0.01);
-    assert!(report(&scenario).contains("r1 hears r2 (slot at r2 + (0.150, 0.260) m)"));
+    assert_eq!(scenario.expectations.converged_error_m, 0.01);
+    assert!(check_report(&scenario).contains("r1 hears r2 (slot at r2 + (0.150, 0.260) m)"));
 }
 
 /// The identity of a run in a campaign.
 #[test]
 fn scenarios_are_equal_only_for_equivalent_texts() {
     let debug = |text: &str| format!("{:?}", parse(text, &Overrides::default()).unwrap().0);
-    assert_eq!(debug(HEADED), debug(&triangle()));
+    assert_eq!(debug(TRIANGLE_WITH_HEADED_TABLES), debug(&triangle_text()));
     for (part, other) in [("5e-3", "5.000001e-3"), ("0.205", "0.206"), ("seed = 1", "seed = 2")] {
-        assert_ne!(debug(&HEADED.replace(part, other)), debug(HEADED), "{other}");
+        assert_ne!(
+            debug(&TRIANGLE_WITH_HEADED_TABLES.replace(part, other)),
+            debug(TRIANGLE_WITH_HEADED_TABLES),
+            "{other}"
+        );
+    }
+}
+
+/// Returns a triangle whose law is a program and whose edges have parameters.
+fn triangle_with_a_program() -> String {
+    let law = "[laws.mine]\nprogram = ['python3']\nrole = 'free'\ngains = ['k_per_s']\n\
+               gain_ranges = { k_per_s = [-2.0, 0.5] }\nparams = { w = 1, name = 'a' }\n";
+    let robots = TRIANGLE_WITH_HEADED_TABLES
+        .replace("law = \"formation-unit\"\nspeed_m_s = 0.1", "law = \"mine\"\nk_per_s = -1.5");
+    let edge = "to = \"r2\"\nparams = { weight = 0.5, shape_m = [[1.0, 2.0]] }";
+    format!("{}{law}", robots.replace("to = \"r2\"", edge).replace("final_error_m_max = 1e-3", ""))
+}
+
+#[test]
+fn parameters_of_laws_robots_and_edges_can_be_set() {
+    let read = |arguments: &[&str]| {
+        let read = parse(&triangle_with_a_program(), &set_overrides(arguments));
+        read.unwrap_or_else(|error| panic!("{}", error.render(false))).0
+    };
+    let scenario = read(&[]);
+    assert_eq!(scenario.robots[0].gains["k_per_s"], -1.5);
+    let weight = |scenario: &Scenario, ends| scenario.edge_params[ends]["weight"].as_float();
+    assert_eq!(weight(&scenario, &[2, 1]), Some(0.5));
+    assert_eq!(scenario.edge_params.len(), 1);
+    let set = read(&[
+        "laws.mine.params.w=2",
+        "robot.r1.params.w=[3, 4]",
+        "edge.r3->r2.params.weight=0.75",
+        "edge.\"r1->r3\".params.weight=2.0",
+        "robot.r2.k_per_s=0.5",
+    ]);
+    let w = |i: usize| set.robots[i].params["w"].to_string();
+    assert_eq!([w(0), w(1)], ["[3, 4]", "2"]);
+    assert_eq!([&[2, 1], &[0, 2]].map(|ends| weight(&set, ends)), [Some(0.75), Some(2.0)]);
+    assert_eq!(set.robots[1].gains["k_per_s"], 0.5);
+    let told = crate::briefs::agent_brief(&set, 1, Pace::Lockstep, Path::new("/run"));
+    let [edge] = &told.neighbors[..] else { panic!("{:?}", told.neighbors) };
+    assert_eq!(edge.params["weight"].as_float(), Some(0.75));
+    for (argument, part) in [
+        ("robot.r1.k_per_s=0.6", "expected a number from -2 to 0.5"),
+        ("edge.r1->r2.params.weight=1", "there is no edge named `r1->r2`"),
+    ] {
+        let read = parse(&triangle_with_a_program(), &set_overrides(&[argument]));
+        let error = read.expect_err("an error").render(false);
+        assert!(error.contains(part), "{error}");
     }
 }
 
@@ -186,7 +243,7 @@ fn arguments_edit_both_list_forms_and_the_text_round_trips() {
     let overrides = Overrides {
         faults: vec!["kill r2 @10 restart 2".into(), "kill r1 @0.1".into()],
         seed: Some(7),
-        ..set(&[
+        ..set_overrides(&[
             "avoidance.kind=focus",
             "avoidance.epsilon_per_s=2.0",
             "realtime.hold_periods=3",
@@ -198,15 +255,16 @@ fn arguments_edit_both_list_forms_and_the_text_round_trips() {
             "robot_defaults.restart_policy=never",
         ])
     };
-    for text in [triangle().as_str(), HEADED] {
+    for text in [triangle_text().as_str(), TRIANGLE_WITH_HEADED_TABLES] {
         let (scenario, effective, _) = parse(text, &overrides).unwrap();
         assert_eq!(scenario.avoidance.kind, "focus");
         assert_eq!((scenario.realtime.hold_periods, scenario.seed), (3, 7));
         let [r1, r2, r3] = &scenario.robots[..] else { panic!("three robots") };
         assert_eq!((r1.start.x_m, r2.gains["speed_m_s"]), (-0.05, 0.2));
         assert_eq!(r3.wheels.map(|wheels| wheels.track_m), Some(0.1));
-        assert_eq!(r3.restart.condition, RestartWhen::Never);
-        let faults = scenario.faults.iter().map(|fault| (fault.at_ns, fault.describe(&scenario)));
+        assert_eq!(r3.restart_policy.condition, RestartCondition::Never);
+        let faults =
+            scenario.faults.iter().map(|fault| (fault.start_ns, fault.describe(&scenario)));
         let kills = ["kill r1, for good", "kill r2, back after 2 s"].map(str::to_owned);
         assert!(faults.eq([100_000_000, 10_000_000_000].into_iter().zip(kills)));
         for comment in text.lines().filter_map(|line| line.split_once('#')) {
@@ -230,13 +288,13 @@ fn axle_midpoint_takes_its_turn_rate_limit_from_the_wheels() {
     assert!((r1.turn_rate_max_rad_s.unwrap() - 2.75).abs() < 1e-12);
     assert_eq!((r2.turn_rate_max_rad_s, r3.turn_rate_max_rad_s), (Some(1.5), None));
     // Speed and turn rate are independent, and braking concerns the speed alone.
-    let limits = r1.limits.unwrap();
+    let limits = r1.acceleration_limits.unwrap();
     assert_eq!(limits.ramp, Ramp::Independent);
     assert_eq!(limits.braking_time_s, scenario.avoidance.speed_max_m_s / 2.5);
-    assert_eq!(r3.limits.unwrap().ramp, Ramp::Together);
+    assert_eq!(r3.acceleration_limits.unwrap().ramp, Ramp::Together);
     assert_eq!(scenario.first_robot_without_guarantee(), None);
     // The distance of the smallest front point counts, not that of the axle.
-    assert_eq!(scenario.conditions().front_point_m, 0.1);
+    assert_eq!(scenario.avoidance_conditions().front_point_m, 0.1);
 }
 
 #[test]
@@ -246,7 +304,7 @@ fn robot_model_supplies_missing_keys() {
     // The file's own front point, and the rest of the model.
     assert_eq!((robot.front_point_m, robot.body_radius_m), (0.045, Some(0.105)));
     assert_eq!(robot.wheels.map(|own| [own.speed_max_m_s, own.track_m]), Some([0.22, 0.16]));
-    let limits = robot.limits.unwrap();
+    let limits = robot.acceleration_limits.unwrap();
     assert_eq!([limits.acceleration_m_s2, limits.turn_acceleration_rad_s2], [2.5, 3.2]);
     // Half of the largest turn rate: v_max / (2 ell a_w).
     let braking_time_s = scenario.avoidance.speed_max_m_s / (2.0 * 0.045 * 3.2);
@@ -259,7 +317,7 @@ fn robot_model_supplies_missing_keys() {
         "robot.r3.wheels={speed_max_m_s=0.1}",
         "robot.r3.body_radius_m=0.2",
     ]);
-    let limits = scenario.robots[1].limits.unwrap();
+    let limits = scenario.robots[1].acceleration_limits.unwrap();
     let found = [limits.acceleration_m_s2, limits.turn_acceleration_rad_s2, limits.braking_time_s];
     assert_eq!(found, [1.0, 3.2, 3.0]);
     assert_eq!(scenario.avoidance.braking_time_max_s, 3.0);
@@ -271,7 +329,7 @@ fn robot_model_supplies_missing_keys() {
 
 #[test]
 fn missing_offset_is_the_difference_of_slots() {
-    let by_places = HEADED
+    let by_places = TRIANGLE_WITH_HEADED_TABLES
         .replace("name = \"r1\"", "hears = [\"r2\"]\nplace_m = [1.0, 1.0]\nname = \"r1\"")
         .replace("name = \"r2\"", "place_m = [0.75, 0.5]\nname = \"r2\"")
         .replace("name = \"r3\"", "place_m = [1.25, 0.5]\nname = \"r3\"")
@@ -299,15 +357,15 @@ fn invalid_argument_is_quoted_in_the_error() {
         ("robot.r9.law=x", "there is no robot named `r9`"),
         ("edge=3", "`edge` is a list of tables"),
     ] {
-        for text in [triangle().as_str(), HEADED] {
-            let error = parse(text, &set(&[argument])).unwrap_err();
+        for text in [triangle_text().as_str(), TRIANGLE_WITH_HEADED_TABLES] {
+            let error = parse(text, &set_overrides(&[argument])).unwrap_err();
             let rendered = error.render(false);
             assert!(rendered.contains(part) && rendered.contains(argument), "{rendered}");
             assert_eq!((error.line, rendered.lines().count()), (0, 1));
         }
     }
     let faulty = Overrides { faults: vec!["kill r2 10".into()], ..Overrides::default() };
-    let rendered = parse(&triangle(), &faulty).unwrap_err().render(false);
+    let rendered = parse(&triangle_text(), &faulty).unwrap_err().render(false);
     for part in ["--fault 'kill r2 10'", "kill ROBOT|plant @SECONDS"] {
         assert!(rendered.contains(part), "{rendered}");
     }
@@ -341,7 +399,7 @@ fn invalid_argument_is_shown_in_the_resulting_text() {
 }
 
 /// Words that users write, and the keys that they mean.
-const GUESSES: &str = "\
+const SYNONYM_EXAMPLES: &str = "\
 avoidance.v_max_m_s => `speed_max_m_s`
 avoidance.d => `distance_min_m`
 avoidance.d_min_m => `distance_min_m`
@@ -366,49 +424,57 @@ nmae => `name`";
 
 #[test]
 fn likely_guesses_of_keys_are_understood() {
-    for (guess, meant) in GUESSES.lines().map(|line| line.split_once(" => ").unwrap()) {
+    for (guess, meant) in SYNONYM_EXAMPLES.lines().map(|line| line.split_once(" => ").unwrap()) {
         let error = triangle_error(&[&format!("{guess}=1")]);
         assert_eq!(error.expected, format!("did you mean {meant}?"), "{guess}");
     }
-    let error = parse(&HEADED.replace("from = ", "source = "), &Overrides::default()).unwrap_err();
+    let error =
+        parse(&TRIANGLE_WITH_HEADED_TABLES.replace("from = ", "source = "), &Overrides::default())
+            .unwrap_err();
     assert_eq!(error.expected, "did you mean `from`?");
 }
 
 #[test]
 fn empty_list_removes_the_faults_of_a_file_in_any_form() {
     let kill = "at_s = 1.0, kind = \"kill\", robot = \"r2\"";
-    let inline = format!("fault = [{{ {kill} }}]\n{}", triangle());
-    let headed = format!("{HEADED}\n[[fault]]\n{}\n", kill.replace(", ", "\n"));
-    for text in [inline, headed, triangle()] {
+    let inline = format!("fault = [{{ {kill} }}]\n{}", triangle_text());
+    let headed =
+        format!("{TRIANGLE_WITH_HEADED_TABLES}\n[[fault]]\n{}\n", kill.replace(", ", "\n"));
+    for text in [inline, headed, triangle_text()] {
         let faults = vec!["kill r1 @2".to_owned()];
-        let overrides = Overrides { faults, ..set(&["fault = []"]) };
+        let overrides = Overrides { faults, ..set_overrides(&["fault = []"]) };
         assert_eq!(parse(&text, &overrides).unwrap().0.faults.len(), 1);
-        assert_eq!(parse(&text, &set(&["fault=[]"])).unwrap().0.faults, []);
+        assert_eq!(parse(&text, &set_overrides(&["fault=[]"])).unwrap().0.faults, []);
     }
 }
 
 #[test]
 fn guarantee_needs_the_built_in_plant_and_a_proven_method() {
-    assert_eq!(triangle_with(&[]).missing_guarantee(), None);
+    assert_eq!(triangle_with(&[]).missing_guarantee_reason(), None);
     let plant = "plant.program=[\"physics\", \"--fast\"]";
     let why = "`physics --fast` moves the robots, and the guard is proven for another plant";
-    assert_eq!(triangle_with(&[plant]).missing_guarantee().as_deref(), Some(why));
-    assert_eq!(triangle_with(&[plant, "avoidance.kind=focus"]).missing_guarantee(), None);
+    assert_eq!(triangle_with(&[plant]).missing_guarantee_reason().as_deref(), Some(why));
+    assert_eq!(triangle_with(&[plant, "avoidance.kind=focus"]).missing_guarantee_reason(), None);
 }
 
 #[test]
 fn safe_but_unwise_setting_is_a_warning() {
-    let two_ways = triangle().replace("from = \"r1\", to = \"r3\"", "from = \"r3\", to = \"r1\"");
+    let two_ways =
+        triangle_text().replace("from = \"r1\", to = \"r3\"", "from = \"r3\", to = \"r1\"");
     let other_law = ["robot_defaults.law=formation", "robot_defaults.gain_formation_per_s=3"];
     for (text, arguments, expected) in [
-        (triangle(), &["avoidance.distance_min_m=0.29"][..], &["in the settled formation"][..]),
-        (triangle(), &["avoidance.distance_min_m=0.08"], &["but not bodies"]),
-        (triangle(), &["avoidance.kind=focus", "avoidance.epsilon_per_s=50"], &["too strong"]),
-        (triangle(), &other_law, &["`speed_m_s` has no effect"]),
+        (
+            triangle_text(),
+            &["avoidance.distance_min_m=0.29"][..],
+            &["in the settled formation"][..],
+        ),
+        (triangle_text(), &["avoidance.distance_min_m=0.08"], &["but not bodies"]),
+        (triangle_text(), &["avoidance.kind=focus", "avoidance.epsilon_per_s=50"], &["too strong"]),
+        (triangle_text(), &other_law, &["`speed_m_s` has no effect"]),
         // The mean of the positions that r2 and r3 ask for is that of r3.
         (two_ways, &[], &["around a cycle through", "r1 and r3 are 0 m apart"]),
     ] {
-        let (_, _, warnings) = parse(&text, &set(arguments)).unwrap();
+        let (_, _, warnings) = parse(&text, &set_overrides(arguments)).unwrap();
         assert_eq!(warnings.len(), expected.len(), "{warnings:#?}");
         for (warning, part) in warnings.iter().zip(expected) {
             assert!(warning.message.contains(part), "{}", warning.message);
@@ -419,16 +485,17 @@ fn safe_but_unwise_setting_is_a_warning() {
 
 #[test]
 fn literal_focus_without_speed_limit_has_a_sensing_radius() {
-    let text = triangle().replace("speed_max_m_s = 0.3\n", "").replace("\"guard\"", "\"focus\"");
+    let text =
+        triangle_text().replace("speed_max_m_s = 0.3\n", "").replace("\"guard\"", "\"focus\"");
     let (scenario, _, warnings) = parse(&text, &Overrides::default()).unwrap();
     assert_eq!((warnings, scenario.avoidance.speed_max_m_s), (Vec::new(), f64::INFINITY));
     assert!((scenario.avoidance.sensing_radius_m - 0.2).abs() < 1e-12);
-    assert!(report(&scenario).contains("no speed limit"));
+    assert!(check_report(&scenario).contains("no speed limit"));
 }
 
 /// Checks that each word of a row deserializes as `T`.
-fn mean_something<T: DeserializeOwned>(format: &Format, section: &str, key: &str) {
-    let ValueType::Word(words) = format.section(section).key(key).unwrap().value_type else {
+fn assert_words_deserialize<T: DeserializeOwned>(format: &FileFormat, section: &str, key: &str) {
+    let ValueType::Word(words) = format.section(section).find_key(key).unwrap().value_type else {
         panic!("{key}")
     };
     for &(word, _) in words {
@@ -439,21 +506,25 @@ fn mean_something<T: DeserializeOwned>(format: &Format, section: &str, key: &str
 
 #[test]
 fn every_guess_of_a_key_is_understood() {
-    let format = Format::new(&catalog());
-    mean_something::<protocol::brief::PublishedVelocity>(&format, "scenario", "published_velocity");
-    mean_something::<protocol::brief::SilencePolicy>(&format, "silence", "policy");
-    mean_something::<RestartWhen>(&format, "robot", "restart_policy");
-    mean_something::<formation::ramp::Ramp>(&format, "limits", "ramp");
-    mean_something::<protocol::fault::Stream>(&format, "fault", "stream");
-    mean_something::<protocol::fault::Sensor>(&format, "fault", "sensor");
-    let format = campaign::keys::format();
-    mean_something::<protocol::brief::Pace>(&format, "campaign", "pace");
-    mean_something::<campaign::file::Keep>(&format, "campaign", "keep");
-    mean_something::<campaign::starts::Goals>(&format, "starts", "goals");
+    let format = FileFormat::new(&test_catalog());
+    assert_words_deserialize::<protocol::brief::PublishedVelocity>(
+        &format,
+        "scenario",
+        "published_velocity",
+    );
+    assert_words_deserialize::<protocol::brief::SilencePolicy>(&format, "silence", "policy");
+    assert_words_deserialize::<RestartCondition>(&format, "robot", "restart_policy");
+    assert_words_deserialize::<formation::ramp::Ramp>(&format, "limits", "ramp");
+    assert_words_deserialize::<protocol::fault::RobotStream>(&format, "fault", "stream");
+    assert_words_deserialize::<protocol::fault::Sensor>(&format, "fault", "sensor");
+    let format = campaign::keys::campaign_format();
+    assert_words_deserialize::<protocol::brief::Pace>(&format, "campaign", "pace");
+    assert_words_deserialize::<campaign::file::FileRetention>(&format, "campaign", "keep");
+    assert_words_deserialize::<campaign::starts::GoalAssignment>(&format, "starts", "goals");
 }
 
 /// Returns a scenario of that number of robots in a row, of which each hears the one before.
-fn row(robots: usize) -> String {
+fn row_scenario_text(robots: usize) -> String {
     let head = "name = 'row'\nduration_s = 1\nperiod_s = 0.01\n\
                 avoidance = { kind = 'guard', distance_min_m = 0.2, speed_max_m_s = 0.3 }\n\
                 robot_defaults = { front_point_m = 0.1, law = 'formation-unit', speed_m_s = 0.1 }\n";
@@ -469,14 +540,16 @@ fn row(robots: usize) -> String {
 
 #[test]
 fn a_file_with_1025_robots_is_refused_with_the_limit() {
-    let error = parse(&row(1025), &set(&[])).unwrap_err().render(false);
+    let error = parse(&row_scenario_text(1025), &set_overrides(&[])).unwrap_err().render(false);
     assert!(error.contains("begins robot 1025"), "{error}");
     assert!(error.contains("at most 1024 robots"), "{error}");
 }
 
 #[test]
 fn the_default_recording_rate_falls_with_many_robots() {
-    let hz = |robots, arguments: &[&str]| parse(&row(robots), &set(arguments)).unwrap().0.record_hz;
+    let hz = |robots, arguments: &[&str]| {
+        parse(&row_scenario_text(robots), &set_overrides(arguments)).unwrap().0.record_hz
+    };
     assert_eq!([hz(3, &[]), hz(128, &[]), hz(256, &[])], [100.0, 100.0, 50.0]);
     assert_eq!(hz(256, &["record_hz=80"]), 80.0);
 }

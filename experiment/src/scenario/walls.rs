@@ -1,29 +1,29 @@
 //! Walls and obstacles: all `[[wall]]` and `[[obstacle]]`.
 
-use formation::obstacle::{CORNERS_APART_M_MIN, CORNERS_MAX, NotConvex, Obstacle};
+use formation::obstacle::{CORNER_DISTANCE_M_MIN, CORNERS_MAX, ConvexityError, Obstacle};
 
 use super::diagnostic::Diagnostic;
 use super::keys;
-use super::table::{TableReader, Value};
+use super::table::{TableReader, TypedValue};
 use super::{Scenario, Wall};
 
 /// Maximum number of convex parts of a scenario.
 const PARTS_MAX: usize = 1000;
 
 /// Returns all convex parts: the segments of walls, then obstacles.
-pub(super) fn walls(root: &TableReader<'_, keys::Root>) -> Result<Vec<Wall>, Diagnostic> {
+pub(super) fn parse_walls(root: &TableReader<'_, keys::Root>) -> Result<Vec<Wall>, Diagnostic> {
     let mut walls = Vec::new();
     for (index, table) in root.tables(keys::Root::wall)?.into_iter().enumerate() {
         table.check_keys()?;
-        add(&mut walls, "wall", index, segments(&table)?, &table)?;
+        add_parts(&mut walls, "wall", index, parse_segments(&table)?, &table)?;
     }
     for (index, table) in root.tables(keys::Root::obstacle)?.into_iter().enumerate() {
-        add(&mut walls, "obstacle", index, vec![obstacle(&table)?], &table)?;
+        add_parts(&mut walls, "obstacle", index, vec![parse_obstacle(&table)?], &table)?;
     }
     Ok(walls)
 }
 
-fn add<S>(
+fn add_parts<S>(
     walls: &mut Vec<Wall>,
     what: &str,
     index: usize,
@@ -43,10 +43,10 @@ fn add<S>(
 }
 
 /// Parses the segments of a `[[wall]]`.
-fn segments(table: &TableReader<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagnostic> {
-    let list = table.required(keys::Wall::points_m)?;
+fn parse_segments(table: &TableReader<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagnostic> {
+    let list = table.required_value(keys::Wall::points_m)?;
     let points = list.points()?;
-    let closed = table.truth(keys::Wall::closed)?;
+    let closed = table.boolean(keys::Wall::closed)?;
     let least = if closed { 3 } else { 2 };
     if points.len() < least {
         return Err(list.error_about_key(
@@ -67,12 +67,12 @@ fn segments(table: &TableReader<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagno
 }
 
 /// Parses an `[[obstacle]]`.
-fn obstacle(table: &TableReader<'_, keys::Obstacle>) -> Result<Obstacle, Diagnostic> {
+fn parse_obstacle(table: &TableReader<'_, keys::Obstacle>) -> Result<Obstacle, Diagnostic> {
     if table.kind()? == "disc" {
-        let center_m = table.required(keys::Obstacle::center_m)?.pair()?;
+        let center_m = table.required_value(keys::Obstacle::center_m)?.pair()?;
         return Ok(Obstacle::Disc { center_m, radius_m: table.number(keys::Obstacle::radius_m)? });
     }
-    let list = table.required(keys::Obstacle::corners_m)?;
+    let list = table.required_value(keys::Obstacle::corners_m)?;
     let corners = list.points()?;
     let polygon = Obstacle::Polygon { corners_m: corners.iter().map(|corner| corner.1).collect() };
     match polygon.check_convex() {
@@ -81,14 +81,14 @@ fn obstacle(table: &TableReader<'_, keys::Obstacle>) -> Result<Obstacle, Diagnos
             "expected 3 or more; a `[[wall]]` is made of segments",
         )),
         Ok(()) => Ok(polygon),
-        Err(NotConvex::Count(count)) => Err(list.error_about_key(
+        Err(ConvexityError::CornerCount(count)) => Err(list.error_about_key(
             format!("has {}", format_count(count, "corner")),
             format!("expected at most {CORNERS_MAX}"),
         )),
-        Err(NotConvex::Coincident(corner)) => {
+        Err(ConvexityError::CoincidentCorner(corner)) => {
             Err(coincident_point_error(&corners[corner].0, "corner"))
         }
-        Err(NotConvex::Corner(corner)) => Err(corners[corner].0.error_about_key(
+        Err(ConvexityError::ConcaveCorner(corner)) => Err(corners[corner].0.error_about_key(
             "is where the polygon stops being convex",
             "expected it to turn the same way at all corners, once around; or several convex parts",
         )),
@@ -96,10 +96,10 @@ fn obstacle(table: &TableReader<'_, keys::Obstacle>) -> Result<Obstacle, Diagnos
 }
 
 /// Returns the error that a point coincides with the one before it.
-fn coincident_point_error<T>(point: &Value<'_, T>, what: &str) -> Diagnostic {
+fn coincident_point_error<T>(point: &TypedValue<'_, T>, what: &str) -> Diagnostic {
     point.error_about_key(
         format!("is the same point as the {what} before it"),
-        format!("expected {what}s at least {CORNERS_APART_M_MIN} m from their neighbors"),
+        format!("expected {what}s at least {CORNER_DISTANCE_M_MIN} m from their neighbors"),
     )
 }
 
@@ -111,12 +111,12 @@ impl Scenario {
     /// Returns the corners of each closed wall, in order, m.
     pub fn closed_walls_m(&self) -> Vec<Vec<[f64; 2]>> {
         let walls = self.walls.chunk_by(|a, b| a.path == b.path);
-        walls.filter_map(closed_m).collect()
+        walls.filter_map(closed_wall_corners_m).collect()
     }
 }
 
 /// Returns the corners of a closed wall, in order, m, or `None` if it is open.
-fn closed_m(parts: &[Wall]) -> Option<Vec<[f64; 2]>> {
+fn closed_wall_corners_m(parts: &[Wall]) -> Option<Vec<[f64; 2]>> {
     let ends = parts.iter().map(|part| match &part.shape {
         Obstacle::Polygon { corners_m } => <[[f64; 2]; 2]>::try_from(&corners_m[..]).ok(),
         Obstacle::Disc { .. } => None,

@@ -7,16 +7,16 @@ use proptest::sample::subsequence;
 use super::*;
 
 /// The receiving robot of [`receivers`].
-const OWN: usize = 0;
+const RECEIVING_ROBOT: usize = 0;
 /// Robots that keep its leader's slot in [`receivers`].
-const FOR_SLOT: [usize; 2] = [8, 9];
+const LEADER_SLOT_SPARES: [usize; 2] = [8, 9];
 
 /// Returns receivers of the three kinds that a scenario plans: with offsets and backup neighbors for any in-neighbor,
 /// and without offsets, with the same or with planned replacements, and with deputies of the in-neighbor 1.
 fn receivers() -> impl Strategy<Value = Receiver> {
     let robots = |all: &'static [usize]| subsequence(all, 0..=all.len());
     let plan = || vec(2..=7usize, 0..=3);
-    let deputies = Just(vec![OWN, 2, 5, 6]).prop_shuffle().prop_flat_map(|all| {
+    let deputies = Just(vec![RECEIVING_ROBOT, 2, 5, 6]).prop_shuffle().prop_flat_map(|all| {
         let most = all.len();
         subsequence(all, 0..=most).prop_shuffle()
     });
@@ -33,25 +33,29 @@ fn receivers() -> impl Strategy<Value = Receiver> {
             let plans = lost.zip([plans.0, plans.1, plans.2]).filter(|_| kind == 2);
             let substitutes = plans.map(|(&lost, mut by)| {
                 by.retain(|by| *by != lost && (*by > 4 || hears(by)));
-                Substitutes { robot: OWN, lost, by }
+                PlannedReplacement {
+                    robot: RECEIVING_ROBOT,
+                    lost_in_neighbor: lost,
+                    substitutes: by,
+                }
             });
-            let substitutes: Vec<Substitutes> = substitutes.collect();
-            let planned = substitutes.iter().flat_map(|plan| plan.by.iter().copied());
+            let substitutes: Vec<PlannedReplacement> = substitutes.collect();
+            let planned = substitutes.iter().flat_map(|plan| plan.substitutes.iter().copied());
             let mut spares: Vec<usize> = if kind == 2 { planned.collect() } else { any };
             spares.extend(successions.iter().flat_map(|one| one.deputies.iter().copied()));
-            spares.retain(|spare| !hears(spare) && *spare != OWN);
+            spares.retain(|spare| !hears(spare) && *spare != RECEIVING_ROBOT);
             spares.sort_unstable();
             spares.dedup();
             let spares = spares.into_iter().map(|spare| (spare, false));
-            let for_slot = FOR_SLOT.into_iter().filter(|_| !successions.is_empty());
+            let for_slot = LEADER_SLOT_SPARES.into_iter().filter(|_| !successions.is_empty());
             let spares: Vec<_> = spares.chain(for_slot.map(|spare| (spare, true))).collect();
-            Receiver::new(OWN, heard, spares, substitutes, successions)
+            Receiver::new(RECEIVING_ROBOT, heard, spares, substitutes, successions)
         },
     )
 }
 
 /// Returns receivers and the senders that they have lost.
-fn losses() -> impl Strategy<Value = (Receiver, Vec<bool>)> {
+fn receivers_with_losses() -> impl Strategy<Value = (Receiver, Vec<bool>)> {
     receivers().prop_flat_map(|receiver| {
         let senders = receiver.senders().len();
         (Just(receiver), vec(any::<bool>(), senders))
@@ -62,34 +66,42 @@ fn losses() -> impl Strategy<Value = (Receiver, Vec<bool>)> {
 /// order. Each lost in-neighbor is replaced in turn; without a replacement, it stays.
 fn used_robots(receiver: &Receiver, lost: &[bool]) -> Vec<usize> {
     let senders = receiver.senders();
-    let living = |purpose: Purpose| {
+    let living = |purpose: SenderPurpose| {
         let all = senders.iter().zip(lost);
         all.filter(move |(one, lost)| one.purpose == purpose && !**lost).map(|(one, _)| one.robot)
     };
     let lives = |robot: usize| {
         senders.iter().zip(lost).any(|(sender, lost)| sender.robot == robot && !lost)
     };
-    let mut any_lost = living(Purpose::AnyLost);
+    let mut any_lost = living(SenderPurpose::ReplaceAnyLost);
     let mut used = Vec::new();
     for (sender, _) in
-        senders.iter().zip(lost).filter(|(one, _)| one.purpose == Purpose::InNeighbor)
+        senders.iter().zip(lost).filter(|(one, _)| one.purpose == SenderPurpose::InNeighbor)
     {
         let robot = sender.robot;
         let succession = receiver.successions().iter().find(|one| one.leader == robot);
         let by: Vec<usize> = match succession {
             _ if lives(robot) => vec![robot],
-            Some(one) => match one.deputies.iter().find(|&&by| by == OWN || lives(by)) {
-                Some(&OWN) if living(Purpose::LeaderSlot).next().is_some() => {
-                    return living(Purpose::LeaderSlot).collect();
+            Some(one) => {
+                match one.deputies.iter().find(|&&by| by == RECEIVING_ROBOT || lives(by)) {
+                    Some(&RECEIVING_ROBOT)
+                        if living(SenderPurpose::KeepLeaderSlot).next().is_some() =>
+                    {
+                        return living(SenderPurpose::KeepLeaderSlot).collect();
+                    }
+                    Some(&RECEIVING_ROBOT) | None => Vec::new(),
+                    Some(&by) => vec![by],
                 }
-                Some(&OWN) | None => Vec::new(),
-                Some(&by) => vec![by],
-            },
+            }
             None => match any_lost.next() {
                 Some(by) => vec![by],
                 None => {
-                    let plans = receiver.substitutes().iter().filter(|plan| plan.lost == robot);
-                    plans.flat_map(|plan| plan.by.iter().copied()).filter(|&by| lives(by)).collect()
+                    let plans =
+                        receiver.substitutes().iter().filter(|plan| plan.lost_in_neighbor == robot);
+                    plans
+                        .flat_map(|plan| plan.substitutes.iter().copied())
+                        .filter(|&by| lives(by))
+                        .collect()
                 }
             },
         };
@@ -100,7 +112,7 @@ fn used_robots(receiver: &Receiver, lost: &[bool]) -> Vec<usize> {
 }
 
 /// Returns the robots that the receiver uses, once for each in-neighbor for which they count, in order.
-fn weighted_robots(receiver: &Receiver, references: &References) -> Vec<usize> {
+fn used_robots_by_weight(receiver: &Receiver, references: &References) -> Vec<usize> {
     let all = receiver.senders().iter().zip(&references.weights);
     let mut used: Vec<usize> =
         all.flat_map(|(sender, &weight)| std::iter::repeat_n(sender.robot, weight)).collect();
@@ -110,83 +122,83 @@ fn weighted_robots(receiver: &Receiver, references: &References) -> Vec<usize> {
 
 proptest! {
     #[test]
-    fn references_match_a_second_formulation((receiver, lost) in losses()) {
+    fn references_match_a_second_formulation((receiver, lost) in receivers_with_losses()) {
         let references = receiver.references(|place| lost[place]);
         prop_assert_eq!(
-            weighted_robots(&receiver, &references),
+            used_robots_by_weight(&receiver, &references),
             used_robots(&receiver, &lost)
         );
     }
 
     #[test]
-    fn steps_of_an_agent_end_at_the_predicted_references((receiver, lost) in losses()) {
+    fn steps_of_an_agent_end_at_the_predicted_references((receiver, lost) in receivers_with_losses()) {
         // An agent observes only the senders that it receives.
-        let mut found = receiver.intact();
+        let mut found = receiver.references_without_failures();
         for _ in 0..=2 * lost.len() {
-            let received = found.is_open.clone();
+            let received = found.is_sender_open.clone();
             let state = |place: usize| SenderState {
                 has_failed: received[place] && lost[place],
-                is_heard: received[place] && !lost[place],
+                is_received: received[place] && !lost[place],
             };
-            receiver.update(state, &mut found);
+            receiver.update_references(state, &mut found);
         }
         prop_assert_eq!(found, receiver.references(|place| lost[place]));
     }
 
     #[test]
-    fn references_without_losses_are_the_in_neighbors((receiver, lost) in losses()) {
+    fn references_without_losses_are_the_in_neighbors((receiver, lost) in receivers_with_losses()) {
         let mut references = receiver.references(|place| lost[place]);
-        receiver.update(|_| SenderState { has_failed: false, is_heard: true }, &mut references);
-        prop_assert_eq!(&references, &receiver.intact());
-        let in_neighbor = |place: usize| receiver.senders()[place].purpose == Purpose::InNeighbor;
+        receiver.update_references(|_| SenderState { has_failed: false, is_received: true }, &mut references);
+        prop_assert_eq!(&references, &receiver.references_without_failures());
+        let in_neighbor = |place: usize| receiver.senders()[place].purpose == SenderPurpose::InNeighbor;
         for place in 0..lost.len() {
             prop_assert_eq!(references.weights[place], usize::from(in_neighbor(place)));
         }
     }
 
     #[test]
-    fn reported_weights_match_the_references((receiver, lost) in losses()) {
+    fn reported_weights_match_the_references((receiver, lost) in receivers_with_losses()) {
         let references = receiver.references(|place| lost[place]);
-        let uses = |place| references.uses(place);
+        let uses = |place| references.uses_sender(place);
         for place in (0..lost.len()).filter(|&place| uses(place)) {
-            let is_heard = |other: usize| references.is_open[other] && !lost[other];
+            let is_heard = |other: usize| references.is_sender_open[other] && !lost[other];
             let weight = receiver.reported_weight(place, uses, is_heard);
             prop_assert_eq!(weight, references.weights[place]);
         }
     }
 
     #[test]
-    fn each_unused_in_neighbor_is_replaced((receiver, lost) in losses()) {
+    fn each_unused_in_neighbor_is_replaced((receiver, lost) in receivers_with_losses()) {
         let references = receiver.references(|place| lost[place]);
         let replacements = receiver.replacements(&references);
-        for &Replacement { lost: old, by } in &replacements {
-            prop_assert!(lost[old] && !references.uses(old));
-            prop_assert!(!lost[by] && references.uses(by));
+        for &Replacement { lost_index: old, substitute_index } in &replacements {
+            prop_assert!(lost[old] && !references.uses_sender(old));
+            prop_assert!(!lost[substitute_index] && references.uses_sender(substitute_index));
         }
         for place in 0..lost.len() {
-            let is_in_neighbor = receiver.senders()[place].purpose == Purpose::InNeighbor;
-            let replaced = replacements.iter().any(|one| one.lost == place);
-            let unused = is_in_neighbor && !references.uses(place);
-            prop_assert!(references.takes_slot || replaced == unused);
-            let times = replacements.iter().filter(|one| one.by == place).count();
-            let own = usize::from(is_in_neighbor && references.uses(place));
+            let is_in_neighbor = receiver.senders()[place].purpose == SenderPurpose::InNeighbor;
+            let replaced = replacements.iter().any(|one| one.lost_index == place);
+            let unused = is_in_neighbor && !references.uses_sender(place);
+            prop_assert!(references.keeps_leader_slot || replaced == unused);
+            let times = replacements.iter().filter(|one| one.substitute_index == place).count();
+            let own = usize::from(is_in_neighbor && references.uses_sender(place));
             prop_assert_eq!(times + own, references.weights[place]);
         }
     }
 }
 
 /// Returns the receiver 0 of 1 and 2, where 1 has the only deputy 3, and 4 replaces any in-neighbor.
-fn led() -> Receiver {
+fn receiver_with_deputy() -> Receiver {
     let successions = vec![Succession { leader: 1, deputies: vec![3] }];
-    Receiver::new(OWN, [1, 2], [(4, false), (3, false)], Vec::new(), successions)
+    Receiver::new(RECEIVING_ROBOT, [1, 2], [(4, false), (3, false)], Vec::new(), successions)
 }
 
 #[test]
 fn backup_neighbor_replaces_no_leader_with_dead_deputies() {
     let lost = |robots: &'static [usize]| {
-        let receiver = led();
+        let receiver = receiver_with_deputy();
         let references = receiver.references(|k| robots.contains(&receiver.senders()[k].robot));
-        weighted_robots(&receiver, &references)
+        used_robots_by_weight(&receiver, &references)
     };
     assert_eq!(lost(&[1]), [2, 3]);
     assert_eq!(lost(&[1, 3]), [1, 2]);
@@ -196,9 +208,9 @@ fn backup_neighbor_replaces_no_leader_with_dead_deputies() {
 
 #[test]
 fn planned_sender_is_open_only_for_its_in_neighbors() {
-    let receiver = led();
+    let receiver = receiver_with_deputy();
     let open = |robots: &'static [usize]| {
-        receiver.references(|k| robots.contains(&receiver.senders()[k].robot)).is_open
+        receiver.references(|k| robots.contains(&receiver.senders()[k].robot)).is_sender_open
     };
     assert_eq!(open(&[]), [true, true, false, false]);
     assert_eq!(open(&[1]), [true, true, false, true]);
@@ -213,7 +225,11 @@ fn containment() -> (FormationGraph, RepairPlan) {
     let edges = edges.map(|(from, to, x_m)| edge(from, to, x_m));
     let plan = RepairPlan {
         spares: vec![edge(0, 2, -2.0), edge(4, 3, 0.0), edge(0, 4, -1.0)],
-        substitutes: vec![Substitutes { robot: 3, lost: 2, by: vec![1, 4] }],
+        substitutes: vec![PlannedReplacement {
+            robot: 3,
+            lost_in_neighbor: 2,
+            substitutes: vec![1, 4],
+        }],
         deputies: vec![2],
         successions: vec![Succession { leader: 1, deputies: vec![4] }],
     };
@@ -224,19 +240,31 @@ fn containment() -> (FormationGraph, RepairPlan) {
 fn repairs_and_unused_links_follow_from_the_references() {
     let (graph, plan) = containment();
     let rewiring = Rewiring::new(&graph, &plan, |robot| robot < 3);
-    let purposes: Vec<Purpose> = (6..9).map(|link| rewiring.purpose(link)).collect();
-    assert_eq!(purposes, [Purpose::AnyLost, Purpose::Planned, Purpose::LeaderSlot]);
-    let repaired = |robot, by, instead_of, spare| Repaired { robot, by, instead_of, spare };
-    assert_eq!(rewiring.repairs(&[], &[]), []);
+    let purposes: Vec<SenderPurpose> = (6..9).map(|link| rewiring.purpose(link)).collect();
+    assert_eq!(
+        purposes,
+        [
+            SenderPurpose::ReplaceAnyLost,
+            SenderPurpose::ReplaceByPlan,
+            SenderPurpose::KeepLeaderSlot
+        ]
+    );
+    let repaired = |robot, by, instead_of, spare| ActiveRepair {
+        robot,
+        substitute: by,
+        lost_in_neighbor: instead_of,
+        spare_link: spare,
+    };
+    assert_eq!(rewiring.active_repairs(&[], &[]), []);
     assert_eq!(rewiring.unused_links(&[], &[]), [6, 7, 8]);
     let of_1 = [repaired(3, 4, 1, Some(1)), repaired(2, 0, 1, Some(0)), repaired(4, 0, 1, Some(2))];
-    assert_eq!(rewiring.repairs(&[1], &[]), of_1);
+    assert_eq!(rewiring.active_repairs(&[1], &[]), of_1);
     // 4 takes the slot of 1, and uses neither 1 nor 3.
     assert_eq!(rewiring.unused_links(&[1], &[]), [4, 5]);
     let of_2 = [repaired(3, 1, 2, None), repaired(3, 4, 2, Some(1))];
-    assert_eq!(rewiring.repairs(&[2], &[]), of_2);
-    assert_eq!(rewiring.repairs(&[], &[3]), of_2);
-    assert_eq!(rewiring.repairs(&[2, 4], &[]), [repaired(3, 1, 2, None)]);
+    assert_eq!(rewiring.active_repairs(&[2], &[]), of_2);
+    assert_eq!(rewiring.active_repairs(&[], &[3]), of_2);
+    assert_eq!(rewiring.active_repairs(&[2, 4], &[]), [repaired(3, 1, 2, None)]);
     assert_eq!(rewiring.unused_links(&[2, 4], &[]), [6, 7, 8]);
 }
 
@@ -244,9 +272,9 @@ fn repairs_and_unused_links_follow_from_the_references() {
 fn slot_of_a_leader_is_not_kept_without_a_sender_for_it() {
     let (graph, plan) = containment();
     let rewiring = Rewiring::new(&graph, &plan, |robot| robot < 3);
-    assert!(rewiring.references(4, &[1], &[]).takes_slot);
+    assert!(rewiring.references(4, &[1], &[]).keeps_leader_slot);
     let references = rewiring.references(4, &[0, 1], &[]);
-    assert!(!references.takes_slot);
+    assert!(!references.keeps_leader_slot);
     assert_eq!(references.weights, [1, 1, 0], "1 stays: no other robot replaces it");
 }
 
@@ -257,7 +285,7 @@ fn first_deputy_that_no_leader_reaches_leads() {
     let graph = FormationGraph::new(4, vec![edge(0, 1), edge(1, 2), edge(2, 3)]);
     let leading = |spares: Vec<Edge>, dead: &[usize], cut: &[usize]| {
         let plan = RepairPlan { spares, ..RepairPlan::default() };
-        Rewiring::new(&graph, &plan, |_| true).leading(Some(0), &[1, 3], dead, cut)
+        Rewiring::new(&graph, &plan, |_| true).leading_robots(Some(0), &[1, 3], dead, cut)
     };
     assert_eq!(leading(vec![], &[], &[]), [0]);
     assert_eq!(leading(vec![], &[0], &[]), [1]);

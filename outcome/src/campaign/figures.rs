@@ -1,10 +1,10 @@
 //! Figures of a campaign: rates, medians and distributions at each grid point.
 
 use crate::report::axis::Axis;
-use crate::report::chart::{Figure, Mark, Panel, Rect, Shape};
-use crate::report::palette::{BLACK, Dash, Line, VERMILION, line};
+use crate::report::chart::{Figure, Mark, MarkShape, Panel, Rect};
+use crate::report::palette::{BLACK, Dash, LineStyle, VERMILION, robot_line};
 
-use crate::campaign::points::Point;
+use crate::campaign::points::GridPoint;
 use crate::campaign::statistics::Estimate;
 use experiment::campaign::file::Campaign;
 
@@ -16,12 +16,12 @@ const CURVES_MAX: usize = 12;
 /// Maximum number of points with text labels; with more points the labels are omitted.
 const LABELS_MAX: usize = 6;
 /// Threshold below which values are rounding errors.
-const ROUNDING: f64 = 1e-9;
+const ROUNDING_ERROR_MAX: f64 = 1e-9;
 /// Line style of a bound that must not be crossed.
-const BOUND: Line = Line::solid(VERMILION).dashed(Dash::Dashed);
+const BOUND_LINE: LineStyle = LineStyle::solid(VERMILION).with_dash(Dash::Dashed);
 
 /// Returns all figures that the data support.
-pub fn figures(campaign: &Campaign, points: &[Point]) -> Vec<Figure> {
+pub fn draw_figures(campaign: &Campaign, points: &[GridPoint]) -> Vec<Figure> {
     let runs: usize = points.iter().map(|point| point.runs).sum();
     let each = runs_per_point_text(points);
     let rated = |name, title, says: &str, estimate| {
@@ -49,15 +49,15 @@ pub fn figures(campaign: &Campaign, points: &[Point]) -> Vec<Figure> {
     let all = [
         draw_over_points(held),
         draw_over_points(below),
-        convergence(points),
-        distances(points),
+        draw_convergence(points),
+        draw_distances(points),
         draw_over_points(distance),
         draw_over_points(error),
     ];
     all.into_iter().flatten().collect()
 }
 
-fn runs_per_point_text(points: &[Point]) -> String {
+fn runs_per_point_text(points: &[GridPoint]) -> String {
     let least = points.iter().map(|point| point.runs).min().unwrap_or(0);
     let most = points.iter().map(|point| point.runs).max().unwrap_or(0);
     match least == most {
@@ -68,10 +68,10 @@ fn runs_per_point_text(points: &[Point]) -> String {
 
 /// Returns the numeric axis with the most values, at least 3, if there is one. It becomes the x axis, and the
 /// values of the other axes become curves.
-fn numbers(campaign: &Campaign) -> Option<usize> {
+fn longest_numeric_axis(campaign: &Campaign) -> Option<usize> {
     let long = |axis: &usize| {
         let settings = &campaign.axes[*axis].settings;
-        settings.len() >= 3 && settings.iter().all(|setting| setting.number.is_some())
+        settings.len() >= 3 && settings.iter().all(|setting| setting.numeric_value.is_some())
     };
     (0..campaign.axes.len()).filter(long).max_by_key(|axis| campaign.axes[*axis].settings.len())
 }
@@ -83,35 +83,36 @@ struct PlottedQuantity<'a> {
     caption: String,
     label: &'a str,
     range: Option<(f64, f64)>,
-    estimate: fn(&Point) -> Option<Estimate>,
+    estimate: fn(&GridPoint) -> Option<Estimate>,
 }
 
 impl PlottedQuantity<'_> {
-    fn draw_over_points(self, campaign: &Campaign, points: &[Point]) -> Option<Figure> {
+    fn draw_over_points(self, campaign: &Campaign, points: &[GridPoint]) -> Option<Figure> {
         let known = points.iter().filter_map(|point| Some((point, (self.estimate)(point)?)));
-        let known: Vec<(&Point, Estimate)> =
+        let known: Vec<(&GridPoint, Estimate)> =
             known.filter(|(_, estimate)| estimate.value.is_finite()).collect();
         // A single point is shown in the table alone.
         if known.len() < 2 {
             return None;
         }
-        let number = numbers(campaign);
-        let x_of = |point: &Point| match number {
+        let number = longest_numeric_axis(campaign);
+        let x_of = |point: &GridPoint| match number {
             None => point.number as f64,
-            Some(axis) => {
-                campaign.settings_at(point.number - 1)[axis].number.expect("an axis of numbers")
-            }
+            Some(axis) => campaign.settings_at(point.number - 1)[axis]
+                .numeric_value
+                .expect("an axis of numbers"),
         };
         let x = match number {
-            None => {
-                Axis::numbers("combination of settings, by its number in the table", points.len())
-            }
+            None => Axis::for_item_numbers(
+                "combination of settings, by its number in the table",
+                points.len(),
+            ),
             Some(axis) => settings_axis(&campaign.axes[axis].key, points.iter().map(x_of)),
         };
-        let mut panel = Panel::new(x, self.axis(&known));
-        let (bottom, top) = panel.y.value_range();
+        let mut panel = Panel::new(x, self.fit_axis(&known));
+        let (bottom, top) = panel.y_axis.value_range();
         // All points that differ only in the numeric axis share a curve, which is named by their other settings.
-        let others = |point: &Point| match number {
+        let others = |point: &GridPoint| match number {
             None => String::new(),
             Some(axis) => {
                 let others = point.settings.iter().enumerate().filter(|(other, _)| *other != axis);
@@ -127,13 +128,13 @@ impl PlottedQuantity<'_> {
                 curves.len() - 1
             });
             curves[place].1.push(at);
-            let color = if number.is_some() { line(place).color } else { BLACK };
+            let color = if number.is_some() { robot_line(place).color } else { BLACK };
             let (low, high) = (estimate.low.unwrap_or(at.1), estimate.high.unwrap_or(at.1));
             let bar = vec![(at.0, low.max(bottom)), (at.0, high.min(top))];
-            panel.curves.push((bar, Line::solid(color).width(0.8), false));
+            panel.curves.push((bar, LineStyle::solid(color).with_width(0.8), false));
             let named = number.is_none() && points.len() <= LABELS_MAX;
-            let label = if named { values(point) } else { String::new() };
-            panel.marks.push(Mark { at, shape: Shape::Ring, color, label });
+            let label = if named { settings_text(point) } else { String::new() };
+            panel.marks.push(Mark { position: at, shape: MarkShape::Ring, color, label });
         }
         let (mut caption, mut key) = (self.caption, Vec::new());
         if number.is_none() {
@@ -141,21 +142,21 @@ impl PlottedQuantity<'_> {
             curves.clear();
         }
         for (place, (words, list)) in curves.into_iter().enumerate() {
-            panel.curves.push((list, line(place), false));
-            key.extend((!words.is_empty()).then_some((line(place), words)));
+            panel.curves.push((list, robot_line(place), false));
+            key.extend((!words.is_empty()).then_some((robot_line(place), words)));
         }
         Some(Figure::single_panel(self.name, self.title, caption, FIGURE_SIZE, panel, key))
     }
 
     /// Returns the axis that fits the values and the ends of their intervals.
-    fn axis(&self, known: &[(&Point, Estimate)]) -> Axis {
+    fn fit_axis(&self, known: &[(&GridPoint, Estimate)]) -> Axis {
         if let Some((low, high)) = self.range {
             return Axis::exact(self.label, low, high);
         }
         let ends = known.iter().flat_map(|(_, e)| [Some(e.value), e.low, e.high]).flatten();
         let (least, most) = value_range(ends);
         // Values as small as rounding errors have no other scale than their power of ten.
-        match least > 0.0 && (most / least > 100.0 || most < ROUNDING) {
+        match least > 0.0 && (most / least > 100.0 || most < ROUNDING_ERROR_MAX) {
             true => Axis::log(self.label, least, most),
             false => Axis::linear(self.label, least, most),
         }
@@ -172,7 +173,7 @@ fn settings_axis(key: &str, settings: impl Iterator<Item = f64>) -> Axis {
     Axis::exact(key, low - edge, high + edge)
 }
 
-fn values(point: &Point) -> String {
+fn settings_text(point: &GridPoint) -> String {
     point.settings.iter().map(|(_, value)| value.as_str()).collect::<Vec<_>>().join(", ")
 }
 
@@ -181,7 +182,7 @@ fn value_range(values: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 /// Returns the legend entry of a point: its settings and its number of runs.
-fn legend_entry(point: &Point, n: usize) -> String {
+fn legend_entry(point: &GridPoint, n: usize) -> String {
     let settings: Vec<String> =
         point.settings.iter().map(|(key, value)| format!("{key} = {value}")).collect();
     match settings.is_empty() {
@@ -193,13 +194,13 @@ fn legend_entry(point: &Point, n: usize) -> String {
 /// Draws the cumulative distributions of at most [`CURVES_MAX`] points. `steps` returns for a point the values with
 /// their cumulative fractions, and the number of runs. Returns the panel, the legend, and a sentence about curves
 /// that were left out.
-fn distributions<'p>(
-    points: &'p [Point],
+fn draw_distributions<'p>(
+    points: &'p [GridPoint],
     [x, y]: [Axis; 2],
-    steps: impl Fn(&'p Point) -> (Vec<(f64, f64)>, usize),
-) -> (Panel, Vec<(Line, String)>, String) {
+    steps: impl Fn(&'p GridPoint) -> (Vec<(f64, f64)>, usize),
+) -> (Panel, Vec<(LineStyle, String)>, String) {
     let (mut panel, mut key) = (Panel::new(x, y), Vec::new());
-    let (begin, end) = panel.x.value_range();
+    let (begin, end) = panel.x_axis.value_range();
     for (place, point) in points.iter().take(CURVES_MAX).enumerate() {
         let (steps, n) = steps(point);
         let (mut curve, mut before) = (vec![(begin, 0.0)], 0.0);
@@ -208,8 +209,8 @@ fn distributions<'p>(
             before = share;
         }
         curve.push((end, before));
-        panel.curves.push((curve, line(place), false));
-        key.push((line(place), legend_entry(point, n)));
+        panel.curves.push((curve, robot_line(place), false));
+        key.push((robot_line(place), legend_entry(point, n)));
     }
     let left_out = match points.len() > CURVES_MAX {
         true => format!(
@@ -222,7 +223,7 @@ fn distributions<'p>(
 }
 
 /// Draws the fraction of converged runs over time.
-fn convergence(points: &[Point]) -> Option<Figure> {
+fn draw_convergence(points: &[GridPoint]) -> Option<Figure> {
     let ends = points.iter().flat_map(|point| point.convergence.iter().map(|step| step.value));
     let longest = ends.fold(0.0, f64::max);
     if longest <= 0.0 {
@@ -232,7 +233,7 @@ fn convergence(points: &[Point]) -> Option<Figure> {
         Axis::linear("time (s)", 0.0, longest),
         Axis::exact("fraction of runs converged", 0.0, 1.0),
     ];
-    let (panel, key, left_out) = distributions(points, axes, |point| {
+    let (panel, key, left_out) = draw_distributions(points, axes, |point| {
         let steps = point.convergence.iter().map(|step| (step.value, step.share));
         (steps.collect(), point.runs)
     });
@@ -244,7 +245,7 @@ fn convergence(points: &[Point]) -> Option<Figure> {
 }
 
 /// Draws the fraction of runs over their smallest distance.
-fn distances(points: &[Point]) -> Option<Figure> {
+fn draw_distances(points: &[GridPoint]) -> Option<Figure> {
     let (least, most) =
         value_range(points.iter().flat_map(|point| point.distances.iter().copied()));
     if !least.is_finite() {
@@ -254,12 +255,12 @@ fn distances(points: &[Point]) -> Option<Figure> {
         Axis::linear("smallest distance / d", least.min(0.95), most.max(1.05)),
         Axis::exact("cumulative fraction of runs", 0.0, 1.0),
     ];
-    let (mut panel, key, left_out) = distributions(points, axes, |point| {
+    let (mut panel, key, left_out) = draw_distributions(points, axes, |point| {
         let n = point.distances.len();
         let steps = point.distances.iter().zip(1..).map(|(&m, nth)| (m, f64::from(nth) / n as f64));
         (steps.collect(), n)
     });
-    panel.add_vertical_line(1.0, 1.0, "d".into(), BOUND);
+    panel.add_vertical_line(1.0, 1.0, "d".into(), BOUND_LINE);
     let caption = format!(
         "Empirical distribution of the smallest distance between two front points at any tick, divided by d.{left_out}"
     );

@@ -8,42 +8,42 @@ use std::fs;
 use std::io::{self, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
-use protocol::regular_file::{self, Links};
+use protocol::regular_file::{self, SymlinkPolicy};
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 
 use crate::metrics::summary::Summary;
-use crate::results::files::chained::{Chain, VerifiedLines};
-use crate::results::files::checksums::{self, Damage, replace, sync};
-use crate::results::files::host_dir::SCENARIO;
+use crate::results::files::chained::{ChecksumChain, VerifiedLines};
+use crate::results::files::checksums::{self, Damage, replace_file, sync_folder};
+use crate::results::files::host_dir::SCENARIO_FILE;
 use crate::results::files::own_file;
-use crate::results::run_dir::{MANIFEST, SAMPLES, SUMMARY};
-use experiment::campaign::cells::Cell;
-use experiment::campaign::file::Keep;
+use crate::results::run_dir::{MANIFEST_FILE, SAMPLES_FILE, SUMMARY_FILE};
+use experiment::campaign::cells::CampaignRun;
+use experiment::campaign::file::FileRetention;
 use experiment::scenario::file::check_inside_folder;
 
 /// Maximum number of failed attempts at a run. Then the run is given up.
 pub const ATTEMPTS_MAX: usize = 3;
 
 /// Name of the lock file. The process that runs the campaign locks it and writes its identity into it.
-const LOCK: &str = ".lock";
+const LOCK_FILE: &str = ".lock";
 
 /// Maximum length of the text that identifies the lock holder, bytes. A longer text is not shown.
 const HOLDER_BYTES_MAX: u64 = 1 << 12;
 /// Maximum size of a list of failed attempts, bytes. A larger list is ignored.
-const FAILED_BYTES_MAX: u64 = 1 << 20;
+const FAILURE_LIST_BYTES_MAX: u64 = 1 << 20;
 /// Maximum size of a summary, bytes. A run with a larger summary counts as damaged.
 const SUMMARY_BYTES_MAX: u64 = 1 << 30;
 
 /// Directory that holds the runs of a campaign.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Folder {
+pub struct CampaignFolder {
     path: PathBuf,
 }
 
 /// Status of a run.
 #[derive(Debug, Clone, PartialEq)]
-pub enum State {
+pub enum RunState {
     /// The run has a result.
     Done(Box<Summary>),
     /// The run failed [`ATTEMPTS_MAX`] times, the last time for this reason.
@@ -54,10 +54,10 @@ pub enum State {
     Damaged(String),
 }
 
-impl State {
+impl RunState {
     /// Returns whether the run has no result yet and has not been given up.
-    pub fn is_to_be_run(&self) -> bool {
-        matches!(self, State::Missing | State::Damaged(_))
+    pub fn needs_run(&self) -> bool {
+        matches!(self, RunState::Missing | RunState::Damaged(_))
     }
 }
 
@@ -80,7 +80,7 @@ pub(crate) fn file_error(what: &'static str, path: &Path) -> impl FnOnce(io::Err
 pub enum LockError {
     /// Another sweep or hunt holds the lock: the folder, and the process and host that hold it.
     #[error("another `phalanx` ({}) is using {}; wait for it, or choose another directory with --out", .1, .0.display())]
-    Held(PathBuf, String),
+    HeldByProcess(PathBuf, String),
     /// The lock file cannot be locked.
     #[error("cannot lock {}: {}", .0.display(), .1)]
     Unlockable(PathBuf, io::Error),
@@ -88,14 +88,14 @@ pub enum LockError {
 
 /// Exclusive lock on a campaign folder. Dropping it or ending the process releases it.
 #[derive(Debug)]
-pub struct Lock {
+pub struct FolderLock {
     _file: fs::File,
 }
 
-impl Folder {
+impl CampaignFolder {
     /// Opens a campaign folder and creates it if it does not exist.
-    pub fn open(path: &Path) -> Result<Folder, FolderError> {
-        Folder::open_with_subfolders(path, &["runs", "figures"])
+    pub fn open(path: &Path) -> Result<CampaignFolder, FolderError> {
+        CampaignFolder::open_with_subfolders(path, &["runs", "figures"])
     }
 
     /// Opens a folder and creates it and these subfolders if they do not exist.
@@ -103,26 +103,29 @@ impl Folder {
     /// # Errors
     ///
     /// A folder cannot be created, or a subfolder leads out of `path` by a symbolic link.
-    pub fn open_with_subfolders(path: &Path, folders: &[&str]) -> Result<Folder, FolderError> {
+    pub fn open_with_subfolders(
+        path: &Path,
+        folders: &[&str],
+    ) -> Result<CampaignFolder, FolderError> {
         for folder in folders.iter().map(|folder| path.join(folder)) {
             fs::create_dir_all(&folder).map_err(file_error("make", &folder))?;
             check_inside_folder(path, &folder).map_err(file_error("write into", &folder))?;
         }
         let path = path.canonicalize().map_err(file_error("open", path))?;
-        Ok(Folder { path })
+        Ok(CampaignFolder { path })
     }
 
     /// Locks the folder against other sweeps and hunts. On a file system without locks, only prints a warning.
-    pub fn lock(&self) -> Result<Lock, LockError> {
-        let path = self.path.join(LOCK);
+    pub fn lock(&self) -> Result<FolderLock, LockError> {
+        let path = self.path.join(LOCK_FILE);
         let unlockable = |error| LockError::Unlockable(path.clone(), error);
-        let mut file = own_file::open(&path).map_err(unlockable)?;
+        let mut file = own_file::open_regular_file(&path).map_err(unlockable)?;
         match flock(&file, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => {}
             Err(Errno::WOULDBLOCK) => {
-                let holder = regular_file::read_open(&file, HOLDER_BYTES_MAX).unwrap_or_default();
+                let holder = regular_file::read_rest(&file, HOLDER_BYTES_MAX).unwrap_or_default();
                 let holder = String::from_utf8_lossy(&holder).trim().to_owned();
-                return Err(LockError::Held(self.path.clone(), holder));
+                return Err(LockError::HeldByProcess(self.path.clone(), holder));
             }
             // The file system supports no locks; two processes may then compute the same runs.
             Err(Errno::NOSYS | Errno::OPNOTSUPP | Errno::NOLCK) => {
@@ -130,9 +133,9 @@ impl Folder {
             }
             Err(error) => return Err(unlockable(error.into())),
         }
-        let holder = format!("process {} on {}\n", std::process::id(), host());
+        let holder = format!("process {} on {}\n", std::process::id(), host_name());
         file.set_len(0).and_then(|()| file.write_all(holder.as_bytes())).map_err(unlockable)?;
-        Ok(Lock { _file: file })
+        Ok(FolderLock { _file: file })
     }
 
     /// Returns the absolute path of the folder.
@@ -141,28 +144,32 @@ impl Folder {
     }
 
     /// Returns the directory that a complete run has.
-    pub fn run(&self, id: &str) -> PathBuf {
+    pub fn run_path(&self, id: &str) -> PathBuf {
         self.path.join("runs").join(id)
     }
 
     /// Reads the status of each run, in the order of `cells`.
-    pub fn states(&self, cells: &[Cell], keep: Keep) -> Result<Vec<State>, FolderError> {
-        cells.iter().map(|cell| state(&self.run(&cell.id), keep)).collect()
+    pub fn read_states(
+        &self,
+        cells: &[CampaignRun],
+        keep: FileRetention,
+    ) -> Result<Vec<RunState>, FolderError> {
+        cells.iter().map(|cell| read_state(&self.run_path(&cell.id), keep)).collect()
     }
 
     /// Removes the lists of failed attempts, so that runs that were given up are tried again.
-    pub fn clear_failures(&self, cells: &[Cell]) {
+    pub fn clear_failures(&self, cells: &[CampaignRun]) {
         for cell in cells {
-            let _ = fs::remove_file(sibling_path(&self.run(&cell.id), "failed"));
+            let _ = fs::remove_file(sibling_path(&self.run_path(&cell.id), "failed"));
         }
     }
 
     /// Removes partial runs of exited processes of this host, and logs of complete runs.
     pub fn remove_stale_files(&self) {
-        let host = host();
+        let host = host_name();
         for entry in fs::read_dir(self.path.join("runs")).into_iter().flatten().flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
-            if name.strip_suffix(".log").is_some_and(|id| self.run(id).exists()) {
+            if name.strip_suffix(".log").is_some_and(|id| self.run_path(id).exists()) {
                 let _ = fs::remove_file(entry.path());
             }
             let Some((_, by)) = name.split_once(".part-") else { continue };
@@ -176,13 +183,13 @@ impl Folder {
     /// Syncs the directory entries of the runs to disk.
     pub fn sync(&self) -> Result<(), FolderError> {
         let runs = self.path.join("runs");
-        sync(&runs).map_err(file_error("sync", &runs))
+        sync_folder(&runs).map_err(file_error("sync", &runs))
     }
 
     /// Replaces a file atomically: readers see the old content or the new content.
-    pub fn write(&self, name: &str, content: &str) -> Result<(), FolderError> {
+    pub fn replace_file(&self, name: &str, content: &str) -> Result<(), FolderError> {
         let path = self.path.join(name);
-        replace(&path, content, false).map_err(file_error("write", &path))
+        replace_file(&path, content, false).map_err(file_error("write", &path))
     }
 }
 
@@ -190,40 +197,42 @@ impl Folder {
 ///
 /// # Errors
 ///
-/// A file exists and cannot be read. Missing and changed files make the run [`State::Damaged`] instead.
-pub fn state(run: &Path, keep: Keep) -> Result<State, FolderError> {
+/// A file exists and cannot be read. Missing and changed files make the run [`RunState::Damaged`] instead.
+pub fn read_state(run: &Path, keep: FileRetention) -> Result<RunState, FolderError> {
     if fs::symlink_metadata(run).is_err_and(|error| error.kind() == io::ErrorKind::NotFound) {
-        let attempts = failed_attempts(run);
+        let attempts = read_failed_attempts(run);
         return Ok(match attempts.last() {
-            Some(last) if attempts.len() >= ATTEMPTS_MAX => State::GivenUp(last.clone()),
-            _ => State::Missing,
+            Some(last) if attempts.len() >= ATTEMPTS_MAX => RunState::GivenUp(last.clone()),
+            _ => RunState::Missing,
         });
     }
-    match checksums::check(run) {
+    match checksums::check_run_files(run) {
         Ok(()) => {}
-        Err(Damage::Unreadable(name, error)) => {
+        Err(Damage::UnreadableFile(name, error)) => {
             return Err(file_error("read", &run.join(name))(error));
         }
-        Err(damage) => return Ok(State::Damaged(damage.to_string())),
+        Err(damage) => return Ok(RunState::Damaged(damage.to_string())),
     }
-    let read = regular_file::read(&run.join(SUMMARY), Links::Followed, SUMMARY_BYTES_MAX);
+    let read =
+        regular_file::read(&run.join(SUMMARY_FILE), SymlinkPolicy::Followed, SUMMARY_BYTES_MAX);
     let summary = read.and_then(|text| Ok(serde_json::from_slice::<Box<Summary>>(&text)?));
     Ok(match summary {
-        Err(error) => State::Damaged(format!("{SUMMARY}: {error}")),
+        Err(error) => RunState::Damaged(format!("{SUMMARY_FILE}: {error}")),
         Ok(summary) => {
-            let wanted = keep == Keep::All || keep == Keep::Failed && summary.exit != 0;
-            let is_less = wanted && !run.join(SAMPLES).exists();
-            if is_less { State::Missing } else { State::Done(summary) }
+            let wanted =
+                keep == FileRetention::All || keep == FileRetention::Failed && summary.exit != 0;
+            let is_less = wanted && !run.join(SAMPLES_FILE).exists();
+            if is_less { RunState::Missing } else { RunState::Done(summary) }
         }
     })
 }
 
 /// Prepares the directory of a run for writing. Returns `true` if the run is already complete. A damaged run is
 /// renamed to RUN.damaged; a run with fewer files than `keep` requests is removed.
-pub fn prepare_run(run: &Path, keep: Keep) -> Result<bool, FolderError> {
-    match state(run, keep)? {
-        State::Done(_) => return Ok(true),
-        State::Damaged(_) => {
+pub fn prepare_run(run: &Path, keep: FileRetention) -> Result<bool, FolderError> {
+    match read_state(run, keep)? {
+        RunState::Done(_) => return Ok(true),
+        RunState::Damaged(_) => {
             let aside = sibling_path(run, "damaged");
             let _ = fs::remove_dir_all(&aside);
             // Another process may have renamed the directory first.
@@ -232,40 +241,41 @@ pub fn prepare_run(run: &Path, keep: Keep) -> Result<bool, FolderError> {
                 renamed => renamed.map_err(file_error("rename", run))?,
             }
         }
-        State::Missing if run.exists() => {
+        RunState::Missing if run.exists() => {
             fs::remove_dir_all(run).map_err(file_error("remove", run))?
         }
-        State::Missing | State::GivenUp(_) => {}
+        RunState::Missing | RunState::GivenUp(_) => {}
     }
     Ok(false)
 }
 
 /// Returns the reasons of the failed attempts at a run, in order. Lines with a wrong checksum are ignored, so the
 /// run is tried again.
-pub fn failed_attempts(run: &Path) -> Vec<String> {
+pub fn read_failed_attempts(run: &Path) -> Vec<String> {
     let path = sibling_path(run, "failed");
-    let text = regular_file::read_to_string(&path, Links::Refused, FAILED_BYTES_MAX);
+    let text = regular_file::read_to_string(&path, SymlinkPolicy::Refused, FAILURE_LIST_BYTES_MAX);
     let text = text.unwrap_or_default();
-    let lines = failures(run).verify(&text).lines;
+    let lines = failure_list_chain(run).verify(&text).lines;
     lines.into_iter().map(str::to_owned).collect()
 }
 
 /// Returns the initial checksum chain of the list of failed attempts. It depends on the run, so the list of another
 /// run does not match.
-fn failures(run: &Path) -> Chain {
-    Chain::new(&run.file_name().unwrap_or_default().to_string_lossy())
+fn failure_list_chain(run: &Path) -> ChecksumChain {
+    ChecksumChain::new(&run.file_name().unwrap_or_default().to_string_lossy())
 }
 
 /// Appends a failed attempt and its reason to the list of the run.
 pub fn append_failure(run: &Path, why: &str) -> io::Result<()> {
     let why = why.lines().next().unwrap_or("failed");
-    let mut file = own_file::open(&sibling_path(run, "failed"))?;
-    let text = regular_file::text(regular_file::read_open(&file, FAILED_BYTES_MAX)?);
+    let mut file = own_file::open_regular_file(&sibling_path(run, "failed"))?;
+    let text = regular_file::decode_utf8(regular_file::read_rest(&file, FAILURE_LIST_BYTES_MAX)?);
     let text = text.unwrap_or_default();
-    let VerifiedLines { bytes, mut chain, .. } = failures(run).verify(&text);
+    let VerifiedLines { length_bytes: bytes, mut chain, .. } =
+        failure_list_chain(run).verify(&text);
     file.set_len(bytes as u64)?;
     file.seek(SeekFrom::End(0))?;
-    writeln!(file, "{}", chain.seal(why))
+    writeln!(file, "{}", chain.append_checksum(why))
 }
 
 /// Returns the temporary name under which this process writes a run.
@@ -275,14 +285,17 @@ pub fn partial_dir(run: &Path) -> PathBuf {
 
 /// Returns the temporary name under which process `pid` of this host writes a run.
 pub fn partial_run_dir(run: &Path, pid: u32) -> PathBuf {
-    sibling_path(run, &format!("part-{pid}-{}", host()))
+    sibling_path(run, &format!("part-{pid}-{}", host_name()))
 }
 
 /// Completes a run that is fully written in `part`: removes the files that `keep` does not request, writes the
 /// checksums and renames the directory to `run`. If another process has completed the same run meanwhile, its
 /// directory stays.
-pub fn complete(part: &Path, run: &Path, keep: Keep, passed: bool) -> io::Result<()> {
-    for step in steps(part, keep == Keep::Summary || keep == Keep::Failed && passed)? {
+pub fn complete_run(part: &Path, run: &Path, keep: FileRetention, passed: bool) -> io::Result<()> {
+    for step in completion_steps(
+        part,
+        keep == FileRetention::Summary || keep == FileRetention::Failed && passed,
+    )? {
         step.execute(part, run)?;
     }
     Ok(())
@@ -298,12 +311,15 @@ enum CompletionStep {
     Rename,
 }
 
-fn steps(part: &Path, is_summary: bool) -> io::Result<Vec<CompletionStep>> {
+fn completion_steps(part: &Path, is_summary: bool) -> io::Result<Vec<CompletionStep>> {
     let mut steps = Vec::new();
     if is_summary {
         for entry in fs::read_dir(part)? {
             let entry = entry?;
-            if ![SCENARIO, MANIFEST, SUMMARY].iter().any(|&kept| entry.file_name() == kept) {
+            if ![SCENARIO_FILE, MANIFEST_FILE, SUMMARY_FILE]
+                .iter()
+                .any(|&kept| entry.file_name() == kept)
+            {
                 steps.push(CompletionStep::Remove(entry.path()));
             }
         }
@@ -317,9 +333,9 @@ impl CompletionStep {
         match self {
             CompletionStep::Remove(path) if path.is_dir() => fs::remove_dir_all(path),
             CompletionStep::Remove(path) => fs::remove_file(path),
-            CompletionStep::WriteChecksums => checksums::write(part, run),
+            CompletionStep::WriteChecksums => checksums::write_checksums(part, run),
             CompletionStep::Rename => match fs::rename(part, run) {
-                Err(_) if checksums::check(run).is_ok() => fs::remove_dir_all(part),
+                Err(_) if checksums::check_run_files(run).is_ok() => fs::remove_dir_all(part),
                 renamed => renamed,
             },
         }
@@ -340,17 +356,17 @@ fn is_running(pid: &str) -> bool {
     matches!(state, Some(Some(state)) if !"ZX".contains(state))
 }
 
-fn host() -> String {
+fn host_name() -> String {
     rustix::system::uname().nodename().to_string_lossy().into_owned()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::files::checksums::CHECKSUMS;
+    use crate::results::files::checksums::CHECKSUMS_FILE;
     use crate::results::summary::to_json;
 
-    const FILES: [&str; 4] = [SCENARIO, MANIFEST, SUMMARY, SAMPLES];
+    const FILES: [&str; 4] = [SCENARIO_FILE, MANIFEST_FILE, SUMMARY_FILE, SAMPLES_FILE];
 
     fn example_summary() -> Summary {
         Summary { t_s: 1.0, ..Summary::default() }
@@ -370,17 +386,19 @@ mod tests {
     #[test]
     fn power_failure_leaves_each_run_complete_or_repeatable() {
         let mut whole = 0;
-        for (keep, files) in [(Keep::Summary, 3), (Keep::All, 4)] {
-            let cuts =
-                0..=steps(&write_example_run(tempfile::tempdir().unwrap().path()).0, files == 3)
-                    .unwrap()
-                    .len();
+        for (keep, files) in [(FileRetention::Summary, 3), (FileRetention::All, 4)] {
+            let cuts = 0..=completion_steps(
+                &write_example_run(tempfile::tempdir().unwrap().path()).0,
+                files == 3,
+            )
+            .unwrap()
+            .len();
             let losses = FILES[..files].iter().flat_map(|name| [(name, 0), (name, 4)]);
             let losses: Vec<_> = losses.map(Some).chain([None]).collect();
             for (cut, loss) in cuts.flat_map(|cut| losses.iter().map(move |&loss| (cut, loss))) {
                 let place = tempfile::tempdir().unwrap();
                 let (part, run) = write_example_run(place.path());
-                for step in &steps(&part, files == 3).unwrap()[..cut] {
+                for step in &completion_steps(&part, files == 3).unwrap()[..cut] {
                     step.execute(&part, &run).unwrap();
                 }
                 let is_named = run.exists();
@@ -388,21 +406,21 @@ mod tests {
                     let file = fs::File::options().write(true).open(run.join(name)).unwrap();
                     file.set_len(bytes).unwrap();
                 }
-                let state = state(&run, keep).unwrap();
+                let state = read_state(&run, keep).unwrap();
                 let expected = match (is_named, loss) {
-                    (false, _) => State::Missing,
-                    (true, None) => State::Done(Box::new(example_summary())),
+                    (false, _) => RunState::Missing,
+                    (true, None) => RunState::Done(Box::new(example_summary())),
                     (true, Some((name, _))) => {
-                        State::Damaged(format!("{name} is not as the run wrote it"))
+                        RunState::Damaged(format!("{name} is not as the run wrote it"))
                     }
                 };
                 assert_eq!(state, expected, "after {cut} steps, {loss:?} lost");
                 whole += usize::from(prepare_run(&run, keep).unwrap());
                 let (part, run) = write_example_run(place.path());
-                complete(&part, &run, keep, true).unwrap();
+                complete_run(&part, &run, keep, true).unwrap();
                 assert_eq!(
-                    super::state(&run, keep).unwrap(),
-                    State::Done(Box::new(example_summary()))
+                    super::read_state(&run, keep).unwrap(),
+                    RunState::Done(Box::new(example_summary()))
                 );
                 assert!(!part.exists());
             }
@@ -415,20 +433,21 @@ mod tests {
     fn missing_or_extra_file_makes_a_run_damaged() {
         let place = tempfile::tempdir().unwrap();
         let (part, run) = write_example_run(place.path());
-        complete(&part, &run, Keep::All, true).unwrap();
-        let listed = fs::read_to_string(run.join(CHECKSUMS)).unwrap();
+        complete_run(&part, &run, FileRetention::All, true).unwrap();
+        let listed = fs::read_to_string(run.join(CHECKSUMS_FILE)).unwrap();
         for wrong in ["", "?", &listed[..listed.len() / 2], &(listed.clone() + "0  other\n")] {
-            fs::write(run.join(CHECKSUMS), wrong).unwrap();
-            let damaged = matches!(state(&run, Keep::All).unwrap(), State::Damaged(_));
+            fs::write(run.join(CHECKSUMS_FILE), wrong).unwrap();
+            let damaged =
+                matches!(read_state(&run, FileRetention::All).unwrap(), RunState::Damaged(_));
             assert!(damaged, "{wrong:?}");
         }
-        fs::write(run.join(CHECKSUMS), listed).unwrap();
-        fs::remove_file(run.join(MANIFEST)).unwrap();
-        let gone = state(&run, Keep::All).unwrap();
-        assert_eq!(gone, State::Damaged("manifest.json is missing".into()));
+        fs::write(run.join(CHECKSUMS_FILE), listed).unwrap();
+        fs::remove_file(run.join(MANIFEST_FILE)).unwrap();
+        let gone = read_state(&run, FileRetention::All).unwrap();
+        assert_eq!(gone, RunState::Damaged("manifest.json is missing".into()));
         // A directory has no content to hash, as a pipe has none.
-        fs::create_dir(run.join(MANIFEST)).unwrap();
-        let replaced = state(&run, Keep::All).unwrap();
-        assert_eq!(replaced, State::Damaged("manifest.json is not as the run wrote it".into()));
+        fs::create_dir(run.join(MANIFEST_FILE)).unwrap();
+        let replaced = read_state(&run, FileRetention::All).unwrap();
+        assert_eq!(replaced, RunState::Damaged("manifest.json is not as the run wrote it".into()));
     }
 }

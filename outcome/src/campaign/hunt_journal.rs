@@ -11,15 +11,15 @@ use std::path::Path;
 
 use protocol::regular_file;
 
-use crate::results::files::chained::{Chain, VerifiedLines};
-use crate::results::files::checksums::replace;
+use crate::results::files::chained::{ChecksumChain, VerifiedLines};
+use crate::results::files::checksums::replace_file;
 use crate::results::files::own_file;
 
 /// Name of the journal file.
-pub const JOURNAL: &str = "journal.csv";
+pub const JOURNAL_FILE: &str = "journal.csv";
 
 /// Number of header lines before the line of the first run.
-const HEAD_LINES: usize = 2;
+const HEADER_LINE_COUNT: usize = 2;
 
 /// Result of one evaluated run of a hunt.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,7 +27,7 @@ pub struct JournalEntry {
     /// Margin of each expectation, below 0 for a miss.
     pub margins: Vec<f64>,
     /// Events that occurred in the run, encoded as numbers.
-    pub traits: Vec<u16>,
+    pub observed_events: Vec<u16>,
 }
 
 /// Maximum size of a journal, bytes: about ten million runs. A larger one is refused.
@@ -36,7 +36,7 @@ const JOURNAL_BYTES_MAX: u64 = 1 << 30;
 /// An open journal. New lines are appended.
 pub struct Journal {
     file: File,
-    chain: Chain,
+    chain: ChecksumChain,
     /// Runs of earlier invocations, in order; `None` for an invalid run.
     pub known_entries: Vec<Option<JournalEntry>>,
     /// Warning about lines that were changed, deleted, duplicated or moved since they were written.
@@ -54,7 +54,7 @@ pub enum JournalError {
         "{0} belongs to another hunt: the scenario, the seed, the search space, the expectations or this program differ; \
          choose another directory with --out"
     )]
-    Other(String),
+    OtherHunt(String),
 }
 
 impl Journal {
@@ -70,20 +70,21 @@ impl Journal {
         identity: &str,
         expectations: &[String],
     ) -> Result<Journal, JournalError> {
-        let path = folder.join(JOURNAL);
+        let path = folder.join(JOURNAL_FILE);
         let failed = |error| JournalError::Io(path.display().to_string(), error);
         let head = format!("# {identity}\nby,{},traits,checksum\n", expectations.join(","));
-        let mut file = own_file::open(&path).map_err(failed)?;
-        let bytes = regular_file::read_open(&file, JOURNAL_BYTES_MAX).map_err(failed)?;
+        let mut file = own_file::open_regular_file(&path).map_err(failed)?;
+        let bytes = regular_file::read_rest(&file, JOURNAL_BYTES_MAX).map_err(failed)?;
         // A damaged journal may hold any bytes; text that is not UTF-8 matches no checksum.
         let text = String::from_utf8_lossy(&bytes);
         let lines = match text.strip_prefix(&head) {
             Some(lines) => lines,
             // The process was killed while it wrote the header.
             None if head.starts_with(&*text) => "",
-            None => return Err(JournalError::Other(path.display().to_string())),
+            None => return Err(JournalError::OtherHunt(path.display().to_string())),
         };
-        let VerifiedLines { lines, bytes: kept, damaged, chain } = Chain::new(&head).verify(lines);
+        let VerifiedLines { lines, length_bytes: kept, first_damaged_line: damaged, chain } =
+            ChecksumChain::new(&head).verify(lines);
         let known: Option<Vec<Option<JournalEntry>>> =
             lines.iter().map(|line| parse_line(line, expectations.len())).collect();
         let known =
@@ -91,8 +92,8 @@ impl Journal {
         let damage = damaged.map(|line| -> io::Result<String> {
             let mut aside = path.clone().into_os_string();
             aside.push(".damaged");
-            replace(Path::new(&aside), &bytes, true)?;
-            let (path, aside, line) = (path.display(), aside.display(), HEAD_LINES + line);
+            replace_file(Path::new(&aside), &bytes, true)?;
+            let (path, aside, line) = (path.display(), aside.display(), HEADER_LINE_COUNT + line);
             Ok(format!(
                 "{path}: line {line} does not match its checksum: it was changed, or a line before it was deleted, duplicated or \
                  moved; the runs from that line on are computed again, and the old journal is kept as {aside}"
@@ -116,12 +117,12 @@ impl Journal {
     ) -> io::Result<()> {
         let chain = &mut self.chain;
         let line = |(by, margins): (&str, &Option<JournalEntry>)| match margins {
-            Some(JournalEntry { margins, traits }) => {
+            Some(JournalEntry { margins, observed_events: traits }) => {
                 let margins: String = margins.iter().map(|margin| format!(",{margin:?}")).collect();
                 let traits: Vec<String> = traits.iter().map(ToString::to_string).collect();
-                chain.seal(&format!("{by}{margins},{}", traits.join(" "))) + "\n"
+                chain.append_checksum(&format!("{by}{margins},{}", traits.join(" "))) + "\n"
             }
-            None => chain.seal(&format!("{by},not sound")) + "\n",
+            None => chain.append_checksum(&format!("{by},not sound")) + "\n",
         };
         self.file.write_all(tried.map(line).collect::<String>().as_bytes())
     }
@@ -139,7 +140,7 @@ fn parse_line(line: &str, count: usize) -> Option<Option<JournalEntry>> {
         margins.split(',').map(|margin| margin.parse().ok()).collect::<Option<_>>()?;
     let traits =
         traits.split_whitespace().map(|number| number.parse().ok()).collect::<Option<_>>()?;
-    (margins.len() == count).then_some(Some(JournalEntry { margins, traits }))
+    (margins.len() == count).then_some(Some(JournalEntry { margins, observed_events: traits }))
 }
 
 #[cfg(test)]
@@ -156,7 +157,7 @@ mod tests {
     /// Returns three runs, of which the second is invalid.
     fn runs() -> [Option<JournalEntry>; 3] {
         let tried = |margins: [f64; 2], traits: &[u16]| {
-            Some(JournalEntry { margins: margins.into(), traits: traits.into() })
+            Some(JournalEntry { margins: margins.into(), observed_events: traits.into() })
         };
         [tried([0.1, -2.5e-7], &[3, 40]), None, tried([1.0, f64::INFINITY], &[])]
     }
@@ -166,7 +167,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = Journal::open(folder.path(), "id", &names()).unwrap();
         journal.append(["x", "y", "z"].into_iter().zip(&runs())).unwrap();
-        let text = fs::read_to_string(folder.path().join(JOURNAL)).unwrap();
+        let text = fs::read_to_string(folder.path().join(JOURNAL_FILE)).unwrap();
         (folder, text)
     }
 
@@ -179,7 +180,7 @@ mod tests {
     #[test]
     fn journal_cut_anywhere_resumes_after_its_last_whole_line() {
         let (folder, whole) = write_example_journal();
-        let path = folder.path().join(JOURNAL);
+        let path = folder.path().join(JOURNAL_FILE);
         let expected = "# id\nby,a,b,traits\nx,0.1,-2.5e-7,3 40\ny,not sound\nz,1.0,inf,\n";
         assert_eq!(without_checksums(&whole), expected);
         for cut in 0..=whole.len() {
@@ -199,7 +200,7 @@ mod tests {
     #[test]
     fn altered_journal_warns_and_keeps_the_lines_before() {
         let (folder, whole) = write_example_journal();
-        let path = folder.path().join(JOURNAL);
+        let path = folder.path().join(JOURNAL_FILE);
         let lines: Vec<&str> = whole.split_inclusive('\n').collect();
         let [a, b, c, d, e] = lines[..] else { panic!("{whole}") };
         let changed = c.replace("0.1", "0.2");
@@ -228,7 +229,7 @@ mod tests {
     #[test]
     fn journal_that_is_no_regular_file_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join(JOURNAL);
+        let path = folder.path().join(JOURNAL_FILE);
         let precious = folder.path().join("precious");
         fs::write(&precious, "precious").unwrap();
         for (target, why) in

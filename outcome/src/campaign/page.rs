@@ -3,39 +3,39 @@
 use std::fmt::Write as _;
 
 use crate::report::chart::Figure;
-use crate::report::digits::digits;
+use crate::report::digits::format_four_digits;
 use crate::report::html::{
-    Section, TableCell as Field, description_list, figures_html, page_html, table,
+    Section, TableCell as Field, description_list_html, figures_html, page_html, table_html,
 };
-use crate::results::files::manifest::Build;
+use crate::results::files::manifest::BuildInfo;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::campaign::points::{Median, Pairing, Point, Rate};
+use crate::campaign::points::{GridPoint, Median, PairedComparison, Rate};
 use crate::campaign::statistics::{BOOTSTRAP_SEED, Estimate, RESAMPLES};
 use experiment::campaign::axes::{Axis, AxisKind, Case};
 use experiment::campaign::file::Campaign;
-use experiment::campaign::starts::{Around, Goals, Starts};
+use experiment::campaign::starts::{BoxCenter, GoalAssignment, RandomStarts};
 
 /// Provenance of the numbers: build and executable.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Origin<'a> {
     /// Build information of this program.
     #[serde(flatten)]
-    pub build: &'a Build,
+    pub build: &'a BuildInfo,
     /// SHA-256 of the executable.
     pub executable: &'a str,
 }
 
 /// Returns the content of `campaign.json`.
-pub fn json(
+pub fn campaign_json(
     campaign: &Campaign,
-    points: &[Point],
-    pairs: &[Pairing],
+    points: &[GridPoint],
+    pairs: &[PairedComparison],
     origin: &Origin<'_>,
 ) -> String {
-    let axes: Vec<Value> = campaign.axes.iter().map(axis).collect();
-    let zip: Vec<Vec<&str>> = (campaign.groups.iter().filter(|group| group.len() > 1))
+    let axes: Vec<Value> = campaign.axes.iter().map(axis_to_json).collect();
+    let zip: Vec<Vec<&str>> = (campaign.axis_groups.iter().filter(|group| group.len() > 1))
         .map(|group| group.iter().map(|&axis| campaign.axes[axis].key.as_str()).collect())
         .collect();
     let whole = json!({
@@ -43,14 +43,14 @@ pub fn json(
         "name": campaign.name,
         "scenario": campaign.scenario.display().to_string(),
         "pace": campaign.pace.keyword(),
-        "keep": campaign.keep.keyword(),
-        "set": campaign.set,
+        "keep": campaign.file_retention.keyword(),
+        "set": campaign.assignments,
         "axes": axes,
         "zip": zip,
         "faults": campaign.faults,
         "seeds": campaign.seeds,
-        "starts": campaign.starts.map(starts_to_json),
-        "runs": campaign.runs(),
+        "starts": campaign.random_starts.map(starts_to_json),
+        "runs": campaign.run_count(),
         "bootstrap": { "resamples": RESAMPLES, "seed": BOOTSTRAP_SEED },
         "points": points,
         "pairs": pairs,
@@ -59,12 +59,12 @@ pub fn json(
     serde_json::to_string_pretty(&whole).expect("plain values") + "\n"
 }
 
-fn axis(axis: &Axis) -> Value {
-    let values: Vec<&str> = axis.settings.iter().map(|s| s.shown.as_str()).collect();
+fn axis_to_json(axis: &Axis) -> Value {
+    let values: Vec<&str> = axis.settings.iter().map(|s| s.display_text.as_str()).collect();
     let mut value = json!({ "key": axis.key, "values": values });
     if axis.kind == AxisKind::Cases {
         let cases = axis.settings.iter().map(|setting| {
-            let Case { scenario, set, starts } = &setting.case;
+            let Case { scenario, assignments: set, random_starts: starts } = &setting.case;
             json!({
                 "scenario": scenario.as_ref().map(|path| path.display().to_string()),
                 "set": set,
@@ -77,26 +77,26 @@ fn axis(axis: &Axis) -> Value {
     value
 }
 
-fn starts_to_json(starts: Starts) -> Value {
-    let Starts { box_m, separation_min_m: apart_m, around, goals } = starts;
+fn starts_to_json(starts: RandomStarts) -> Value {
+    let RandomStarts { box_m, separation_min_m: apart_m, box_center: around, goals } = starts;
     let (around, center_m) = match around {
-        Around::Middle(center_m) => ("middle", center_m),
-        Around::Each => ("each", None),
+        BoxCenter::Common(center_m) => ("middle", center_m),
+        BoxCenter::PerRobot => ("each", None),
     };
     json!({ "box_m": box_m, "apart_m": apart_m, "around": around, "center_m": center_m, "goals": goals.keyword() })
 }
 
 /// Returns the content of `report.html`.
-pub fn html(
+pub fn campaign_html(
     campaign: &Campaign,
-    points: &[Point],
-    pairs: &[Pairing],
+    points: &[GridPoint],
+    pairs: &[PairedComparison],
     figures: &[Figure],
 ) -> String {
     let runs: usize = points.iter().map(|point| point.runs).sum();
     let missing: usize = points.iter().map(|point| point.missing).sum();
     let given_up: usize = points.iter().map(|point| point.given_up).sum();
-    let (all, seeds) = (points.len(), campaign.runs_at_each_point());
+    let (all, seeds) = (points.len(), campaign.runs_per_point());
     let mut head = format!(
         "<p class=\"quiet\">{runs} runs: {all} combination{} of settings, {seeds} seed{}, {}</p>\n",
         if all == 1 { "" } else { "s" },
@@ -122,7 +122,7 @@ pub fn html(
     page_html(&campaign.name, &title, &head, sections.collect())
 }
 
-fn points_table(campaign: &Campaign, points: &[Point]) -> String {
+fn points_table(campaign: &Campaign, points: &[GridPoint]) -> String {
     let mut heads = vec!["#No.".to_owned()];
     heads.extend(campaign.axes.iter().map(|axis| axis.key.clone()));
     let fixed = [
@@ -137,7 +137,7 @@ fn points_table(campaign: &Campaign, points: &[Point]) -> String {
     heads.extend(fixed.map(str::to_owned));
     let rows = points.iter().map(|point| {
         let mut row = vec![Field::Number(point.number.to_string())];
-        row.extend(point.settings.iter().map(|(_, value)| Field::Word(value.clone())));
+        row.extend(point.settings.iter().map(|(_, value)| Field::UnbrokenText(value.clone())));
         row.push(Field::Number(point.runs.to_string()));
         row.extend(
             [point.held, point.below_d, point.converged].map(|r| Field::Number(format_rate(r))),
@@ -151,7 +151,7 @@ fn points_table(campaign: &Campaign, points: &[Point]) -> String {
         "{}<p class=\"quiet\">Rates are counts of runs with Wilson intervals of 95 %. The other columns are medians \
          of n runs with BCa bootstrap intervals of 95 %. A dash means that the data give no interval, because all \
          values are equal or too many runs never reached the event. Held: every expectation of the scenario held.</p>\n",
-        table(&heads, rows)
+        table_html(&heads, rows)
     )
 }
 
@@ -171,7 +171,7 @@ fn format_median(median: Median) -> String {
     if !value.is_finite() {
         return format!("never ({} of {})", median.never, median.of);
     }
-    let end = |end: Option<f64>| end.map_or("\u{2013}".into(), digits);
+    let end = |end: Option<f64>| end.map_or("\u{2013}".into(), format_four_digits);
     let interval = match (low, high) {
         (None, None) => "(\u{2013})".into(),
         _ => format!("({} to {})", end(low), end(high)),
@@ -180,10 +180,10 @@ fn format_median(median: Median) -> String {
         0 => String::new(),
         never => format!(", never {never}"),
     };
-    format!("{} {interval}{never}", digits(value))
+    format!("{} {interval}{never}", format_four_digits(value))
 }
 
-fn pairs_table(pairs: &[Pairing]) -> String {
+fn pairs_table(pairs: &[PairedComparison]) -> String {
     let heads = [
         "#Point",
         "#Against",
@@ -201,7 +201,7 @@ fn pairs_table(pairs: &[Pairing]) -> String {
             pair.pairs.to_string(),
             pair.held_point_only.to_string(),
             pair.held_base_only.to_string(),
-            digits(pair.p_value),
+            format_four_digits(pair.p_value),
             format!(
                 "{}, n = {}",
                 format_median(pair.distance_difference),
@@ -216,7 +216,7 @@ fn pairs_table(pairs: &[Pairing]) -> String {
         .map(Field::Number)
         .into()
     });
-    let all = table(&heads, rows);
+    let all = table_html(&heads, rows);
     match all.is_empty() {
         true => all,
         false => format!(
@@ -232,35 +232,40 @@ fn campaign_list(campaign: &Campaign) -> String {
         ("Scenario", campaign.scenario.display().to_string()),
         ("Time mode", campaign.pace.keyword().to_owned()),
     ];
-    for set in &campaign.set {
+    for set in &campaign.assignments {
         rows.push(("Set", set.clone()));
     }
     for fault in &campaign.faults {
         rows.push(("Fault", fault.clone()));
     }
-    rows.extend(campaign.starts.map(|starts| ("Starts", describe_starts(starts))));
+    rows.extend(campaign.random_starts.map(|starts| ("Starts", describe_starts(starts))));
     for axis in campaign.axes.iter().filter(|axis| axis.kind == AxisKind::Cases) {
         for setting in &axis.settings {
-            let Case { scenario, set, starts } = &setting.case;
+            let Case { scenario, assignments: set, random_starts: starts } = &setting.case;
             let scenario = scenario.iter().map(|path| format!("scenario {}", path.display()));
             let faults = setting.faults.iter().map(|fault| format!("fault {fault}"));
             let starts = starts.iter().map(|starts| format!("starts {}", describe_starts(*starts)));
             let all: Vec<_> =
                 scenario.chain(set.iter().cloned()).chain(faults).chain(starts).collect();
             let all = if all.is_empty() { "nothing changed".to_owned() } else { all.join("; ") };
-            rows.push(("Case", format!("{} {}: {all}", axis.key, setting.shown)));
+            rows.push(("Case", format!("{} {}: {all}", axis.key, setting.display_text)));
         }
     }
     rows.push(("Bootstrap", format!("{RESAMPLES} samples, seed {BOOTSTRAP_SEED}")));
-    description_list(rows.iter().map(|(name, value)| (*name, value.as_str())))
+    description_list_html(rows.iter().map(|(name, value)| (*name, value.as_str())))
 }
 
-fn describe_starts(starts: Starts) -> String {
-    let Starts { box_m: [width, height], separation_min_m: apart_m, around, goals } = starts;
-    let each = if around == Around::Each { " around each robot's own start" } else { "" };
+fn describe_starts(starts: RandomStarts) -> String {
+    let RandomStarts {
+        box_m: [width, height],
+        separation_min_m: apart_m,
+        box_center: around,
+        goals,
+    } = starts;
+    let each = if around == BoxCenter::PerRobot { " around each robot's own start" } else { "" };
     let swaps = match goals {
-        Goals::Own => "",
-        Goals::Swaps => "; random pairs swap places",
+        GoalAssignment::Own => "",
+        GoalAssignment::Swaps => "; random pairs swap places",
     };
     format!(
         "drawn from the seed in {width} m by {height} m{each}, at least {apart_m} m apart{swaps}"

@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use crate::campaign::statistics::{
-    DistributionStep, Estimate, distribution, mcnemar, median, rate,
+    DistributionStep, Estimate, cumulative_distribution, estimate_median, estimate_rate,
+    mcnemar_p_value,
 };
-use crate::campaign::table::Row;
+use crate::campaign::table::RunRow;
 use experiment::campaign::file::Campaign;
 
 /// Frequency of an event among runs.
@@ -35,7 +36,7 @@ pub struct Median {
 
 /// Results at one point of the parameter grid.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Point {
+pub struct GridPoint {
     /// Number of the point, counted from 1.
     pub number: usize,
     /// Name and value of each axis.
@@ -68,7 +69,7 @@ pub struct Point {
 
 /// Comparison of two grid points by runs of the same seed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Pairing {
+pub struct PairedComparison {
     /// Number of the reference point.
     pub base: usize,
     /// Number of the point that is compared with it.
@@ -93,26 +94,27 @@ fn count_rate<'a>(all: impl Iterator<Item = &'a bool>) -> Rate {
         count += usize::from(*so);
         of += 1;
     }
-    Rate { count, of, rate: rate(count, of) }
+    Rate { count, of, rate: estimate_rate(count, of) }
 }
 
-fn median_of_known(values: &[Option<f64>]) -> Median {
+fn median_of_known_values(values: &[Option<f64>]) -> Median {
     let all: Vec<f64> = values.iter().map(|value| value.unwrap_or(f64::INFINITY)).collect();
     let never = all.iter().filter(|value| !value.is_finite()).count();
-    Median { of: all.len(), never, median: median(&all) }
+    Median { of: all.len(), never, median: estimate_median(&all) }
 }
 
 /// Computes the results at each grid point, in order.
-pub fn points(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Point> {
-    let each = campaign.runs_at_each_point();
-    (0..campaign.points())
+pub fn compute_points(campaign: &Campaign, rows: &[RunRow<'_>]) -> Vec<GridPoint> {
+    let each = campaign.runs_per_point();
+    (0..campaign.point_count())
         .map(|point| {
-            let here: Vec<_> = rows.iter().filter(|row| row.cell.point == point).collect();
+            let here: Vec<_> =
+                rows.iter().filter(|row| row.campaign_run.point_index == point).collect();
             let done: Vec<_> = here.iter().filter_map(|row| Some((*row, row.summary()?))).collect();
             let held: Vec<bool> = done
                 .iter()
-                .filter(|(row, _)| row.outcome() != "undeclared")
-                .map(|(row, _)| row.outcome() == "held")
+                .filter(|(row, _)| row.verdict_keyword() != "undeclared")
+                .map(|(row, _)| row.verdict_keyword() == "held")
                 .collect();
             let below: Vec<bool> = done.iter().map(|(_, s)| s.violations > 0).collect();
             let times: Vec<Option<f64>> = done.iter().map(|(_, s)| s.converged_at_s).collect();
@@ -120,27 +122,27 @@ pub fn points(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Point> {
             let came: Vec<f64> = times.iter().flatten().copied().collect();
             let ends = done.iter().filter(|(_, s)| s.converged_at_s.is_none());
             let ends: Vec<f64> = ends.map(|(_, s)| s.t_s).collect();
-            let over_d = |(row, s): &(&Row<'_>, &crate::metrics::summary::Summary)| {
-                s.min_distance_m.map(|m| m / row.cell.distance_min_m)
+            let over_d = |(row, s): &(&RunRow<'_>, &crate::metrics::summary::Summary)| {
+                s.distance_over_d(row.campaign_run.distance_min_m)
             };
             let distances: Vec<Option<f64>> = done.iter().map(over_d).collect();
             let errors: Vec<Option<f64>> = done.iter().map(|(_, s)| s.final_error_m_max).collect();
             let mut known: Vec<f64> = distances.iter().flatten().copied().collect();
             known.sort_by(f64::total_cmp);
             let settings = campaign.axes.iter().zip(campaign.settings_at(point));
-            Point {
+            GridPoint {
                 number: point + 1,
-                settings: settings.map(|(a, s)| (a.key.clone(), s.shown.clone())).collect(),
+                settings: settings.map(|(a, s)| (a.key.clone(), s.display_text.clone())).collect(),
                 runs: done.len(),
                 given_up: here.len() - done.len(),
                 missing: each - here.len(),
                 held: count_rate(held.iter()),
                 below_d: count_rate(below.iter()),
                 converged: count_rate(converged.iter()),
-                converged_at_s: median_of_known(&times),
-                min_distance_over_d: median_of_known(&distances),
-                final_error_m_max: median_of_known(&errors),
-                convergence: distribution(&came, &ends),
+                converged_at_s: median_of_known_values(&times),
+                min_distance_over_d: median_of_known_values(&distances),
+                final_error_m_max: median_of_known_values(&errors),
+                convergence: cumulative_distribution(&came, &ends),
                 distances: known,
             }
         })
@@ -148,50 +150,53 @@ pub fn points(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Point> {
 }
 
 /// Compares every other point with the first, by seed.
-pub fn pairings(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Pairing> {
-    let of = |point: usize| -> BTreeMap<u64, &Row<'_>> {
-        let here = rows.iter().filter(|row| row.cell.point == point && row.summary().is_some());
-        here.map(|row| (row.cell.seed, row)).collect()
+pub fn compute_pairings(campaign: &Campaign, rows: &[RunRow<'_>]) -> Vec<PairedComparison> {
+    let of = |point: usize| -> BTreeMap<u64, &RunRow<'_>> {
+        let here = rows
+            .iter()
+            .filter(|row| row.campaign_run.point_index == point && row.summary().is_some());
+        here.map(|row| (row.campaign_run.seed, row)).collect()
     };
     let base = of(0);
     let pairing = |point: usize| {
         let other = of(point);
         let pairs: Vec<_> =
             base.iter().filter_map(|(seed, row)| Some((*row, *other.get(seed)?))).collect();
-        let held = |row: &Row<'_>| row.outcome() == "held";
+        let held = |row: &RunRow<'_>| row.verdict_keyword() == "held";
         let alone = |in_base: bool| {
-            let differs = |(a, b): &&(&Row<'_>, &Row<'_>)| held(a) == in_base && held(b) != in_base;
+            let differs =
+                |(a, b): &&(&RunRow<'_>, &RunRow<'_>)| held(a) == in_base && held(b) != in_base;
             pairs.iter().filter(differs).count()
         };
-        let difference = |of: &dyn Fn(&Row<'_>) -> Option<f64>| {
+        let difference = |of: &dyn Fn(&RunRow<'_>) -> Option<f64>| {
             let differences: Vec<Option<f64>> =
                 pairs.iter().filter_map(|(a, b)| Some(Some(of(b)? - of(a)?))).collect();
-            median_of_known(&differences)
+            median_of_known_values(&differences)
         };
         let (held_base_only, held_point_only) = (alone(true), alone(false));
-        Pairing {
+        PairedComparison {
             base: 1,
             point: point + 1,
             pairs: pairs.len(),
             held_base_only,
             held_point_only,
-            p_value: mcnemar(held_base_only, held_point_only),
+            p_value: mcnemar_p_value(held_base_only, held_point_only),
             distance_difference: difference(&|row| {
-                row.summary()?.min_distance_m.map(|m| m / row.cell.distance_min_m)
+                row.summary()?.distance_over_d(row.campaign_run.distance_min_m)
             }),
             error_difference_m: difference(&|row| row.summary()?.final_error_m_max),
         }
     };
-    (1..campaign.points()).map(pairing).filter(|pairing| pairing.pairs > 0).collect()
+    (1..campaign.point_count()).map(pairing).filter(|pairing| pairing.pairs > 0).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::campaign::folder::State;
+    use crate::campaign::folder::RunState;
     use crate::metrics::expect::{Expectation, Verdict};
     use crate::metrics::summary::Summary;
-    use experiment::campaign::cells::Cell;
+    use experiment::campaign::cells::CampaignRun;
     use experiment::campaign::file::read_text;
     use experiment::scenario::read::Overrides;
     use protocol::catalog::Catalog;
@@ -206,9 +211,9 @@ mod tests {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/campaign.toml");
         let catalog = Catalog { laws: Vec::new(), methods: Vec::new() };
         let campaign = read_text(&path, text, &catalog).unwrap();
-        let cell = |point: usize, seed: u64| Cell {
+        let cell = |point: usize, seed: u64| CampaignRun {
             number: 1,
-            point,
+            point_index: point,
             seed,
             id: format!("{point}{seed}"),
             scenario: "a.toml".into(),
@@ -220,7 +225,7 @@ mod tests {
         let done = |held: bool, violations, converged_at_s, min_distance_m| {
             let expectation = Expectation { held, ..Expectation::default() };
             assert_eq!(expectation.verdict() == Verdict::Held, held);
-            State::Done(Box::new(Summary {
+            RunState::Done(Box::new(Summary {
                 t_s: 30.0,
                 violations,
                 converged_at_s,
@@ -235,14 +240,14 @@ mod tests {
             done(true, 0, None, 0.5),
             done(false, 7, Some(1.0), 0.1),
             done(false, 0, Some(1.5), 0.2),
-            State::GivenUp("no room".into()),
+            RunState::GivenUp("no room".into()),
         ];
-        let rows: Vec<Row<'_>> = cells
+        let rows: Vec<RunRow<'_>> = cells
             .iter()
             .zip(states)
-            .map(|(cell, state)| Row { cell, state, failures: 0 })
+            .map(|(cell, state)| RunRow { campaign_run: cell, state, failure_count: 0 })
             .collect();
-        let [guard, focus] = &points(&campaign, &rows)[..] else { panic!("two points") };
+        let [guard, focus] = &compute_points(&campaign, &rows)[..] else { panic!("two points") };
         assert_eq!((guard.runs, guard.given_up, guard.missing), (3, 0, 0));
         assert_eq!((focus.runs, focus.given_up, focus.missing), (2, 1, 0));
         let counts = |rate: Rate| (rate.count, rate.of);
@@ -260,12 +265,12 @@ mod tests {
         assert!((shares[1] - 2.0 / 3.0).abs() < 1e-12 && shares.len() == 2, "{shares:?}");
         assert_eq!(focus.settings, [("avoidance.kind".to_owned(), "focus".to_owned())]);
 
-        let [pair] = &pairings(&campaign, &rows)[..] else { panic!("one pair of points") };
+        let [pair] = &compute_pairings(&campaign, &rows)[..] else { panic!("one pair of points") };
         assert_eq!((pair.pairs, pair.held_base_only, pair.held_point_only), (2, 2, 0));
         assert_eq!(pair.p_value, 0.5);
         assert!((pair.distance_difference.median.unwrap().value + 1.0).abs() < 1e-12);
         // With only two runs, one of the first point is missing and no pair exists.
-        assert_eq!(points(&campaign, &rows[..2])[0].missing, 1);
-        assert!(pairings(&campaign, &rows[..2]).is_empty());
+        assert_eq!(compute_points(&campaign, &rows[..2])[0].missing, 1);
+        assert!(compute_pairings(&campaign, &rows[..2]).is_empty());
     }
 }

@@ -7,7 +7,7 @@ use formation::portable_math;
 use formation::random::SplitMix64;
 
 /// Probability that an interval does not contain the true value.
-const ALPHA: f64 = 0.05;
+const SIGNIFICANCE_LEVEL: f64 = 0.05;
 /// Quantile of the standard normal distribution at 1 - ALPHA/2.
 const NORMAL_QUANTILE: f64 = 1.959_963_984_540_054;
 /// Number of samples drawn for a bootstrap interval.
@@ -27,7 +27,7 @@ pub struct Estimate {
 }
 
 /// Returns the rate `count / of` with its Wilson score interval (Wilson 1927). Returns `None` if `of` is 0.
-pub fn rate(count: usize, of: usize) -> Option<Estimate> {
+pub fn estimate_rate(count: usize, of: usize) -> Option<Estimate> {
     if of == 0 {
         return None;
     }
@@ -64,10 +64,10 @@ fn sorted_median(sorted: &[f64]) -> Option<f64> {
 /// Returns the median with its bias-corrected and accelerated (BCa) bootstrap interval (Efron 1987). Infinite
 /// values stand for events that never occurred. The interval is missing if there are fewer than two values or all
 /// are equal; an end is missing if it is beyond all finite values.
-pub fn median(values: &[f64]) -> Option<Estimate> {
+pub fn estimate_median(values: &[f64]) -> Option<Estimate> {
     let value = finite_median(values)?;
     let drawn = bootstrap_medians(values, RESAMPLES, BOOTSTRAP_SEED);
-    let ends = bca(values, value, &drawn);
+    let ends = bca_interval(values, value, &drawn);
     let finite = |end: f64| Some(end).filter(|end| end.is_finite());
     let [low, high] = ends.map_or([None, None], |ends| ends.map(finite));
     Some(Estimate { value, low, high })
@@ -87,7 +87,7 @@ pub fn bootstrap_medians(values: &[f64], resamples: usize, seed: u64) -> Vec<f64
     let mut medians: Vec<f64> = (0..resamples)
         .map(|_| {
             counts.fill(0);
-            (0..n).for_each(|_| counts[random.between(0, n - 1) as usize] += 1);
+            (0..n).for_each(|_| counts[random.draw_between(0, n - 1) as usize] += 1);
             let at = |rank: u64| {
                 let mut seen = 0;
                 let place = counts.iter().position(|&count| {
@@ -106,7 +106,7 @@ pub fn bootstrap_medians(values: &[f64], resamples: usize, seed: u64) -> Vec<f64
 
 /// Returns the BCa interval of the median, from the sorted bootstrap medians. Returns `None` where the interval is
 /// not defined.
-pub fn bca(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
+pub fn bca_interval(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
     let n = values.len();
     if n < 2 || drawn.is_empty() || !value.is_finite() {
         return None;
@@ -133,7 +133,7 @@ pub fn bca(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
     if !bias.is_finite() || !acceleration.is_finite() {
         return None;
     }
-    let ends = [ALPHA / 2.0, 1.0 - ALPHA / 2.0].map(|alpha| {
+    let ends = [SIGNIFICANCE_LEVEL / 2.0, 1.0 - SIGNIFICANCE_LEVEL / 2.0].map(|alpha| {
         let z = bias + normal_quantile(alpha);
         let level = normal_cdf(bias + z / (1.0 - acceleration * z));
         interpolated_quantile(drawn, level)
@@ -159,7 +159,7 @@ pub struct DistributionStep {
 
 /// Returns the distribution of event times, of which some are right-censored (`censored` holds the times at which
 /// those runs ended): one minus the Kaplan-Meier estimate (1958). It ends below 1 if the last time is censored.
-pub fn distribution(came: &[f64], censored: &[f64]) -> Vec<DistributionStep> {
+pub fn cumulative_distribution(came: &[f64], censored: &[f64]) -> Vec<DistributionStep> {
     let mut came = came.to_vec();
     came.sort_by(f64::total_cmp);
     let mut left = 1.0;
@@ -178,7 +178,7 @@ pub fn distribution(came: &[f64], censored: &[f64]) -> Vec<DistributionStep> {
 
 /// Returns the two-sided p-value of McNemar's exact test (binomial test of 1/2): of the discordant pairs, `first`
 /// favor one side and `second` the other.
-pub fn mcnemar(first: usize, second: usize) -> f64 {
+pub fn mcnemar_p_value(first: usize, second: usize) -> f64 {
     let (least, n) = (first.min(second), first + second);
     // C(n, k) / 2^n, each term from the one before, as logarithms because n may be large.
     let mut term = -(n as f64) * std::f64::consts::LN_2;

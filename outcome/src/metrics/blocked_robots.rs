@@ -52,33 +52,33 @@ impl BlockedRobot {
 /// Detector of blocked robots: the steering distance of each robot, and the error below which a robot has arrived.
 pub(super) struct BlockDetector {
     names: Vec<String>,
-    steers_within_m: Vec<f64>,
+    avoidance_radii_m: Vec<f64>,
     converged_error_m: f64,
     walls: Obstacles,
     wall_names: Vec<String>,
     /// Distance from a wall within which avoidance steers, m.
-    steers_beside_walls_m: f64,
+    wall_avoidance_radius_m: f64,
 }
 
 impl BlockDetector {
     pub(super) fn new(scenario: &Scenario) -> BlockDetector {
-        let steers = |i| scenario.steers_within_m(i).unwrap_or(0.0);
+        let steers = |i| scenario.steering_distance_m(i).unwrap_or(0.0);
         BlockDetector {
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
-            steers_within_m: (0..scenario.robots.len()).map(steers).collect(),
-            converged_error_m: scenario.expect.converged_error_m,
+            avoidance_radii_m: (0..scenario.robots.len()).map(steers).collect(),
+            converged_error_m: scenario.expectations.converged_error_m,
             walls: scenario.obstacles(),
             wall_names: scenario.walls.iter().map(|wall| wall.name.clone()).collect(),
-            steers_beside_walls_m: scenario
-                .method
-                .steers_beside_walls
-                .map_or(0.0, |(_, distance_m)| distance_m(&scenario.conditions())),
+            wall_avoidance_radius_m: scenario
+                .avoidance_method
+                .wall_steering_distance
+                .map_or(0.0, |(_, distance_m)| distance_m(&scenario.avoidance_conditions())),
         }
     }
 
     /// Returns the living robots that are off their slots by `errors`, m, and that another robot blocks in the slot
     /// or on the way.
-    pub(super) fn blocked_robots(
+    pub(super) fn find_blocked_robots(
         &self,
         alphas: &[Vec2],
         errors: &[Option<Vec2>],
@@ -99,7 +99,7 @@ impl BlockDetector {
         error: Vec2,
         alive: &[bool],
     ) -> Option<BlockedRobot> {
-        let steers_m = self.steers_within_m[i];
+        let steers_m = self.avoidance_radii_m[i];
         let place = alphas[i] - error;
         let others = || (0..alphas.len()).filter(|&j| j != i);
         let nearest_to = |point: Vec2| {
@@ -131,7 +131,7 @@ impl BlockDetector {
 
     /// Returns the block of a robot that has a wall between it and its slot; `None` if no wall is near.
     fn find_blocking_wall(&self, i: usize, alpha: Vec2, error: Vec2) -> Option<BlockedRobot> {
-        let reach_m = BLOCKING_FACTOR * self.steers_beside_walls_m;
+        let reach_m = BLOCKING_FACTOR * self.wall_avoidance_radius_m;
         let mut near = self.walls.obstacles_within(alpha, reach_m).collect::<Vec<_>>();
         near.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
         // The wall must be more ahead of the robot than to its side.

@@ -3,7 +3,7 @@
 //! The plant evaluates the end of every arc from the start of the run on, so that neither shorter arcs nor lost
 //! samples hide anything.
 
-use formation::seconds;
+use formation::ns_to_seconds;
 use protocol::message::TruthHeader;
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +26,7 @@ pub struct Clearance {
 impl Clearance {
     /// Returns the smallest distance that the plant has measured; `None` without walls. `walls` has the name of the
     /// wall for each convex part.
-    pub(super) fn seen_by_plant(
+    pub(super) fn from_plant_header(
         header: &TruthHeader,
         robots: &[String],
         walls: &[String],
@@ -37,7 +37,7 @@ impl Clearance {
             robot: robots.get(robot)?.clone(),
             wall: walls.get(wall)?.clone(),
             at_m: header.clearance_at_m,
-            t_s: seconds(header.clearance_t_ns),
+            t_s: ns_to_seconds(header.clearance_t_ns),
         })
     }
 

@@ -3,7 +3,7 @@
 use formation::Vec2;
 use formation::hull::hull_distance;
 
-use crate::metrics::finals::{Window, WindowMaximum};
+use crate::metrics::finals::{FinalWindow, WindowMaximum};
 use crate::metrics::silence::SilenceState;
 use experiment::scenario::Scenario;
 
@@ -11,21 +11,21 @@ use experiment::scenario::Scenario;
 pub(super) struct Containment {
     /// Leaders whose convex hull the followers must be in.
     leaders: Vec<usize>,
-    contained: Vec<usize>,
+    followers: Vec<usize>,
     corners: Vec<Vec2>,
     /// Largest distance from the hull, m.
-    outside_m: WindowMaximum,
-    window: Window,
+    hull_distance_m_max: WindowMaximum,
+    window: FinalWindow,
 }
 
 impl Containment {
     /// Creates the metric before the first sample. `window` selects the samples that count.
-    pub(super) fn new(scenario: &Scenario, window: Window) -> Containment {
+    pub(super) fn new(scenario: &Scenario, window: FinalWindow) -> Containment {
         Containment {
             leaders: scenario.leaders(),
-            contained: scenario.contained_robots(),
+            followers: scenario.contained_robots(),
             corners: Vec::new(),
-            outside_m: WindowMaximum::new(window),
+            hull_distance_m_max: WindowMaximum::new(window),
             window,
         }
     }
@@ -39,23 +39,23 @@ impl Containment {
         alive: &[bool],
         silent: &SilenceState,
     ) {
-        if t_ns < self.window.begins_ns(t_ns) || self.contained.is_empty() {
+        if t_ns < self.window.start_ns(t_ns) || self.followers.is_empty() {
             return;
         }
         self.corners.clear();
         self.corners.extend(self.leaders.iter().map(|&i| alphas[i]));
-        let living = self.contained.iter().filter(|&&i| alive[i]);
+        let living = self.followers.iter().filter(|&&i| alive[i]);
         let (take_places, contained): (Vec<&usize>, Vec<&usize>) =
-            living.partition(|&&i| silent.takes_place(i));
+            living.partition(|&&i| silent.takes_leader_slot(i));
         self.corners.extend(take_places.into_iter().map(|&i| alphas[i]));
         let outside = contained.into_iter().map(|&i| hull_distance(alphas[i], &self.corners));
         if let Some(outside_m) = outside.reduce(f64::max) {
-            self.outside_m.push(t_ns, outside_m);
+            self.hull_distance_m_max.push(t_ns, outside_m);
         }
     }
 
     /// Returns the largest distance of a living follower from the hull, m; `None` without a living follower.
-    pub(super) fn final_m_max(&self, end_ns: u64) -> Option<f64> {
-        self.outside_m.value_at_end(end_ns)
+    pub(super) fn final_distance_m_max(&self, end_ns: u64) -> Option<f64> {
+        self.hull_distance_m_max.value_at_end(end_ns)
     }
 }

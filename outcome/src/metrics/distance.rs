@@ -1,6 +1,7 @@
 //! Smallest distances between robots (15): of each pair and of all pairs, and when they occurred.
 
-use formation::{Vec2, seconds};
+use formation::pair_minima::PairMinima;
+use formation::{Vec2, ns_to_seconds};
 use protocol::message::TruthHeader;
 
 use crate::columns::table;
@@ -22,7 +23,7 @@ table! {
 
 /// Two robots at their smallest distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Closest {
+pub(super) struct ClosestPair {
     /// |alpha_i - alpha_j|, m.
     pub(super) distance_m: f64,
     /// Indices of the two robots, the smaller one first.
@@ -36,25 +37,29 @@ pub(super) struct Closest {
 pub(super) struct Distances {
     robots: usize,
     distance_min_m: f64,
-    /// Square of the smallest distance, m^2, and its time, ns, for each pair i < j, row by row.
-    least: Vec<(f64, u64)>,
-    closest: Option<Closest>,
+    /// Sizes of the robots (keep), m, if they differ: two robots keep the sum. Otherwise empty.
+    sizes_m: Vec<f64>,
+    /// Smallest distance of each pair.
+    minima: PairMinima,
+    closest_pair: Option<ClosestPair>,
     /// Nearest pair at the newest ground-truth sample.
-    nearest: Option<Closest>,
+    newest_nearest_pair: Option<ClosestPair>,
     /// Smallest distance that the plant reported last.
-    reported_by_plant: Option<Closest>,
+    plant_closest_pair: Option<ClosestPair>,
     violations: u64,
-    violations_plant: u64,
+    plant_violations: u64,
     newest_t_ns: Option<u64>,
 }
 
 impl Distances {
-    /// Creates the metric before the first sample. A distance below `distance_min_m` is a violation.
-    pub(super) fn new(robots: usize, distance_min_m: f64) -> Distances {
+    /// Creates the metric before the first sample. A distance below `distance_min_m` is a violation. If `sizes_m` is
+    /// not empty, the robots have these sizes, and a distance below the sum of two sizes is a violation.
+    pub(super) fn new(robots: usize, distance_min_m: f64, sizes_m: Vec<f64>) -> Distances {
         Distances {
             robots,
             distance_min_m,
-            least: vec![(f64::INFINITY, 0); robots * robots.saturating_sub(1) / 2],
+            sizes_m,
+            minima: PairMinima::new(robots),
             ..Distances::default()
         }
     }
@@ -64,93 +69,97 @@ impl Distances {
     /// samples hide anything.
     pub(super) fn add_truth(&mut self, header: &TruthHeader, alphas: &[Vec2]) -> f64 {
         let t_ns = header.t_ns;
-        let now = self.update_pairs(t_ns, alphas);
-        self.nearest = now;
-        let plant = seen_by_plant(header);
+        let now = self.minima.update(alphas, t_ns).map(|nearest| ClosestPair {
+            distance_m: nearest.distance_m,
+            pair: nearest.pair,
+            t_ns,
+        });
+        self.newest_nearest_pair = now;
+        let plant = closest_pair_of_plant(header);
         if let Some(seen) = plant
-            && self.reported_by_plant.replace(seen) != Some(seen)
+            && self.plant_closest_pair.replace(seen) != Some(seen)
         {
             self.update_from_plant(seen);
         }
         for seen in [plant, now].into_iter().flatten() {
-            if self.closest.is_none_or(|closest| seen.distance_m < closest.distance_m) {
-                self.closest = Some(seen);
+            if self.closest_pair.is_none_or(|closest| seen.distance_m < closest.distance_m) {
+                self.closest_pair = Some(seen);
             }
         }
         let distance_m = now.map_or(f64::INFINITY, |closest| closest.distance_m);
-        self.violations += u64::from(distance_m < self.distance_min_m);
-        self.violations_plant = header.violations;
+        let is_below = match self.sizes_m.is_empty() {
+            true => distance_m < self.distance_min_m,
+            false => self.has_pair_below_sum_of_sizes(alphas),
+        };
+        self.violations += u64::from(is_below);
+        self.plant_violations = header.violations;
         let before_ns = self.newest_t_ns.replace(t_ns);
-        let news = |seen: &Closest| before_ns.is_none_or(|t_ns| seen.t_ns > t_ns);
+        let news = |seen: &ClosestPair| before_ns.is_none_or(|t_ns| seen.t_ns > t_ns);
         plant.filter(news).map_or(distance_m, |seen| distance_m.min(seen.distance_m))
     }
 
-    /// Updates the smallest distance of each pair. Returns the nearest pair; of equal distances, the first.
-    fn update_pairs(&mut self, t_ns: u64, alphas: &[Vec2]) -> Option<Closest> {
-        let mut nearest: Option<([usize; 2], f64)> = None;
-        let mut least = self.least.iter_mut();
-        for (i, a) in alphas.iter().enumerate() {
-            // The iterators end together: each i has one row of pairs.
-            for ((j, b), least) in alphas.iter().enumerate().skip(i + 1).zip(&mut least) {
-                let square = (a - b).norm_squared();
-                if square < least.0 {
-                    *least = (square, t_ns);
-                }
-                if nearest.is_none_or(|(_, nearest)| square < nearest) {
-                    nearest = Some(([i, j], square));
-                }
-            }
-        }
-        nearest.map(|(pair, square)| Closest { distance_m: square.sqrt(), pair, t_ns })
-    }
-
     /// Updates the smallest distance of a pair with a distance that the plant measured between two samples.
-    fn update_from_plant(&mut self, seen: Closest) {
-        let least = &mut self.least[pair_index(self.robots, seen.pair)];
+    fn update_from_plant(&mut self, seen: ClosestPair) {
         let square = seen.distance_m * seen.distance_m;
         // If both evaluated the end of the same arc, the time is the same, and rounding must not change it.
-        if square < least.0 * (1.0 - 1e-12) {
-            *least = (square, seen.t_ns);
+        if square < self.minima.minimum_squared_and_time(seen.pair).0 * (1.0 - 1e-12) {
+            self.minima.set_minimum(seen.pair, square, seen.t_ns);
         }
     }
 
     /// Returns the smallest distance at the newest sample, m, and the indices of the two robots.
-    pub(super) fn newest_minimum(&self) -> Option<(f64, [usize; 2])> {
-        self.nearest.map(|nearest| (nearest.distance_m, nearest.pair))
+    pub(super) fn newest_min_distance(&self) -> Option<(f64, [usize; 2])> {
+        self.newest_nearest_pair.map(|nearest| (nearest.distance_m, nearest.pair))
     }
 
     /// Returns the smallest distance of all pairs and samples.
-    pub(super) fn closest_pair(&self) -> Option<Closest> {
-        self.closest
+    pub(super) fn closest_pair(&self) -> Option<ClosestPair> {
+        self.closest_pair
+    }
+
+    /// Returns the smallest distance of any pair over the minimum distance of the two robots; `None` if all pairs have
+    /// the same minimum distance, and with fewer than two robots.
+    pub(super) fn smallest_over_d(&self) -> Option<f64> {
+        let sizes = self.sizes_m.iter().enumerate();
+        let ratios = sizes.flat_map(|(j, size_j)| {
+            self.sizes_m[..j].iter().enumerate().map(move |(i, size_i)| {
+                self.minima.minimum_squared_and_time([i, j]).0.sqrt() / (size_i + size_j)
+            })
+        });
+        ratios.reduce(f64::min).filter(|ratio| ratio.is_finite())
+    }
+
+    /// Returns `true` if two robots are closer than the sum of their sizes.
+    fn has_pair_below_sum_of_sizes(&self, alphas: &[Vec2]) -> bool {
+        let robots = || alphas.iter().zip(&self.sizes_m);
+        robots().enumerate().any(|(i, (a, size_a))| {
+            robots().take(i).any(|(b, size_b)| (a - b).norm() < size_a + size_b)
+        })
     }
 
     /// Returns every pair in scenario order; empty before the first sample.
-    pub(super) fn pairs(&self, names: &[String]) -> Vec<PairDistance> {
+    pub(super) fn pair_distances(&self, names: &[String]) -> Vec<PairDistance> {
         let pairs = (0..self.robots).flat_map(|i| (i + 1..self.robots).map(move |j| [i, j]));
-        let seen = pairs.zip(&self.least).filter(|(_, (square, _))| square.is_finite());
+        let seen = pairs.map(|pair| (pair, self.minima.minimum_squared_and_time(pair)));
+        let seen = seen.filter(|(_, (square, _))| square.is_finite());
         seen.map(|([a, b], (square, t_ns))| PairDistance {
             robot_a: names[a].clone(),
             robot_b: names[b].clone(),
             min_distance_m: square.sqrt(),
-            t_s: seconds(*t_ns),
+            t_s: ns_to_seconds(t_ns),
         })
         .collect()
     }
 
     /// Returns the number of ticks (in real time, of arc ends) at which some pair was too near.
     pub(super) fn violations(&self) -> u64 {
-        self.violations.max(self.violations_plant)
+        self.violations.max(self.plant_violations)
     }
 }
 
-/// Returns the index of the pair i < j in the list of pairs.
-fn pair_index(robots: usize, [i, j]: [usize; 2]) -> usize {
-    i * (2 * robots - i - 1) / 2 + j - i - 1
-}
-
 /// Returns the smallest distance that the plant has measured, also at arc ends between samples.
-fn seen_by_plant(header: &TruthHeader) -> Option<Closest> {
-    let seen = Closest {
+fn closest_pair_of_plant(header: &TruthHeader) -> Option<ClosestPair> {
+    let seen = ClosestPair {
         distance_m: header.closest_m,
         pair: header.closest_pair.map(|place| place as usize),
         t_ns: header.closest_t_ns,
@@ -164,10 +173,23 @@ mod tests {
     use crate::metrics::examples::header;
 
     #[test]
+    fn pairs_of_different_sizes_have_their_own_minimum_distance() {
+        let mut distances = Distances::new(3, 0.4, vec![0.1, 0.1, 0.3]);
+        let mut add = |x_m: [f64; 3]| {
+            distances.add_truth(&header(0), &x_m.map(|x_m| Vec2::new(x_m, 0.0)));
+            (distances.violations(), distances.smallest_over_d())
+        };
+        // The small robots are 0.25 m apart and keep 0.2 m, the large one keeps 0.4 m from each.
+        assert_eq!(add([0.0, 0.25, 0.75]), (0, Some(1.25)));
+        assert_eq!(add([0.0, 0.5, 0.75]), (1, Some(0.625)));
+        assert_eq!(add([0.0, 0.25, 0.75]), (1, Some(0.625)));
+    }
+
+    #[test]
     fn every_pair_has_its_minimum_distance_with_its_time() {
         let names = ["a", "b", "c", "d"].map(String::from);
-        let mut distances = Distances::new(4, 0.0);
-        assert_eq!(distances.pairs(&names), []);
+        let mut distances = Distances::new(4, 0.0, Vec::new());
+        assert_eq!(distances.pair_distances(&names), []);
         // All robots stand in a row; one after the other approaches the last and leaves again.
         for tick in 0..8_u64 {
             let nearer = |robot: u64| if robot < 3 && tick == 2 * robot { 0.5 } else { 0.0 };
@@ -183,9 +205,9 @@ mod tests {
                 _ => [0, 1],
             };
             let nearest_m = if matches!(tick, 0 | 2 | 4) { 2.5 } else { 3.0 };
-            assert_eq!(distances.newest_minimum(), Some((nearest_m, pair)), "{tick}");
+            assert_eq!(distances.newest_min_distance(), Some((nearest_m, pair)), "{tick}");
         }
-        let found = distances.pairs(&names).into_iter();
+        let found = distances.pair_distances(&names).into_iter();
         let found: Vec<_> = found
             .map(|p| (p.robot_a + &p.robot_b, p.min_distance_m, (p.t_s * 1e9).round()))
             .collect();

@@ -8,7 +8,7 @@ use experiment::scenario::Scenario;
 use crate::metrics::finals::FINAL_FRACTION;
 
 #[derive(Default)]
-pub(super) struct EarlyEnd {
+pub(super) struct EarlyEndCondition {
     /// Required time of convergence, and time after which no planned event is left, both ns; `None` if the run
     /// lasts for `duration_s`.
     required_times_ns: Option<(u64, u64)>,
@@ -17,12 +17,12 @@ pub(super) struct EarlyEnd {
     pub(super) newest_t_ns: u64,
 }
 
-impl EarlyEnd {
-    pub(super) fn for_scenario(scenario: &Scenario) -> EarlyEnd {
-        EarlyEnd {
-            required_times_ns: scenario.end_after_converged_ns.zip(scenario.plan_over_ns()),
+impl EarlyEndCondition {
+    pub(super) fn for_scenario(scenario: &Scenario) -> EarlyEndCondition {
+        EarlyEndCondition {
+            required_times_ns: scenario.end_after_converged_ns.zip(scenario.plan_end_ns()),
             duration_ns: scenario.duration_ns,
-            ..EarlyEnd::default()
+            ..EarlyEndCondition::default()
         }
     }
 
@@ -53,9 +53,9 @@ impl EarlyEnd {
 mod tests {
     use super::*;
 
-    fn end(for_ns: u64, plan_over_ns: u64) -> EarlyEnd {
+    fn early_end_condition(for_ns: u64, plan_over_ns: u64) -> EarlyEndCondition {
         let asked = Some((for_ns, plan_over_ns));
-        EarlyEnd {
+        EarlyEndCondition {
             required_times_ns: asked,
             duration_ns: 1000,
             converged_since_ns: None,
@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn early_end_needs_convergence_for_the_hold_time_after_the_plan() {
-        let mut end = end(20, 100);
+        let mut end = early_end_condition(20, 100);
         for (t_ns, since_ns, expected) in [
             (50, Some(10), false),
             (119, Some(10), false),

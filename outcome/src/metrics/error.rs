@@ -5,50 +5,50 @@ use formation::Vec2;
 use formation::desired::Target;
 use formation::frame::LeaderFrame;
 
-use crate::metrics::finals::{FinalErrors, Window};
+use crate::metrics::finals::{FinalErrors, FinalWindow};
 use crate::metrics::silence::SilenceState;
 use crate::metrics::target::Targets;
 use experiment::scenario::Scenario;
-use formation::seconds;
+use formation::ns_to_seconds;
 
 /// Errors of the robots. Dead robots are not included.
-pub(super) struct Errors {
+pub(super) struct FormationErrors {
     targets: Targets,
     leader: Option<usize>,
     converged_error_m: f64,
     /// Errors at the newest ground-truth sample, m.
-    pub(super) now_m: Vec<Option<f64>>,
+    pub(super) current_errors_m: Vec<Option<f64>>,
     /// Error vectors at the newest ground-truth sample, m.
-    pub(super) current_errors: Vec<Option<Vec2>>,
+    pub(super) current_error_vectors: Vec<Option<Vec2>>,
     /// Integral of each robot's error over the time it was alive, m s.
-    pub(super) integrated_m_s: Vec<Option<f64>>,
+    pub(super) error_integrals_m_s: Vec<Option<f64>>,
     pub(super) final_errors: FinalErrors,
     pub(super) converged_since_ns: Option<u64>,
     newest_t_ns: Option<u64>,
     /// Whether any robot had an error, or has a role by which it is judged.
-    pub(super) is_judged: bool,
+    pub(super) is_evaluated: bool,
 }
 
 /// Replaces NaN by infinity, because a maximum ignores NaN and the run would count as converged.
-pub(super) fn or_infinite(error_m: f64) -> f64 {
+pub(super) fn nan_to_infinity(error_m: f64) -> f64 {
     if error_m.is_nan() { f64::INFINITY } else { error_m }
 }
 
-impl Errors {
+impl FormationErrors {
     /// Creates the errors before the first sample. `window` selects the errors that are final.
-    pub(super) fn new(scenario: &Scenario, window: Window) -> Errors {
+    pub(super) fn new(scenario: &Scenario, window: FinalWindow) -> FormationErrors {
         let robots = scenario.robots.len();
-        Errors {
+        FormationErrors {
             targets: Targets::new(scenario),
             leader: scenario.leader(),
-            converged_error_m: scenario.expect.converged_error_m,
-            now_m: vec![None; robots],
-            current_errors: vec![None; robots],
-            integrated_m_s: vec![None; robots],
+            converged_error_m: scenario.expectations.converged_error_m,
+            current_errors_m: vec![None; robots],
+            current_error_vectors: vec![None; robots],
+            error_integrals_m_s: vec![None; robots],
             final_errors: FinalErrors::new(robots, window),
             converged_since_ns: None,
             newest_t_ns: None,
-            is_judged: false,
+            is_evaluated: false,
         }
     }
 
@@ -72,17 +72,19 @@ impl Errors {
         alive: &[bool],
         silent: &SilenceState,
     ) -> f64 {
-        let t_s = seconds(t_ns);
-        let since_s = self.newest_t_ns.replace(t_ns).map_or(0.0, |then_ns| t_s - seconds(then_ns));
+        let t_s = ns_to_seconds(t_ns);
+        let since_s =
+            self.newest_t_ns.replace(t_ns).map_or(0.0, |then_ns| t_s - ns_to_seconds(then_ns));
         let mut worst: Option<f64> = None;
-        self.targets.advance(t_ns);
+        self.targets.drop_replaced_targets(t_ns);
+        let transform = frame.offset_transform();
         for (i, &alive) in alive.iter().enumerate() {
-            let error = self.targets.error(i, t_s, frame, alphas, silent);
-            self.current_errors[i] = error;
-            let error = error.map(|error| or_infinite(error.norm()));
-            self.now_m[i] = error;
+            let error = self.targets.robot_error(i, t_s, &transform, alphas, silent);
+            self.current_error_vectors[i] = error;
+            let error = error.map(|error| nan_to_infinity(error.norm()));
+            self.current_errors_m[i] = error;
             let Some(error) = error.filter(|_| alive) else { continue };
-            *self.integrated_m_s[i].get_or_insert(0.0) += error * since_s;
+            *self.error_integrals_m_s[i].get_or_insert(0.0) += error * since_s;
             worst = Some(worst.map_or(error, |worst| worst.max(error)));
             self.final_errors.push(t_ns, i, error);
         }
@@ -91,7 +93,7 @@ impl Errors {
         let worst = worst.unwrap_or(0.0);
         // A formation without a living robot is not converged.
         let converged = is_judged && alive.contains(&true) && worst < self.converged_error_m;
-        self.is_judged |= is_judged;
+        self.is_evaluated |= is_judged;
         if !converged {
             self.converged_since_ns = None;
         } else if self.converged_since_ns.is_none() {
@@ -101,7 +103,8 @@ impl Errors {
     }
 
     /// Returns the main leader's largest final error, m.
-    pub(super) fn tracking_m_max(&self) -> Option<f64> {
-        self.leader.and_then(|leader| self.final_errors.by_robot_m(self.newest_t_ns?)[leader])
+    pub(super) fn final_tracking_error_m_max(&self) -> Option<f64> {
+        self.leader
+            .and_then(|leader| self.final_errors.errors_by_robot_m(self.newest_t_ns?)[leader])
     }
 }

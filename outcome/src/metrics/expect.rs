@@ -12,10 +12,11 @@
 use protocol::brief::Pace;
 use serde::{Deserialize, Serialize};
 
-use super::Measures;
+use super::RunMetrics;
+use super::fault::FaultReport;
 use super::finals::FINAL_FRACTION;
-use experiment::scenario::{AliveAtEnd, FaultKind, MetricBounds, Scenario};
-use formation::seconds;
+use experiment::scenario::{AliveAtEnd, FaultKind, Metric, MetricBounds, MetricSource, Scenario};
+use formation::ns_to_seconds;
 use protocol::number::format_short;
 
 /// Verdict on an expectation.
@@ -81,8 +82,8 @@ impl Expectation {
     /// Returns the relation that the value must have to the bound: `>=`, `<=` or `=`.
     pub fn relation(&self) -> &'static str {
         match &*self.name {
-            name if name.starts_with(METRICS) && name.ends_with(".min") => ">=",
-            "min_distance_m" | "min_clearance_m" | "alive_at_end" => ">=",
+            name if name.starts_with(METRIC_NAME_PREFIX) && name.ends_with(".min") => ">=",
+            "min_distance_m" | "min_distance_over_d" | "min_clearance_m" | "alive_at_end" => ">=",
             "exit" => "=",
             _ => "<=",
         }
@@ -104,30 +105,31 @@ pub struct FailedRobot {
 }
 
 /// Beginning of the names of expectations about metrics of the experiment's own, such as `metrics.cost_m2.max`.
-pub const METRICS: &str = "metrics.";
+pub const METRIC_NAME_PREFIX: &str = "metrics.";
 
-/// Reason of a miss for a metric without a value.
-const NOT_RECORDED: &str = "no robot that was alive at the end recorded the signal";
+/// Reasons of a miss for a metric without a value, of a signal and of a program.
+const NOT_RECORDED_REASON: &str = "no robot that was alive at the end recorded the signal";
+const NOT_COMPUTED_REASON: &str = "its program gave no value";
 
 /// Name of the expectation that every scenario has: no robot is lost for good without being planned.
-pub const FAILED_ROBOTS: &str = "failed_robots";
+pub const FAILED_ROBOTS_NAME: &str = "failed_robots";
 
-/// Returns the missed expectation [`FAILED_ROBOTS`] if robots were lost that `alive_at_end` does not exempt; `None`
-/// if none was.
+/// Returns the missed expectation [`FAILED_ROBOTS_NAME`] if robots were lost that `alive_at_end` does not exempt;
+/// `None` if none was.
 pub fn failed_robots_expectation(
     scenario: &Scenario,
     failed: &[FailedRobot],
 ) -> Option<Expectation> {
-    let wanted = |failed: &&FailedRobot| match &scenario.expect.alive_at_end {
+    let wanted = |failed: &&FailedRobot| match &scenario.expectations.alive_at_end {
         None => true,
-        Some(AliveAtEnd::Names(robots)) => robots.contains(&failed.robot),
+        Some(AliveAtEnd::Robots(robots)) => robots.contains(&failed.robot),
         Some(AliveAtEnd::Count(_)) => false,
     };
     let failed: Vec<&FailedRobot> = failed.iter().filter(wanted).collect();
     let words =
         |failed: &&FailedRobot| format!("{} {}", scenario.robots[failed.robot].name, failed.cause);
     (!failed.is_empty()).then(|| Expectation {
-        name: FAILED_ROBOTS.into(),
+        name: FAILED_ROBOTS_NAME.into(),
         value: Some(failed.len() as f64),
         bound: 0.0,
         held: false,
@@ -146,7 +148,7 @@ pub fn worst_verdict(expectations: &[Expectation]) -> Option<Verdict> {
 
 /// The robots that an expectation is about.
 #[derive(Clone, Copy, PartialEq)]
-enum Scope {
+enum ExpectationScope {
     /// The complete run: dead robots do not change the verdict.
     Run,
     /// All robots, by their relative positions.
@@ -154,7 +156,7 @@ enum Scope {
     /// The main leader.
     Leader,
     /// The followers of containment control.
-    Contained,
+    Followers,
 }
 
 /// An expectation of the scenario with its measured value.
@@ -163,22 +165,65 @@ struct Criterion {
     bound: f64,
     value: Option<f64>,
     holds: fn(f64, f64) -> bool,
-    about: Scope,
+    scope: ExpectationScope,
     /// Run time from which on every sample matters, s.
-    rests_from_s: f64,
+    relevant_start_s: f64,
     /// Reason of a miss that the value does not explain.
-    why: Option<String>,
+    miss_reason: Option<String>,
+}
+
+impl Criterion {
+    /// Returns the criterion of an expectation about the complete run, of which no single sample matters; `None` if
+    /// the scenario does not have this expectation.
+    fn new(
+        name: &str,
+        bound: Option<f64>,
+        value: Option<f64>,
+        holds: fn(f64, f64) -> bool,
+    ) -> Option<Criterion> {
+        bound.map(|bound| Criterion {
+            name: name.to_owned(),
+            bound,
+            value,
+            holds,
+            scope: ExpectationScope::Run,
+            relevant_start_s: f64::INFINITY,
+            miss_reason: None,
+        })
+    }
+
+    /// Sets the robots that it is about, and the run time from which on every sample matters, s.
+    fn about(self, scope: ExpectationScope, relevant_start_s: f64) -> Criterion {
+        Criterion { scope, relevant_start_s, ..self }
+    }
+
+    /// Sets the reason of a miss that the value does not explain.
+    fn with_miss_reason(self, miss_reason: Option<String>) -> Criterion {
+        Criterion { miss_reason, ..self }
+    }
+}
+
+fn is_at_least(value: f64, bound: f64) -> bool {
+    value >= bound
+}
+
+fn is_at_most(value: f64, bound: f64) -> bool {
+    value <= bound
+}
+
+fn is_equal(value: f64, bound: f64) -> bool {
+    value == bound
 }
 
 /// Evaluates every expectation of the scenario. `exit` is the exit code of the run itself.
 pub fn evaluate(
     scenario: &Scenario,
-    measures: &Measures,
+    measures: &RunMetrics,
     pace: Pace,
     deadline_misses: u64,
     exit: u8,
 ) -> Vec<Expectation> {
-    let judge = Judge::new(scenario, measures);
+    let judge = Evaluator::new(scenario, measures);
     criteria(scenario, measures, pace, deadline_misses, exit)
         .into_iter()
         .map(|question| judge.evaluate(question))
@@ -187,132 +232,195 @@ pub fn evaluate(
 
 fn criteria(
     scenario: &Scenario,
-    measures: &Measures,
+    measures: &RunMetrics,
     pace: Pace,
     deadline_misses: u64,
     exit: u8,
 ) -> Vec<Criterion> {
-    let expect = &scenario.expect;
-    let at_least = |value, bound| value >= bound;
-    let at_most = |value, bound| value <= bound;
-    let equal = |value, bound| value == bound;
-    let end_s = if measures.ended_early { measures.t_s } else { seconds(scenario.duration_ns) };
+    use ExpectationScope::{Followers, Formation, Leader, Run};
+    let expect = &scenario.expectations;
+    let end_s =
+        if measures.ended_early { measures.t_s } else { ns_to_seconds(scenario.duration_ns) };
     let last_s = end_s * (1.0 - FINAL_FRACTION);
-    let faults = &measures.faults;
-    let recoveries: Option<Vec<f64>> = faults.iter().map(|fault| fault.recovered_after_s).collect();
-    let slowest = recoveries.map(|all| all.into_iter().fold(0.0, f64::max));
-    // A run without faults has no recovery; the timeline probably has a typing error.
-    let slowest = slowest.filter(|_| !faults.is_empty());
-    let lasting = faults.iter().find(|fault| fault.recovered_after_s.is_none());
-    let unrecovered = match lasting {
-        _ if faults.is_empty() => Some("the run had no fault".to_owned()),
-        Some(fault) => {
-            Some(format!("no recovery from {} at {} s", fault.what, format_short(fault.t_s)))
-        }
-        None => None,
+    let distance_over_d = measures.distance_over_d(scenario.avoidance.distance_min_m);
+    let clearance_m = measures.min_clearance.as_ref().map(|clearance| clearance.distance_m);
+    let at_least = |name, bound, value| {
+        Criterion::new(name, bound, value, is_at_least).map(|criterion| criterion.about(Run, 0.0))
     };
-    let struck_s = faults.iter().map(|fault| fault.t_s).fold(f64::INFINITY, f64::min);
-    let wanted: Vec<usize> = match &expect.alive_at_end {
-        Some(AliveAtEnd::Names(robots)) => robots.clone(),
-        _ => (0..scenario.robots.len()).collect(),
+    let at_most = |name, bound, value, scope, from_s| {
+        let criterion = Criterion::new(name, bound, value, is_at_most);
+        criterion.map(|criterion| criterion.about(scope, from_s))
     };
-    let alive_bound = expect.alive_at_end.as_ref().map(|alive| match alive {
-        AliveAtEnd::Names(robots) => robots.len() as f64,
-        AliveAtEnd::Count(count) => *count as f64,
-    });
-    let wanted: Vec<&String> = wanted.iter().map(|&robot| &scenario.robots[robot].name).collect();
-    let dead = wanted.iter().filter(|&&name| !measures.alive_at_end.contains(name));
-    let dead: Vec<&str> = dead.map(|name| name.as_str()).collect();
-    let alive = Some((wanted.len() - dead.len()) as f64);
+    let converged_s = measures.converged_at_s.unwrap_or(f64::INFINITY);
+    let of_motion = [
+        at_least("min_distance_m", expect.min_distance_m, measures.min_distance_m),
+        at_least("min_distance_over_d", expect.min_distance_over_d, distance_over_d),
+        at_least("min_clearance_m", expect.min_clearance_m, clearance_m),
+        at_most(
+            "final_error_m_max",
+            expect.final_error_m_max,
+            measures.final_error_m_max,
+            Formation,
+            last_s,
+        ),
+        at_most(
+            "final_ideal_error_m_max",
+            expect.final_ideal_error_m_max,
+            measures.final_ideal_error_m_max,
+            Formation,
+            last_s,
+        ),
+        at_most(
+            "tracking_error_m_max",
+            expect.tracking_error_m_max,
+            measures.tracking_error_m_max,
+            Leader,
+            last_s,
+        ),
+        at_most(
+            "hull_distance_m_max",
+            expect.hull_distance_m_max,
+            measures.hull_distance_m_max_final,
+            Followers,
+            last_s,
+        ),
+        at_most(
+            "converged_by_s",
+            expect.converged_by_s,
+            measures.converged_at_s,
+            Formation,
+            converged_s,
+        ),
+        recovery_criterion(expect.recovered_within_s, &measures.faults),
+    ];
     let misses_max = expect.deadline_misses_max.filter(|_| pace == Pace::Realtime);
-    let never_s = f64::INFINITY;
-    let mut asked = Vec::new();
-    let mut ask = |name: &str,
-                   bound: Option<f64>,
-                   value,
-                   holds: fn(f64, f64) -> bool,
-                   about,
-                   rests_from_s,
-                   why| {
-        asked.extend(bound.map(|bound| Criterion {
-            name: name.to_owned(),
-            bound,
-            value,
-            holds,
-            about,
-            rests_from_s,
-            why,
-        }));
-    };
-    let value = measures.min_distance_m;
-    ask("min_distance_m", expect.min_distance_m, value, at_least, Scope::Run, 0.0, None);
-    let value = measures.min_clearance.as_ref().map(|clearance| clearance.distance_m);
-    ask("min_clearance_m", expect.min_clearance_m, value, at_least, Scope::Run, 0.0, None);
-    let (bound, value) = (expect.final_error_m_max, measures.final_error_m_max);
-    ask("final_error_m_max", bound, value, at_most, Scope::Formation, last_s, None);
-    let (bound, value) = (expect.final_ideal_error_m_max, measures.final_ideal_error_m_max);
-    ask("final_ideal_error_m_max", bound, value, at_most, Scope::Formation, last_s, None);
-    let (bound, value) = (expect.tracking_error_m_max, measures.tracking_error_m_max);
-    ask("tracking_error_m_max", bound, value, at_most, Scope::Leader, last_s, None);
-    let (bound, value) = (expect.hull_distance_m_max, measures.hull_distance_m_max_final);
-    ask("hull_distance_m_max", bound, value, at_most, Scope::Contained, last_s, None);
-    let (bound, value) = (expect.converged_by_s, measures.converged_at_s);
-    ask("converged_by_s", bound, value, at_most, Scope::Formation, value.unwrap_or(never_s), None);
-    let bound = expect.recovered_within_s;
-    ask("recovered_within_s", bound, slowest, at_most, Scope::Formation, struck_s, unrecovered);
-    for MetricBounds { metric, min, max } in &expect.metrics {
+    let (misses_max, misses) = (misses_max.map(|bound| bound as f64), Some(deadline_misses as f64));
+    let (exit_code, exit) = (expect.exit_code.map(f64::from), Some(f64::from(exit)));
+    let of_processes = [
+        Criterion::new("deadline_misses_max", misses_max, misses, is_at_most),
+        Criterion::new("exit", exit_code, exit, is_equal),
+        alive_criterion(scenario, measures),
+    ];
+    of_motion
+        .into_iter()
+        .flatten()
+        .chain(metric_criteria(scenario, measures))
+        .chain(of_processes.into_iter().flatten())
+        .collect()
+}
+
+/// Returns the criterion about the time to recover from each fault. A run without faults misses it, because the timeline
+/// probably has a typing error.
+fn recovery_criterion(bound: Option<f64>, faults: &[FaultReport]) -> Option<Criterion> {
+    let recoveries: Option<Vec<f64>> = faults.iter().map(|fault| fault.recovered_after_s).collect();
+    let slowest_s = recoveries.map(|all| all.into_iter().fold(0.0, f64::max));
+    let slowest_s = slowest_s.filter(|_| !faults.is_empty());
+    let first_s = faults.iter().map(|fault| fault.t_s).fold(f64::INFINITY, f64::min);
+    let criterion = Criterion::new("recovered_within_s", bound, slowest_s, is_at_most)?;
+    Some(
+        criterion
+            .about(ExpectationScope::Formation, first_s)
+            .with_miss_reason(explain_missing_recovery(faults)),
+    )
+}
+
+/// Returns the criteria about metrics of the experiment's own.
+fn metric_criteria(scenario: &Scenario, measures: &RunMetrics) -> Vec<Criterion> {
+    let of_metric = |MetricBounds { metric, min, max }: &MetricBounds| {
         let value = find_metric(measures, metric);
-        let why = value.is_none().then(|| NOT_RECORDED.to_owned());
-        let [least, most] = ["min", "max"].map(|bound| format!("{METRICS}{metric}.{bound}"));
-        ask(&least, *min, value, at_least, Scope::Run, never_s, why.clone());
-        ask(&most, *max, value, at_most, Scope::Run, never_s, why);
+        let reason = value.is_none().then(|| missing_value_reason(scenario, metric));
+        let name = |bound: &str| format!("{METRIC_NAME_PREFIX}{metric}.{bound}");
+        let both = [
+            Criterion::new(&name("min"), *min, value, is_at_least),
+            Criterion::new(&name("max"), *max, value, is_at_most),
+        ];
+        both.map(|criterion| Some(criterion?.with_miss_reason(reason.clone())))
+    };
+    scenario.expectations.metrics.iter().flat_map(of_metric).flatten().collect()
+}
+
+/// Returns the criterion about the robots that are alive at the end.
+fn alive_criterion(scenario: &Scenario, measures: &RunMetrics) -> Option<Criterion> {
+    let expected = scenario.expectations.alive_at_end.as_ref()?;
+    let all: Vec<usize> = (0..scenario.robots.len()).collect();
+    let (robots, bound) = match expected {
+        AliveAtEnd::Robots(robots) => (robots, robots.len() as f64),
+        AliveAtEnd::Count(count) => (&all, *count as f64),
+    };
+    let names = robots.iter().map(|&robot| &scenario.robots[robot].name);
+    let dead = names.filter(|name| !measures.alive_at_end.contains(name));
+    let dead: Vec<&str> = dead.map(|name| name.as_str()).collect();
+    let alive = Some((robots.len() - dead.len()) as f64);
+    let criterion = Criterion::new("alive_at_end", Some(bound), alive, is_at_least)?;
+    Some(criterion.with_miss_reason(Some(format!("dead at the end: {}", dead.join(", ")))))
+}
+
+/// Returns why the time to recover from all faults is unknown; `None` if it is known.
+fn explain_missing_recovery(faults: &[FaultReport]) -> Option<String> {
+    if faults.is_empty() {
+        return Some("the run had no fault".to_owned());
     }
-    let (bound, value) = (misses_max.map(|bound| bound as f64), Some(deadline_misses as f64));
-    ask("deadline_misses_max", bound, value, at_most, Scope::Run, never_s, None);
-    let (bound, value) = (expect.exit.map(f64::from), Some(f64::from(exit)));
-    ask("exit", bound, value, equal, Scope::Run, never_s, None);
-    let why = Some(format!("dead at the end: {}", dead.join(", ")));
-    ask("alive_at_end", alive_bound, alive, at_least, Scope::Run, never_s, why);
-    asked
+    let lasting = faults.iter().find(|fault| fault.recovered_after_s.is_none())?;
+    Some(format!("no recovery from {} at {} s", lasting.what, format_short(lasting.t_s)))
 }
 
 /// Returns the value of the metric `name` of the run; `None` if none of its signals was recorded.
-fn find_metric(measures: &Measures, name: &str) -> Option<f64> {
+fn find_metric(measures: &RunMetrics, name: &str) -> Option<f64> {
     measures.metrics.iter().find(|(metric, _)| metric == name).and_then(|(_, value)| *value)
 }
 
-/// Data that a verdict needs in addition to the value.
-struct Judge<'a> {
-    scenario: &'a Scenario,
-    measures: &'a Measures,
-    /// Which robots were alive at the end, in scenario order.
-    alive: Vec<bool>,
-    counts: Vec<bool>,
+/// Returns the reason why the metric `name` has no value.
+fn missing_value_reason(scenario: &Scenario, name: &str) -> String {
+    let is_program = |metric: &Metric| {
+        metric.name == name && matches!(metric.source, MetricSource::Program { .. })
+    };
+    let reason = match scenario.metrics.iter().any(is_program) {
+        true => NOT_COMPUTED_REASON,
+        false => NOT_RECORDED_REASON,
+    };
+    reason.to_owned()
 }
 
-impl Judge<'_> {
-    fn new<'a>(scenario: &'a Scenario, measures: &'a Measures) -> Judge<'a> {
+/// Data that a verdict needs in addition to the value.
+struct Evaluator<'a> {
+    scenario: &'a Scenario,
+    measures: &'a RunMetrics,
+    /// Which robots were alive at the end, in scenario order.
+    alive: Vec<bool>,
+    counted_robots: Vec<bool>,
+}
+
+impl Evaluator<'_> {
+    fn new<'a>(scenario: &'a Scenario, measures: &'a RunMetrics) -> Evaluator<'a> {
         let robots = scenario.robots.iter();
         let alive = robots.map(|robot| measures.alive_at_end.contains(&robot.name));
         let alive: Vec<bool> = alive.collect();
-        let counts = match &scenario.expect.alive_at_end {
-            None => planned_alive(scenario),
-            Some(AliveAtEnd::Names(robots)) => {
+        let counts = match &scenario.expectations.alive_at_end {
+            None => robots_alive_by_plan(scenario),
+            Some(AliveAtEnd::Robots(robots)) => {
                 (0..alive.len()).map(|robot| robots.contains(&robot)).collect()
             }
             // Any robots may make up the number.
             Some(AliveAtEnd::Count(_)) => alive.clone(),
         };
-        Judge { scenario, measures, alive, counts }
+        Evaluator { scenario, measures, alive, counted_robots: counts }
     }
 
     fn evaluate(&self, question: Criterion) -> Expectation {
-        let Criterion { name, bound, value, holds, about, rests_from_s, why } = question;
+        let Criterion {
+            name,
+            bound,
+            value,
+            holds,
+            scope: about,
+            relevant_start_s: rests_from_s,
+            miss_reason: why,
+        } = question;
         let holds = value.map(|value| holds(value, bound));
-        let (verdict, reason) = match (self.missed_regardless(about), holds) {
+        let (verdict, reason) = match (self.unconditional_miss_reason(about), holds) {
             (Some(why), _) => (Verdict::Missed, Some(why)),
             (None, Some(false)) => (Verdict::Missed, why),
-            (None, seen) => match (self.unseen_since(rests_from_s), seen) {
+            (None, seen) => match (self.unseen_period_text(rests_from_s), seen) {
                 (Some(why), _) => (Verdict::Unseen, Some(why)),
                 (None, None) if !self.has_counted_robots(about) => (Verdict::Held, None),
                 (None, None) => (Verdict::Missed, why),
@@ -324,61 +432,61 @@ impl Judge<'_> {
     }
 
     /// Returns the reason if the expectation is missed for any measured value.
-    fn missed_regardless(&self, about: Scope) -> Option<String> {
+    fn unconditional_miss_reason(&self, about: ExpectationScope) -> Option<String> {
         let robots = self.robots_in_scope(about)?;
         if robots.is_empty() {
             return Some("the scenario has no such robot".to_owned());
         }
-        let counted = |robot: &&usize| self.counts[**robot];
+        let counted = |robot: &&usize| self.counted_robots[**robot];
         let counted: Vec<usize> = robots.iter().filter(counted).copied().collect();
         let dead = |robot: &usize| !self.alive[*robot];
         let dead: Vec<usize> = counted.iter().copied().filter(dead).collect();
-        let meant_so = self.scenario.expect.alive_at_end.is_some();
+        let meant_so = self.scenario.expectations.alive_at_end.is_some();
         match counted[..] {
-            _ if !dead.is_empty() => Some(format!("dead at the end: {}", self.names(&dead))),
+            _ if !dead.is_empty() => Some(format!("dead at the end: {}", self.format_names(&dead))),
             _ if meant_so => None,
-            [] => Some(format!("the plan leaves none of {} alive", self.names(&robots))),
-            [one] if about == Scope::Formation && robots.len() > 1 => {
-                Some(format!("only {} is left", self.names(&[one])))
+            [] => Some(format!("the plan leaves none of {} alive", self.format_names(&robots))),
+            [one] if about == ExpectationScope::Formation && robots.len() > 1 => {
+                Some(format!("only {} is left", self.format_names(&[one])))
             }
             _ => None,
         }
     }
 
     /// Returns whether the expectation is about at least one counted robot.
-    fn has_counted_robots(&self, about: Scope) -> bool {
+    fn has_counted_robots(&self, about: ExpectationScope) -> bool {
         self.robots_in_scope(about)
-            .is_none_or(|robots| robots.iter().any(|&robot| self.counts[robot]))
+            .is_none_or(|robots| robots.iter().any(|&robot| self.counted_robots[robot]))
     }
 
-    fn robots_in_scope(&self, about: Scope) -> Option<Vec<usize>> {
+    fn robots_in_scope(&self, about: ExpectationScope) -> Option<Vec<usize>> {
         match about {
-            Scope::Run => None,
-            Scope::Formation => Some((0..self.counts.len()).collect()),
-            Scope::Leader => Some(self.scenario.leader().into_iter().collect()),
-            Scope::Contained => Some(self.scenario.contained_robots()),
+            ExpectationScope::Run => None,
+            ExpectationScope::Formation => Some((0..self.counted_robots.len()).collect()),
+            ExpectationScope::Leader => Some(self.scenario.leader().into_iter().collect()),
+            ExpectationScope::Followers => Some(self.scenario.contained_robots()),
         }
     }
 
     /// Returns the first period of lost samples that the expectation depends on, as text.
-    fn unseen_since(&self, rests_from_s: f64) -> Option<String> {
+    fn unseen_period_text(&self, rests_from_s: f64) -> Option<String> {
         let lost = |[_, until_s]: &&[f64; 2]| *until_s > rests_from_s;
         let [from_s, until_s] = self.measures.unseen_s.iter().find(lost)?;
         Some(format!("no ground-truth samples from {from_s:.3} s to {until_s:.3} s"))
     }
 
-    fn names(&self, robots: &[usize]) -> String {
+    fn format_names(&self, robots: &[usize]) -> String {
         let names = robots.iter().map(|&robot| self.scenario.robots[robot].name.as_str());
         names.collect::<Vec<_>>().join(", ")
     }
 }
 
 /// Returns for each robot whether the plan leaves it alive: it is not killed, or restarted before the end.
-fn planned_alive(scenario: &Scenario) -> Vec<bool> {
+fn robots_alive_by_plan(scenario: &Scenario) -> Vec<bool> {
     let mut alive = vec![true; scenario.robots.len()];
     for fault in &scenario.faults {
         if let FaultKind::Kill { robot, restart_after_ns } = fault.kind {
-            let back_ns = restart_after_ns.map(|after_ns| fault.at_ns.saturating_add(after_ns));
+            let back_ns = restart_after_ns.map(|after_ns| fault.start_ns.saturating_add(after_ns));
             alive[robot] = back_ns.is_some_and(|back_ns| back_ns < scenario.duration_ns);
         }
     }
@@ -388,33 +496,32 @@ fn planned_alive(scenario: &Scenario) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::fault::FaultReport;
     use experiment::examples::row_of_three;
     use experiment::scenario::{Expectations, Fault};
     use protocol::law::Role;
 
     const SECOND_NS: u64 = 1_000_000_000;
 
-    fn measures(alive: &[&str]) -> Measures {
-        Measures {
+    fn measures(alive: &[&str]) -> RunMetrics {
+        RunMetrics {
             min_distance_m: Some(0.2),
             final_error_m_max: Some(0.5),
             final_ideal_error_m_max: Some(0.5),
             alive_at_end: alive.iter().map(|name| (*name).to_owned()).collect(),
-            ..Measures::default()
+            ..RunMetrics::default()
         }
     }
 
-    const ALL: [&str; 3] = ["r1", "r2", "r3"];
+    const ALL_NAMES: [&str; 3] = ["r1", "r2", "r3"];
 
     /// Returns the row of three with these expectations.
-    fn row_expecting(expect: impl FnOnce(&mut Expectations)) -> Scenario {
+    fn row_with_expectations(expect: impl FnOnce(&mut Expectations)) -> Scenario {
         let mut scenario = row_of_three();
-        expect(&mut scenario.expect);
+        expect(&mut scenario.expectations);
         scenario
     }
 
-    fn evaluate_single(scenario: &Scenario, measures: &Measures) -> (Verdict, Option<String>) {
+    fn evaluate_single(scenario: &Scenario, measures: &RunMetrics) -> (Verdict, Option<String>) {
         let found = evaluate(scenario, measures, Pace::Lockstep, 0, 0);
         let [one] = &found[..] else { panic!("one expectation: {found:?}") };
         assert_eq!(one.held, one.verdict == Verdict::Held);
@@ -429,7 +536,7 @@ mod tests {
 
     #[test]
     fn bounds_are_inclusive_and_absent_values_do_not_hold() {
-        let scenario = row_expecting(|expect| {
+        let scenario = row_with_expectations(|expect| {
             *expect = Expectations {
                 min_distance_m: Some(0.2),
                 final_error_m_max: Some(0.4),
@@ -438,12 +545,12 @@ mod tests {
                 converged_by_s: Some(10.0),
                 recovered_within_s: Some(1.0),
                 deadline_misses_max: Some(0),
-                exit: Some(0),
+                exit_code: Some(0),
                 ..expect.clone()
             }
         });
         let held = |pace| -> Vec<(String, bool)> {
-            let found = evaluate(&scenario, &measures(&ALL), pace, 1, 0);
+            let found = evaluate(&scenario, &measures(&ALL_NAMES), pace, 1, 0);
             found.into_iter().map(|expectation| (expectation.name, expectation.held)).collect()
         };
         let named = |held: &[(&str, bool)]| -> Vec<(String, bool)> {
@@ -464,7 +571,7 @@ mod tests {
 
     #[test]
     fn bounds_of_metrics_are_inclusive_and_need_a_value() {
-        let scenario = row_expecting(|expect| {
+        let scenario = row_with_expectations(|expect| {
             expect.metrics = vec![MetricBounds {
                 metric: "cost_m2".to_owned(),
                 min: Some(-1.0),
@@ -473,7 +580,7 @@ mod tests {
         });
         let found = |value| -> Vec<(String, bool, String)> {
             let metrics = vec![("cost_m2".to_owned(), value)];
-            let measures = Measures { metrics, ..measures(&ALL) };
+            let measures = RunMetrics { metrics, ..measures(&ALL_NAMES) };
             let found = evaluate(&scenario, &measures, Pace::Lockstep, 0, 0);
             let one = |e: Expectation| (e.relation().to_owned(), e.held, e.name);
             found
@@ -495,15 +602,15 @@ mod tests {
 
     #[test]
     fn unplanned_death_at_end_is_not_converged() {
-        let mut scenario = row_expecting(|expect| expect.converged_by_s = Some(10.0));
-        let measures = Measures { converged_at_s: Some(3.0), ..measures(&["r1", "r2"]) };
+        let mut scenario = row_with_expectations(|expect| expect.converged_by_s = Some(10.0));
+        let measures = RunMetrics { converged_at_s: Some(3.0), ..measures(&["r1", "r2"]) };
         assert_eq!(
             evaluate_single(&scenario, &measures),
             verdict_with_reason("dead at the end: r3")
         );
         let kill = |at_s: u64, robot, restart_after_s: Option<u64>| Fault {
-            at_ns: at_s * SECOND_NS,
-            for_ns: None,
+            start_ns: at_s * SECOND_NS,
+            duration_ns: None,
             kind: FaultKind::Kill {
                 robot,
                 restart_after_ns: restart_after_s.map(|after_s| after_s * SECOND_NS),
@@ -523,7 +630,7 @@ mod tests {
 
     #[test]
     fn expectation_without_robots_is_missed_and_counts_use_living() {
-        let mut hull = row_expecting(|expect| expect.hull_distance_m_max = Some(0.0));
+        let mut hull = row_with_expectations(|expect| expect.hull_distance_m_max = Some(0.0));
         let measures = measures(&["r1", "r3"]);
         assert_eq!(
             evaluate_single(&hull, &measures),
@@ -532,7 +639,7 @@ mod tests {
         hull.robots[1].role = Role::CONTAINED;
         assert_eq!(evaluate_single(&hull, &measures), verdict_with_reason("dead at the end: r2"));
         for (count, held) in [(2, true), (3, false)] {
-            hull.expect.alive_at_end = Some(AliveAtEnd::Count(count));
+            hull.expectations.alive_at_end = Some(AliveAtEnd::Count(count));
             let found = evaluate(&hull, &measures, Pace::Lockstep, 0, 0);
             let verdicts: Vec<bool> = found.iter().map(|one| one.held).collect();
             assert_eq!(verdicts, [true, held], "{found:?}");
@@ -547,35 +654,37 @@ mod tests {
                 Some(format!("no ground-truth samples from {from:.3} s to {until:.3} s")),
             )
         };
-        let distance = row_expecting(|expect| expect.min_distance_m = Some(0.2));
-        let lost =
-            |from_s, until_s| Measures { unseen_s: vec![[from_s, until_s]], ..measures(&ALL) };
+        let distance = row_with_expectations(|expect| expect.min_distance_m = Some(0.2));
+        let lost = |from_s, until_s| RunMetrics {
+            unseen_s: vec![[from_s, until_s]],
+            ..measures(&ALL_NAMES)
+        };
         assert_eq!(evaluate_single(&distance, &lost(3.0, 5.0)), unseen_between(3.0, 5.0));
-        let too_near = Measures { min_distance_m: Some(0.1), ..lost(3.0, 5.0) };
+        let too_near = RunMetrics { min_distance_m: Some(0.1), ..lost(3.0, 5.0) };
         assert_eq!(
             evaluate_single(&distance, &too_near),
             (Verdict::Missed, None),
             "a violation was seen"
         );
         // The window is the last 10 % of 20 s.
-        let errors = row_expecting(|expect| expect.final_error_m_max = Some(0.5));
+        let errors = row_with_expectations(|expect| expect.final_error_m_max = Some(0.5));
         assert_eq!(evaluate_single(&errors, &lost(3.0, 5.0)), HELD);
         assert_eq!(evaluate_single(&errors, &lost(17.0, 18.5)), unseen_between(17.0, 18.5));
-        let converged = row_expecting(|expect| expect.converged_by_s = Some(10.0));
-        let since = |measures| Measures { converged_at_s: Some(6.0), ..measures };
+        let converged = row_with_expectations(|expect| expect.converged_by_s = Some(10.0));
+        let since = |measures| RunMetrics { converged_at_s: Some(6.0), ..measures };
         assert_eq!(evaluate_single(&converged, &since(lost(3.0, 5.0))), HELD);
         assert_eq!(evaluate_single(&converged, &since(lost(7.0, 8.0))), unseen_between(7.0, 8.0));
-        let recovered = row_expecting(|expect| expect.recovered_within_s = Some(5.0));
+        let recovered = row_with_expectations(|expect| expect.recovered_within_s = Some(5.0));
         let fault =
             FaultReport { t_s: 4.0, recovered_after_s: Some(1.0), ..FaultReport::default() };
-        let struck = |measures| Measures { faults: vec![fault.clone()], ..measures };
+        let struck = |measures| RunMetrics { faults: vec![fault.clone()], ..measures };
         assert_eq!(evaluate_single(&recovered, &struck(lost(1.0, 3.0))), HELD);
         assert_eq!(
-            evaluate_single(&recovered, &measures(&ALL)),
+            evaluate_single(&recovered, &measures(&ALL_NAMES)),
             verdict_with_reason("the run had no fault")
         );
         let never = FaultReport { what: "kill r2".into(), t_s: 4.0, ..FaultReport::default() };
-        let never = Measures { faults: vec![fault.clone(), never], ..measures(&ALL) };
+        let never = RunMetrics { faults: vec![fault.clone(), never], ..measures(&ALL_NAMES) };
         assert_eq!(
             evaluate_single(&recovered, &never),
             verdict_with_reason("no recovery from kill r2 at 4 s")

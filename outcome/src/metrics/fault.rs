@@ -12,14 +12,14 @@ mod window;
 use std::collections::VecDeque;
 
 use formation::reachability::Reachability;
-use protocol::message::Contact;
+use protocol::message::ReceptionState;
 
-use crate::metrics::orphans::Orphans;
+use crate::metrics::orphans::OrphanTracker;
 use crate::metrics::silence::SilenceState;
-use experiment::prediction::Predictor;
-use experiment::scenario::{Scenario, Silenced, Struck};
-pub use window::{End, FaultReport};
+use experiment::prediction::FailurePredictor;
+use experiment::scenario::{AffectedComponent, Scenario, SilencedSource};
 use window::{ErrorFlags, FaultWindow, Prediction};
+pub use window::{FaultEnd, FaultReport};
 
 /// Maximum delay between the beginning of a fault and its report to the metrics, ns of run time. Older contact
 /// reports belong to known faults and are dropped.
@@ -30,32 +30,32 @@ pub(super) struct Faults {
     windows: Vec<FaultWindow>,
     pub(super) silence: SilenceState,
     reachability: Reachability,
-    predictor: Predictor,
-    pub(super) orphans: Orphans,
+    predictor: FailurePredictor,
+    pub(super) orphans: OrphanTracker,
     /// Description and target of each planned or registered fault.
-    planned: Vec<(String, Struck)>,
+    planned_faults: Vec<(String, AffectedComponent)>,
     /// Beginnings and ends of the faults that agents apply by themselves, in order of time, ns.
-    scheduled: VecDeque<(u64, usize, Bound)>,
+    scheduled_bounds: VecDeque<(u64, usize, FaultBound)>,
     /// Contact reports that may belong to a fault that is reported later.
-    reports: Vec<Report>,
+    reception_reports: Vec<ReceptionReport>,
     newest_t_ns: u64,
 }
 
 /// Beginning or end of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Bound {
+pub(super) enum FaultBound {
     /// The fault begins.
     Begin,
     /// The fault ends.
-    End(End),
+    End(FaultEnd),
 }
 
 /// Report that `hearer` has classified its contact to `neighbor` in this way since a time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Report {
-    pub(super) hearer: usize,
+pub(super) struct ReceptionReport {
+    pub(super) receiver: usize,
     pub(super) neighbor: usize,
-    pub(super) contact: Contact,
+    pub(super) reception_state: ReceptionState,
     pub(super) since_ns: u64,
 }
 
@@ -66,25 +66,25 @@ impl Faults {
             windows: Vec::new(),
             silence: SilenceState::new(scenario),
             reachability: scenario.reachability_of(&scenario.graph_with_spares()),
-            predictor: Predictor::new(scenario),
-            orphans: Orphans::new(scenario),
-            planned: scenario
+            predictor: FailurePredictor::new(scenario),
+            orphans: OrphanTracker::new(scenario),
+            planned_faults: scenario
                 .faults
                 .iter()
                 .map(|fault| {
                     (fault.kind.describe(scenario), fault.kind.affected_component(scenario))
                 })
                 .collect(),
-            scheduled: agent_fault_bounds(scenario),
-            reports: Vec::new(),
+            scheduled_bounds: agent_fault_bounds(scenario),
+            reception_reports: Vec::new(),
             newest_t_ns: 0,
         }
     }
 
     /// Removes and returns the next scheduled beginning or end up to this time; `None` if there is none.
-    pub(super) fn take_scheduled(&mut self, t_ns: u64) -> Option<(u64, usize, Bound)> {
-        let due = self.scheduled.front().is_some_and(|&(due_ns, ..)| due_ns <= t_ns);
-        if due { self.scheduled.pop_front() } else { None }
+    pub(super) fn take_scheduled_bound(&mut self, t_ns: u64) -> Option<(u64, usize, FaultBound)> {
+        let due = self.scheduled_bounds.front().is_some_and(|&(due_ns, ..)| due_ns <= t_ns);
+        if due { self.scheduled_bounds.pop_front() } else { None }
     }
 
     /// Updates all faults with one sample. `converged_since_ns` is the time since which all errors of living robots are
@@ -104,44 +104,44 @@ impl Faults {
     }
 
     /// Returns the number that the next registered fault gets.
-    pub(super) fn next_number(&self) -> usize {
-        self.planned.len()
+    pub(super) fn next_fault_number(&self) -> usize {
+        self.planned_faults.len()
     }
 
     /// Registers a fault that the scenario does not plan and that is about to begin. Returns its number.
-    pub(super) fn register_fault(&mut self, what: String, struck: Struck) -> usize {
-        self.planned.push((what, struck));
-        self.planned.len() - 1
+    pub(super) fn register_fault(&mut self, what: String, struck: AffectedComponent) -> usize {
+        self.planned_faults.push((what, struck));
+        self.planned_faults.len() - 1
     }
 
     /// Begins the fault of this number. `within_bound` says for each robot whether its two errors are below the bound.
-    pub(super) fn begin(
+    pub(super) fn begin_fault(
         &mut self,
         fault: usize,
         t_ns: u64,
         within_bound: impl Iterator<Item = ErrorFlags>,
     ) {
-        let (what, struck) = self.planned[fault].clone();
+        let (what, struck) = self.planned_faults[fault].clone();
         for earlier in &mut self.windows {
             earlier.close_if_recovered();
         }
-        let before = self.silence.orphaned(&self.reachability);
-        self.silence.add_silence(struck.silenced, 1);
-        self.orphans.add_silence(t_ns, struck.silenced, 1);
-        let mut orphaned = self.silence.orphaned(&self.reachability);
+        let before = self.silence.orphaned_robots(&self.reachability);
+        self.silence.add_silence(struck.silenced_source, 1);
+        self.orphans.add_silence(t_ns, struck.silenced_source, 1);
+        let mut orphaned = self.silence.orphaned_robots(&self.reachability);
         orphaned.retain(|robot| !before.contains(robot));
-        let predicted = match struck.silenced {
-            Silenced::Nobody => Vec::new(),
+        let predicted = match struck.silenced_source {
+            SilencedSource::NoSource => Vec::new(),
             _ => self.silence.predict_broken(&self.predictor, t_ns),
         };
-        let prediction = Prediction { broken: predicted, orphaned };
+        let prediction = Prediction { broken_robots: predicted, orphaned_robots: orphaned };
         let mut window = FaultWindow::new(fault, what, struck, t_ns, prediction, within_bound);
-        self.reports.iter().for_each(|&report| window.record_contact(report));
+        self.reception_reports.iter().for_each(|&report| window.record_reception(report));
         self.windows.push(window);
     }
 
     /// Ends a fault. Does nothing if it never began.
-    pub(super) fn end(&mut self, fault: usize, end: End, t_ns: u64) {
+    pub(super) fn end_fault(&mut self, fault: usize, end: FaultEnd, t_ns: u64) {
         if let Some(window) = self.windows.iter_mut().find(|window| window.number == fault) {
             let heard_again = window.end(end, t_ns);
             self.silence.add_silence(heard_again, -1);
@@ -150,44 +150,44 @@ impl Faults {
     }
 
     /// Records a contact report for all faults that it may belong to.
-    pub(super) fn record_contact(&mut self, report: Report) {
-        if !matches!(report.contact, Contact::Stale | Contact::Lost) {
+    pub(super) fn record_reception(&mut self, report: ReceptionReport) {
+        if !matches!(report.reception_state, ReceptionState::Stale | ReceptionState::Lost) {
             return;
         }
         for fault in &mut self.windows {
-            fault.record_contact(report);
+            fault.record_reception(report);
         }
-        if self.reports.len() == self.reports.capacity() {
+        if self.reception_reports.len() == self.reception_reports.capacity() {
             let old_ns = self.newest_t_ns.saturating_sub(REPORT_DELAY_NS_MAX);
-            self.reports.retain(|earlier| earlier.since_ns >= old_ns);
+            self.reception_reports.retain(|earlier| earlier.since_ns >= old_ns);
         }
-        self.reports.push(report);
+        self.reception_reports.push(report);
     }
 
     #[cfg(test)]
-    pub(super) fn kept_report_count(&self) -> usize {
-        self.reports.len()
+    pub(super) fn stored_report_count(&self) -> usize {
+        self.reception_reports.len()
     }
 
     /// Returns the report of each fault, in the order in which the faults were reported.
     pub(super) fn report(&self, names: &[String]) -> Vec<FaultReport> {
-        let broken_m = self.predictor.bound_m();
+        let broken_m = self.predictor.broken_threshold_m();
         self.windows.iter().map(|fault| fault.report(names, broken_m)).collect()
     }
 }
 
 /// Returns the beginnings and ends of the faults that agents apply by themselves, in order of time.
-fn agent_fault_bounds(scenario: &Scenario) -> VecDeque<(u64, usize, Bound)> {
+fn agent_fault_bounds(scenario: &Scenario) -> VecDeque<(u64, usize, FaultBound)> {
     let mut bounds = Vec::new();
     let faults = scenario.faults.iter().enumerate();
-    for (number, fault) in faults.filter(|(_, fault)| fault.kind.acts_by_brief()) {
-        bounds.push((fault.at_ns, number, Bound::Begin));
+    for (number, fault) in faults.filter(|(_, fault)| fault.kind.is_applied_by_processes()) {
+        bounds.push((fault.start_ns, number, FaultBound::Begin));
         // A fault that lasts to the end of the run never gets better.
-        let (end, t_ns) = match fault.until_ns() {
-            Some(until_ns) => (End::Whole, until_ns),
-            None => (End::ForGood, fault.at_ns),
+        let (end, t_ns) = match fault.end_ns() {
+            Some(until_ns) => (FaultEnd::Repaired, until_ns),
+            None => (FaultEnd::Permanent, fault.start_ns),
         };
-        bounds.push((t_ns, number, Bound::End(end)));
+        bounds.push((t_ns, number, FaultBound::End(end)));
     }
     bounds.sort_by_key(|&(t_ns, ..)| t_ns);
     bounds.into()

@@ -9,9 +9,9 @@ pub(super) const FINAL_FRACTION: f64 = 0.1;
 
 /// Selection of the values that are final.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Window {
+pub(super) enum FinalWindow {
     /// Values from this run time on, ns.
-    From(u64),
+    FromTime(u64),
     /// Values in the last [`FINAL_FRACTION`] of the run, whose end is not known beforehand.
     LastFraction,
 }
@@ -21,20 +21,20 @@ pub(super) fn final_from_ns(end_ns: u64) -> u64 {
     (end_ns as f64 * (1.0 - FINAL_FRACTION)) as u64
 }
 
-impl Window {
+impl FinalWindow {
     /// Returns the selection for the runs of a scenario.
-    pub(super) fn for_scenario(scenario: &Scenario) -> Window {
+    pub(super) fn for_scenario(scenario: &Scenario) -> FinalWindow {
         match scenario.end_after_converged_ns {
-            None => Window::From(final_from_ns(scenario.duration_ns)),
-            Some(_) => Window::LastFraction,
+            None => FinalWindow::FromTime(final_from_ns(scenario.duration_ns)),
+            Some(_) => FinalWindow::LastFraction,
         }
     }
 
     /// Returns the time from which on values are final if the run ends at `end_ns`, ns.
-    pub(super) fn begins_ns(self, end_ns: u64) -> u64 {
+    pub(super) fn start_ns(self, end_ns: u64) -> u64 {
         match self {
-            Window::From(from_ns) => from_ns,
-            Window::LastFraction => final_from_ns(end_ns),
+            FinalWindow::FromTime(from_ns) => from_ns,
+            FinalWindow::LastFraction => final_from_ns(end_ns),
         }
     }
 }
@@ -42,20 +42,20 @@ impl Window {
 /// Sliding-window maximum of one series of values.
 #[derive(Debug, Clone)]
 pub(super) struct WindowMaximum {
-    window: Window,
+    window: FinalWindow,
     /// Values that may still become the maximum, with their times, ns. Each is less than the one before.
     candidates: VecDeque<(u64, f64)>,
 }
 
 impl WindowMaximum {
     /// Creates the maximum of an empty series.
-    pub(super) fn new(window: Window) -> WindowMaximum {
+    pub(super) fn new(window: FinalWindow) -> WindowMaximum {
         WindowMaximum { window, candidates: VecDeque::new() }
     }
 
     /// Adds a value at time `t_ns`. Times must increase.
     pub(super) fn push(&mut self, t_ns: u64, value: f64) {
-        let from_ns = self.window.begins_ns(t_ns);
+        let from_ns = self.window.start_ns(t_ns);
         if t_ns < from_ns {
             return;
         }
@@ -70,7 +70,7 @@ impl WindowMaximum {
 
     /// Returns the maximum, if the run ends at `end_ns`; `None` without final values.
     pub(super) fn value_at_end(&self, end_ns: u64) -> Option<f64> {
-        let from_ns = self.window.begins_ns(end_ns);
+        let from_ns = self.window.start_ns(end_ns);
         let mut candidates = self.candidates.iter();
         candidates.find(|&&(t_ns, _)| t_ns >= from_ns).map(|&(_, value)| value)
     }
@@ -82,7 +82,7 @@ pub(super) struct FinalErrors(Vec<WindowMaximum>);
 
 impl FinalErrors {
     /// Creates the final errors of `robots` robots, without values.
-    pub(super) fn new(robots: usize, window: Window) -> FinalErrors {
+    pub(super) fn new(robots: usize, window: FinalWindow) -> FinalErrors {
         FinalErrors(vec![WindowMaximum::new(window); robots])
     }
 
@@ -92,13 +92,13 @@ impl FinalErrors {
     }
 
     /// Returns the final error of each robot, m, if the run ends at `end_ns`.
-    pub(super) fn by_robot_m(&self, end_ns: u64) -> Vec<Option<f64>> {
+    pub(super) fn errors_by_robot_m(&self, end_ns: u64) -> Vec<Option<f64>> {
         self.0.iter().map(|worst| worst.value_at_end(end_ns)).collect()
     }
 
     /// Returns the largest final error of all robots, m, if the run ends at `end_ns`.
-    pub(super) fn max_m(&self, end_ns: u64) -> Option<f64> {
-        self.by_robot_m(end_ns).into_iter().flatten().reduce(f64::max)
+    pub(super) fn error_m_max(&self, end_ns: u64) -> Option<f64> {
+        self.errors_by_robot_m(end_ns).into_iter().flatten().reduce(f64::max)
     }
 }
 
@@ -114,13 +114,13 @@ mod tests {
             values in proptest::collection::vec(proptest::option::of(0.0..1.0f64), 1..300),
             from in 0..300u64,
         ) {
-            for window in [Window::LastFraction, Window::From(from)] {
+            for window in [FinalWindow::LastFraction, FinalWindow::FromTime(from)] {
                 let mut worst = WindowMaximum::new(window);
                 for (t_ns, value) in (0..).zip(&values) {
                     if let Some(value) = value {
                         worst.push(t_ns, *value);
                     }
-                    let from_ns = window.begins_ns(t_ns).min(t_ns + 1);
+                    let from_ns = window.start_ns(t_ns).min(t_ns + 1);
                     let last = &values[from_ns as usize..=t_ns as usize];
                     let expected = last.iter().flatten().copied().reduce(f64::max);
                     prop_assert_eq!(worst.value_at_end(t_ns), expected);

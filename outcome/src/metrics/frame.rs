@@ -7,9 +7,9 @@
 //! heading of m'(t).
 
 use formation::frame::LeaderFrame;
-use formation::front_point::{drawing_velocity, drawn_heading};
+use formation::front_point::{towed_heading, towing_velocity};
+use formation::ns_to_seconds;
 use formation::scale::Scale;
-use formation::seconds;
 use protocol::brief::LeadBrief;
 use protocol::message::TruthRow;
 
@@ -18,7 +18,7 @@ use experiment::scenario::Scenario;
 /// Frame of the ideal formation.
 pub(super) enum IdealFrame {
     /// Frame of a formation with a main leader.
-    Led(Box<LeaderIdealFrame>),
+    WithLeader(Box<LeaderIdealFrame>),
     /// Frame of a leaderless formation: offsets do not rotate, and scale by this function if there is one.
     Leaderless(Option<Scale>),
 }
@@ -27,8 +27,8 @@ impl IdealFrame {
     /// Creates the frame before the first sample.
     pub(super) fn new(scenario: &Scenario) -> IdealFrame {
         match LeaderIdealFrame::new(scenario) {
-            Some(led) => IdealFrame::Led(Box::new(led)),
-            None => IdealFrame::Leaderless(scenario.unled_scale.clone()),
+            Some(led) => IdealFrame::WithLeader(Box::new(led)),
+            None => IdealFrame::Leaderless(scenario.leaderless_scale.clone()),
         }
     }
 
@@ -39,7 +39,7 @@ impl IdealFrame {
         rows: &[TruthRow],
         alive: &[bool],
     ) -> LeaderFrame {
-        self.frame_at(seconds(t_ns), |i| rows[i].heading_rad, |i| alive[i])
+        self.frame_at(ns_to_seconds(t_ns), |i| rows[i].heading_rad, |i| alive[i])
     }
 
     /// Returns the frame at time `t_s`, from the true headings and the alive flags. Times must increase.
@@ -50,12 +50,14 @@ impl IdealFrame {
         alive: impl Fn(usize) -> bool,
     ) -> LeaderFrame {
         match self {
-            IdealFrame::Led(led) => {
-                let alive = led.lead_it.iter().any(|&i| alive(i));
+            IdealFrame::WithLeader(led) => {
+                let alive = led.leader_and_deputies.iter().any(|&i| alive(i));
                 led.frame_at(t_s, heading_rad(led.leader), alive)
             }
-            IdealFrame::Leaderless(Some(scale)) => LeaderFrame::leaderless(scale, t_s),
-            IdealFrame::Leaderless(None) => LeaderFrame::STILL,
+            IdealFrame::Leaderless(Some(scale)) => {
+                LeaderFrame::for_leaderless_formation(scale, t_s)
+            }
+            IdealFrame::Leaderless(None) => LeaderFrame::IDENTITY,
         }
     }
 }
@@ -64,16 +66,16 @@ impl IdealFrame {
 pub(super) struct LeaderIdealFrame {
     leader: usize,
     /// Indices of the main leader and of its backup leaders (deputies), which continue the main leader's frame.
-    lead_it: Vec<usize>,
-    lead: LeadBrief,
+    leader_and_deputies: Vec<usize>,
+    lead_brief: LeadBrief,
     /// Off-axis distance of the front point (ell), m.
     front_point_m: f64,
     /// Speed limit, m/s; infinite without a limit.
     speed_max_m_s: f64,
     period_s: f64,
     /// Frame at the newest sample at which the leader was alive.
-    newest: Option<HeadingSample>,
-    lived: bool,
+    newest_heading: Option<HeadingSample>,
+    was_alive: bool,
 }
 
 /// Heading of the frame at one sample.
@@ -89,47 +91,49 @@ impl LeaderIdealFrame {
     fn new(scenario: &Scenario) -> Option<LeaderIdealFrame> {
         let leader = scenario.leader()?;
         let robot = &scenario.robots[leader];
-        let speed_max_m_s = match scenario.method.clamps_speed {
+        let speed_max_m_s = match scenario.avoidance_method.clamps_speed {
             true => scenario.avoidance.speed_max_m_s,
             false => f64::INFINITY,
         };
         Some(LeaderIdealFrame {
             leader,
-            lead_it: [&[leader], &scenario.repair.deputies[..]].concat(),
-            lead: scenario.lead.clone()?,
+            leader_and_deputies: [&[leader], &scenario.repair_plan.deputies[..]].concat(),
+            lead_brief: scenario.lead.clone()?,
             front_point_m: robot.front_point_m,
             speed_max_m_s,
-            period_s: seconds(scenario.period_ns),
-            newest: None,
-            lived: false,
+            period_s: ns_to_seconds(scenario.period_ns),
+            newest_heading: None,
+            was_alive: false,
         })
     }
 
     /// Returns the frame at time `t_s`, from the leader's true heading. `alive` says whether the leader or a deputy
     /// is alive. After the last of them died, the frame stays constant; a replacement begins with its true heading.
     fn frame_at(&mut self, t_s: f64, heading_rad: f64, alive: bool) -> LeaderFrame {
-        let lived = std::mem::replace(&mut self.lived, alive);
+        let lived = std::mem::replace(&mut self.was_alive, alive);
         let begins = alive && !lived;
-        if alive || self.newest.is_none() {
-            let newest = self.newest.filter(|_| !begins);
+        if alive || self.newest_heading.is_none() {
+            let newest = self.newest_heading.filter(|_| !begins);
             let heading_rad = match self.front_point_m > 0.0 {
                 true => newest.map_or(heading_rad, |newest| self.integrate_heading(newest, t_s)),
-                false => self.path_heading(newest.map_or(heading_rad, |it| it.heading_rad), t_s),
+                false => {
+                    self.path_heading_rad(newest.map_or(heading_rad, |it| it.heading_rad), t_s)
+                }
             };
-            self.newest = Some(HeadingSample { t_s, heading_rad });
+            self.newest_heading = Some(HeadingSample { t_s, heading_rad });
         }
-        let HeadingSample { t_s, heading_rad, .. } = self.newest.expect("it was just set");
+        let HeadingSample { t_s, heading_rad, .. } = self.newest_heading.expect("it was just set");
         LeaderFrame {
             heading_rad,
-            scale: self.lead.scale.value_and_rate_at(t_s).0,
-            ..LeaderFrame::STILL
+            scale: self.lead_brief.scale.value_and_rate_at(t_s).0,
+            ..LeaderFrame::IDENTITY
         }
     }
 
-    /// Returns the heading of m'(t) at `t_s`, rad, of a leader that is controlled at its axle midpoint. `was_rad` counts
-    /// where m(t) is at rest, and where the frame keeps its heading at a cusp.
-    fn path_heading(&self, was_rad: f64, t_s: f64) -> f64 {
-        let LeadBrief { trajectory, keep_heading, .. } = &self.lead;
+    /// Returns the heading of m'(t) at `t_s`, rad, of a leader that is controlled at its axle midpoint. `was_rad`
+    /// counts where m(t) is at rest, and where the frame keeps its heading at a cusp.
+    fn path_heading_rad(&self, was_rad: f64, t_s: f64) -> f64 {
+        let LeadBrief { trajectory, keep_heading, .. } = &self.lead_brief;
         trajectory.direction_at(t_s, self.period_s, was_rad, *keep_heading).heading_rad
     }
 
@@ -138,17 +142,18 @@ impl LeaderIdealFrame {
         let steps = ((t_s - from.t_s) / self.period_s - 1e-6).ceil().max(1.0);
         let step_s = (t_s - from.t_s) / steps;
         let (mut heading_rad, mut was) =
-            (from.heading_rad, self.lead.trajectory.target_at(from.t_s).position);
+            (from.heading_rad, self.lead_brief.trajectory.target_at(from.t_s).position);
         for step in 1..=steps as u64 {
-            let next = self.lead.trajectory.target_at(from.t_s + step as f64 * step_s).position;
+            let next =
+                self.lead_brief.trajectory.target_at(from.t_s + step as f64 * step_s).position;
             let velocity = (next - std::mem::replace(&mut was, next)) / step_s;
             let speed_m_s = velocity.norm();
             let limited = match speed_m_s > self.speed_max_m_s {
                 true => velocity * (self.speed_max_m_s / speed_m_s),
                 false => velocity,
             };
-            let drawing = drawing_velocity(heading_rad, limited, self.lead.keep_heading);
-            heading_rad = drawn_heading(heading_rad, self.front_point_m, drawing, step_s);
+            let drawing = towing_velocity(heading_rad, limited, self.lead_brief.keep_heading);
+            heading_rad = towed_heading(heading_rad, self.front_point_m, drawing, step_s);
         }
         heading_rad
     }

@@ -8,7 +8,11 @@ use sha2::{Digest, Sha256};
 /// SHA-256 over, for every tick, the tick and each robot's x, y, heading, v, w, a lateral speed other than 0, and
 /// commanded flag in scenario order, all as little-endian 64-bit words.
 #[derive(Debug, Clone, Default)]
-pub struct TrajectoryHash(Sha256);
+pub struct TrajectoryHash {
+    digest: Sha256,
+    /// The words of one tick, so that the digest gets them in one piece.
+    words: Vec<u8>,
+}
 
 impl TrajectoryHash {
     /// Creates the hash of an empty trajectory.
@@ -18,22 +22,25 @@ impl TrajectoryHash {
 
     /// Adds one tick.
     pub fn update(&mut self, tick: u64, rows: &[TruthRow]) {
-        self.0.update(tick.to_le_bytes());
+        let words = &mut self.words;
+        words.clear();
+        words.extend_from_slice(&tick.to_le_bytes());
         for row in rows {
             for number in [row.x_m, row.y_m, row.heading_rad, row.v_m_s, row.w_rad_s] {
-                self.0.update(number.to_le_bytes());
+                words.extend_from_slice(&number.to_bits().to_le_bytes());
             }
-            // Robots with two wheels have none, so their hashes do not depend on it.
+            // Robots with two wheels have no lateral speed, so their hashes do not depend on it.
             if row.side_m_s != 0.0 {
-                self.0.update(row.side_m_s.to_le_bytes());
+                words.extend_from_slice(&row.side_m_s.to_bits().to_le_bytes());
             }
-            self.0.update(row.commanded.to_le_bytes());
+            words.extend_from_slice(&row.commanded.to_le_bytes());
         }
+        self.digest.update(&self.words);
     }
 
     /// Returns the first 16 hexadecimal digits of the hash.
     pub fn finish(&self) -> String {
-        let digest = self.0.clone().finalize();
+        let digest = self.digest.clone().finalize();
         digest.iter().take(8).fold(String::new(), |mut text, byte| {
             let _ = write!(text, "{byte:02x}");
             text

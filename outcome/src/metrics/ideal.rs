@@ -15,50 +15,50 @@ use formation::Vec2;
 use formation::frame::LeaderFrame;
 use formation::front_point::rotate;
 use formation::laplacian::settled_positions;
-use formation::seconds;
+use formation::ns_to_seconds;
 use formation::trajectory::Trajectory;
 use protocol::law::Reference;
 
-use crate::metrics::error::or_infinite;
-use crate::metrics::finals::{FinalErrors, Window};
+use crate::metrics::error::nan_to_infinity;
+use crate::metrics::finals::{FinalErrors, FinalWindow};
 use experiment::scenario::Scenario;
 
 /// Errors with respect to the ideal formation. Dead robots are not included.
 pub(super) struct IdealErrors {
     leader: Option<usize>,
     /// Trajectory m(t), for a leader with deputies.
-    course: Option<Trajectory>,
+    leader_trajectory: Option<Trajectory>,
     /// Whether every robot goes to a goal of its own.
-    to_goals: bool,
+    has_goals: bool,
     /// Slot of each robot at heading 0 and scale 1, m, relative to the leader or, without one, to a root of the
     /// graph. Empty if the graph does not determine all slots.
     slots: Vec<Vec2>,
     /// Indices of the robots whose positions determine the formation's position, without a leader.
     anchors: Vec<usize>,
     /// Errors at the newest ground-truth sample, m.
-    pub(super) now_m: Vec<Option<f64>>,
+    pub(super) current_errors_m: Vec<Option<f64>>,
     pub(super) final_errors: FinalErrors,
     /// Buffer of the positions along one axis that the living robots imply, m; reused for each sample.
-    votes: Vec<f64>,
+    implied_positions_m: Vec<f64>,
 }
 
 impl IdealErrors {
     /// Creates the errors before the first sample. `window` selects the errors that are final.
-    pub(super) fn new(scenario: &Scenario, window: Window) -> IdealErrors {
+    pub(super) fn new(scenario: &Scenario, window: FinalWindow) -> IdealErrors {
         let robots = scenario.robots.len();
         let pinned = scenario.leader().or_else(|| scenario.graph.roots().first().copied());
         let keeps_place = |&i: &usize| scenario.robots[i].role.reference == Reference::Offsets;
         IdealErrors {
             leader: scenario.leader(),
-            course: (!scenario.repair.deputies.is_empty())
+            leader_trajectory: (!scenario.repair_plan.deputies.is_empty())
                 .then(|| scenario.lead.as_ref().map(|lead| lead.trajectory.clone()))
                 .flatten(),
-            to_goals: scenario.goals_m().is_some(),
+            has_goals: scenario.goals_m().is_some(),
             slots: pinned.and_then(|i| settled_positions(&scenario.graph, i)).unwrap_or_default(),
             anchors: (0..robots).filter(keeps_place).collect(),
-            now_m: vec![None; robots],
+            current_errors_m: vec![None; robots],
             final_errors: FinalErrors::new(robots, window),
-            votes: Vec::with_capacity(robots),
+            implied_positions_m: Vec::with_capacity(robots),
         }
     }
 
@@ -72,13 +72,13 @@ impl IdealErrors {
         alive: &[bool],
         own_m: &[Option<f64>],
     ) {
-        if self.slots.is_empty() && !self.to_goals {
+        if self.slots.is_empty() && !self.has_goals {
             return;
         }
         let origin = match self.leader {
-            _ if self.to_goals => None,
-            Some(leader) => Some(match &self.course {
-                Some(course) => course.target_at(seconds(t_ns)).position,
+            _ if self.has_goals => None,
+            Some(leader) => Some(match &self.leader_trajectory {
+                Some(course) => course.target_at(ns_to_seconds(t_ns)).position,
                 None => alphas[leader],
             }),
             None => self.fit_reference(frame.scale, alphas, alive),
@@ -92,11 +92,11 @@ impl IdealErrors {
                     turn.x * place.x - turn.y * place.y,
                     turn.y * place.x + turn.x * place.y,
                 );
-                or_infinite((alpha - origin - turned).norm())
+                nan_to_infinity((alpha - origin - turned).norm())
             });
-            let own = self.to_goals || self.leader == Some(i);
-            self.now_m[i] = if own { own_m[i] } else { ideal };
-            if let Some(error) = self.now_m[i].filter(|_| alive[i]) {
+            let own = self.has_goals || self.leader == Some(i);
+            self.current_errors_m[i] = if own { own_m[i] } else { ideal };
+            if let Some(error) = self.current_errors_m[i].filter(|_| alive[i]) {
                 self.final_errors.push(t_ns, i, error);
             }
         }
@@ -105,7 +105,7 @@ impl IdealErrors {
     /// Returns the position of the reference robot that the living robots imply, m, as the median along each axis.
     /// Returns `None` if no anchor is alive.
     fn fit_reference(&mut self, scale: f64, alphas: &[Vec2], alive: &[bool]) -> Option<Vec2> {
-        let IdealErrors { slots: places, anchors, votes, .. } = self;
+        let IdealErrors { slots: places, anchors, implied_positions_m: votes, .. } = self;
         let mut median = |axis: usize| {
             let living = anchors.iter().filter(|&&i| alive[i]);
             votes.clear();
@@ -126,14 +126,14 @@ mod tests {
     use experiment::examples::row_of_three;
     use formation::front_point::front_point;
     use formation::graph::{Edge, FormationGraph};
+    use formation::ns_to_seconds;
     use formation::scale::Scale;
-    use formation::seconds;
     use formation::trajectory::Trajectory;
     use protocol::brief::LeadBrief;
     use protocol::law::Role;
     use protocol::message::TruthRow;
 
-    const ALL: [bool; 3] = [true; 3];
+    const ALL_ALIVE: [bool; 3] = [true; 3];
     const SECOND_NS: u64 = 1_000_000_000;
 
     /// Returns the row of three, led by r1 on this trajectory.
@@ -149,16 +149,16 @@ mod tests {
     }
 
     /// The ideal errors and their frame, for tests.
-    struct Planned {
+    struct IdealErrorFixture {
         frame: IdealFrame,
         ideal: IdealErrors,
     }
 
-    impl Planned {
-        fn new(scenario: &Scenario) -> Planned {
-            Planned {
+    impl IdealErrorFixture {
+        fn new(scenario: &Scenario) -> IdealErrorFixture {
+            IdealErrorFixture {
                 frame: IdealFrame::new(scenario),
-                ideal: IdealErrors::new(scenario, Window::From(0)),
+                ideal: IdealErrors::new(scenario, FinalWindow::FromTime(0)),
             }
         }
 
@@ -167,7 +167,7 @@ mod tests {
             let alphas: Vec<Vec2> = rows.iter().map(|row| front_point(row.pose(), 0.1)).collect();
             let own_m = vec![Some(0.5); rows.len()];
             self.ideal.add_truth(t_ns, &frame, &alphas, alive, &own_m);
-            self.ideal.now_m.to_vec()
+            self.ideal.current_errors_m.to_vec()
         }
     }
 
@@ -186,11 +186,11 @@ mod tests {
         let edges = vec![edge(0, 1, -1.0), edge(0, 2, 0.0), edge(1, 2, 0.0)];
         scenario.graph = FormationGraph::new(3, edges);
         // r2 is dead and far from its slot; that must not move any slot.
-        let mut planned = Planned::new(&scenario);
+        let mut planned = IdealErrorFixture::new(&scenario);
         let found = planned.errors(0, &rows([0.0, -4.0, -0.75]), &[true, false, true]);
         assert_close(&found, &[0.5, 3.0, 0.25]);
         assert_eq!(
-            planned.ideal.final_errors.by_robot_m(u64::MAX)[1],
+            planned.ideal.final_errors.errors_by_robot_m(u64::MAX)[1],
             None,
             "dead robots have no final error"
         );
@@ -198,9 +198,9 @@ mod tests {
 
     #[test]
     fn leaderless_reference_ignores_one_straggler() {
-        let mut planned = Planned::new(&row_of_three());
-        assert_close(&planned.errors(0, &rows([7.0, 6.0, 5.0]), &ALL), &[0.0, 0.0, 0.0]);
-        assert_close(&planned.errors(0, &rows([7.0, 6.0, 1.0]), &ALL), &[0.0, 0.0, 4.0]);
+        let mut planned = IdealErrorFixture::new(&row_of_three());
+        assert_close(&planned.errors(0, &rows([7.0, 6.0, 5.0]), &ALL_ALIVE), &[0.0, 0.0, 0.0]);
+        assert_close(&planned.errors(0, &rows([7.0, 6.0, 1.0]), &ALL_ALIVE), &[0.0, 0.0, 4.0]);
         // With two robots the median cannot tell which one is right.
         let two = [false, true, true];
         assert_close(&planned.errors(0, &rows([7.0, 6.0, 1.0]), &two), &[2.0, 2.0, 2.0]);
@@ -209,8 +209,8 @@ mod tests {
 
     #[test]
     fn slot_that_is_nan_has_infinite_error() {
-        let mut planned = Planned::new(&resting_row());
-        let found = planned.errors(0, &rows([0.0, f64::NAN, -2.0]), &ALL);
+        let mut planned = IdealErrorFixture::new(&resting_row());
+        let found = planned.errors(0, &rows([0.0, f64::NAN, -2.0]), &ALL_ALIVE);
         assert_eq!(found[1], Some(f64::INFINITY));
     }
 
@@ -235,12 +235,12 @@ mod tests {
             }
             truth
         };
-        let mut planned = Planned::new(&scenario);
+        let mut planned = IdealErrorFixture::new(&scenario);
         // After 1000 ticks, 5 s of samples are lost.
         let ticks = (0..=1000).chain([6000]);
         for tick in ticks {
             let t_ns = tick * scenario.period_ns;
-            let found = planned.errors(t_ns, &at(seconds(t_ns)), &ALL);
+            let found = planned.errors(t_ns, &at(ns_to_seconds(t_ns)), &ALL_ALIVE);
             assert!(found.iter().skip(1).all(|e| e.is_some_and(|e| e < 1e-5)), "{tick}: {found:?}");
         }
     }

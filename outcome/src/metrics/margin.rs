@@ -4,13 +4,20 @@
 //! that is false. Examples: smallest distance over d, minus 1; time left to convergence over the limit; 1 minus
 //! error over bound.
 
-use crate::metrics::expect::{Expectation, Verdict};
+use crate::metrics::expect::{Expectation, FAILED_ROBOTS_NAME, METRIC_NAME_PREFIX, Verdict};
 use crate::metrics::summary::Summary;
 use protocol::number::format_short;
 
-/// Names of the expectations that have a margin.
-pub const WITH_MARGIN: [&str; 9] = [
+/// Returns whether the expectation with this name has a margin: those in [`EXPECTATIONS_WITH_MARGIN`], and bounds of
+/// metrics.
+pub fn has_margin(name: &str) -> bool {
+    EXPECTATIONS_WITH_MARGIN.contains(&name) || name.starts_with(METRIC_NAME_PREFIX)
+}
+
+/// Names of the expectations that have a margin, except for bounds of metrics.
+pub const EXPECTATIONS_WITH_MARGIN: [&str; 10] = [
     "min_distance_m",
+    "min_distance_over_d",
     "min_clearance_m",
     "final_error_m_max",
     "final_ideal_error_m_max",
@@ -28,7 +35,11 @@ const NO_VALUE_MARGIN: f64 = 1.0;
 /// was missed.
 pub fn margin(expectation: &Expectation) -> f64 {
     let Expectation { value, bound, .. } = expectation;
-    let unit = if expectation.name == "alive_at_end" { bound.max(1.0) } else { *bound };
+    let unit = match &*expectation.name {
+        "alive_at_end" | FAILED_ROBOTS_NAME => bound.max(1.0),
+        name if name.starts_with(METRIC_NAME_PREFIX) && *bound == 0.0 => 1.0,
+        _ => bound.abs(),
+    };
     let above = value.map(|value| (value - bound) / unit.max(f64::MIN_POSITIVE));
     let margin = above.map(|above| if expectation.relation() == "<=" { -above } else { above });
     match (expectation.verdict(), margin) {
@@ -84,6 +95,10 @@ mod tests {
             ("final_error_m_max", Some(0.0), 0.001, Missed, -1.0),
             ("alive_at_end", Some(3.0), 4.0, Missed, -0.25),
             ("alive_at_end", Some(0.0), 0.0, Held, 0.0),
+            (FAILED_ROBOTS_NAME, Some(2.0), 0.0, Missed, -2.0),
+            ("metrics.cost_m2.max", Some(3.0), 2.0, Missed, -0.5),
+            ("metrics.gap_m.min", Some(-1.0), -2.0, Held, 0.5),
+            ("metrics.gap_m.min", Some(-0.25), 0.0, Missed, -0.25),
         ] {
             let found = margin_for(name, value, bound, verdict);
             assert!((found - expected).abs() < 1e-12, "{name} {value:?}: {found}");

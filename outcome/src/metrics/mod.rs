@@ -10,6 +10,8 @@
 //! | `finals` | what is the maximum over the last part of the run? |
 //! | `end` | may the run end before its duration? |
 //! | `target` | which target position does its role give a robot? |
+//! | `program_output` | which metrics did a program print? |
+//! | `pending` | which reported values count at a ground-truth sample? |
 //! | `signals` | which values did the control laws record, and what follows for the metrics of the experiment? |
 //! | `blocked_robots` | which robots are off their slots at the end, and which robot blocks each? |
 //! | `travel` | when did each robot arrive, and how long was its path? |
@@ -40,6 +42,8 @@ pub mod hash;
 mod ideal;
 pub mod margin;
 mod orphans;
+pub(crate) mod pending;
+pub mod program_output;
 pub mod signals;
 mod silence;
 pub mod summary;
@@ -51,7 +55,7 @@ use formation::Vec2;
 use formation::desired::Target;
 use formation::front_point::front_point;
 use protocol::brief::Pace;
-use protocol::message::{Contact, TruthHeader, TruthRow};
+use protocol::message::{ReceptionState, TruthHeader, TruthRow};
 use protocol::signals::SignalValues;
 
 use blocked_robots::BlockDetector;
@@ -59,12 +63,12 @@ pub use clearance::Clearance;
 use containment::Containment;
 use distance::Distances;
 pub use distance::PairDistance;
-use end::EarlyEnd;
-use error::Errors;
-use experiment::scenario::{Scenario, Silenced, Struck};
-use fault::{Bound, End, Faults, Report};
-use finals::Window;
-use formation::seconds;
+use end::EarlyEndCondition;
+use error::FormationErrors;
+use experiment::scenario::{AffectedComponent, Scenario, SilencedSource};
+use fault::{FaultBound, FaultEnd, Faults, ReceptionReport};
+use finals::FinalWindow;
+use formation::ns_to_seconds;
 use frame::IdealFrame;
 use ideal::IdealErrors;
 pub use orphans::OrphanChange;
@@ -80,79 +84,87 @@ pub struct Metrics {
     converged_error_m: f64,
     names: Vec<String>,
     deputies: Vec<usize>,
-    front_points_m: Vec<f64>,
+    front_point_offsets_m: Vec<f64>,
     /// Front points at the newest ground-truth sample, m.
-    alphas: Vec<Vec2>,
+    front_points: Vec<Vec2>,
     /// Whether each robot was alive at that sample.
     alive: Vec<bool>,
     truths: Truths,
     distances: Distances,
     /// Name of the wall or obstacle that each convex part belongs to.
-    walls: Vec<String>,
-    newest: Option<TruthHeader>,
+    wall_names: Vec<String>,
+    newest_header: Option<TruthHeader>,
     /// Frame in which the ideal formation rotates and scales.
-    frame: IdealFrame,
-    errors: Errors,
+    ideal_frame: IdealFrame,
+    errors: FormationErrors,
     travel: Travel,
-    waits: BlockDetector,
-    ideal: IdealErrors,
+    block_detector: BlockDetector,
+    ideal_errors: IdealErrors,
     containment: Containment,
     faults: Faults,
     signals: Signals,
-    end: EarlyEnd,
+    early_end: EarlyEndCondition,
 }
 
 /// Metrics at the newest ground-truth sample; lists are in scenario order. An empty list says that all its values are
 /// unknown.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct CurrentErrors<'a> {
+pub struct CurrentMetrics<'a> {
     /// |e_i| with respect to the in-neighbors that each robot receives from, m; `None` for a robot that receives from none.
     pub errors_m: &'a [Option<f64>],
     /// Error vectors e_i of the same errors, m.
-    pub errors: &'a [Option<Vec2>],
+    pub error_vectors: &'a [Option<Vec2>],
     /// Distance of each robot from its slot in the ideal formation, m; `None` for a robot without a slot.
     pub ideal_errors_m: &'a [Option<f64>],
     /// Smallest distance between two front points, m, and the indices of both robots; `None` with fewer than two
     /// robots.
-    pub nearest: Option<(f64, [usize; 2])>,
+    pub nearest_pair: Option<(f64, [usize; 2])>,
     /// Newest value of each signal of each robot, in scenario order and in the order of the laws' declarations.
-    pub signals: &'a [signals::Newest],
+    pub signals: &'a [signals::NewestValue],
 }
 
 /// Metrics of a complete run: a summary in which only the fields that the metrics determine are set.
-pub type Measures = Summary;
+pub type RunMetrics = Summary;
 
 impl Metrics {
     /// Creates the metrics of a scenario before the first sample.
     pub fn new(scenario: &Scenario, pace: Pace) -> Metrics {
         let robots = scenario.robots.len();
-        let window = Window::for_scenario(scenario);
+        let window = FinalWindow::for_scenario(scenario);
         Metrics {
             is_stopped: false,
-            converged_error_m: scenario.expect.converged_error_m,
+            converged_error_m: scenario.expectations.converged_error_m,
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
-            deputies: scenario.repair.deputies.clone(),
-            front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
-            alphas: vec![Vec2::zeros(); robots],
+            deputies: scenario.repair_plan.deputies.clone(),
+            front_point_offsets_m: scenario
+                .robots
+                .iter()
+                .map(|robot| robot.front_point_m)
+                .collect(),
+            front_points: vec![Vec2::zeros(); robots],
             alive: vec![true; robots],
             truths: Truths::new(pace),
-            distances: Distances::new(robots, scenario.avoidance.distance_min_m),
-            walls: scenario.walls.iter().map(|wall| wall.name.clone()).collect(),
-            newest: None,
-            frame: IdealFrame::new(scenario),
-            errors: Errors::new(scenario, window),
+            distances: Distances::new(
+                robots,
+                scenario.avoidance.distance_min_m,
+                scenario.different_sizes_m(),
+            ),
+            wall_names: scenario.walls.iter().map(|wall| wall.name.clone()).collect(),
+            newest_header: None,
+            ideal_frame: IdealFrame::new(scenario),
+            errors: FormationErrors::new(scenario, window),
             travel: Travel::new(scenario),
-            waits: BlockDetector::new(scenario),
-            ideal: IdealErrors::new(scenario, window),
+            block_detector: BlockDetector::new(scenario),
+            ideal_errors: IdealErrors::new(scenario, window),
             containment: Containment::new(scenario, window),
             faults: Faults::new(scenario),
             signals: Signals::new(scenario),
-            end: EarlyEnd::for_scenario(scenario),
+            early_end: EarlyEndCondition::for_scenario(scenario),
         }
     }
 
     /// Stops measuring: later samples are ignored.
-    pub fn stop(&mut self) {
+    pub fn stop_measuring(&mut self) {
         self.is_stopped = true;
     }
 
@@ -162,35 +174,43 @@ impl Metrics {
             return;
         }
         let t_ns = header.t_ns;
-        while let Some((due_ns, fault, bound)) = self.faults.take_scheduled(t_ns) {
+        while let Some((due_ns, fault, bound)) = self.faults.take_scheduled_bound(t_ns) {
             match bound {
-                Bound::Begin => self.begin_fault(fault, due_ns),
-                Bound::End(end) => self.end_fault(fault, end, due_ns),
+                FaultBound::Begin => self.begin_fault(fault, due_ns),
+                FaultBound::End(end) => self.end_fault(fault, end, due_ns),
             }
         }
         self.truths.add_truth(header.tick, t_ns, rows);
-        self.signals.advance(t_ns);
-        self.newest = Some(*header);
+        self.signals.apply_values_before(t_ns);
+        self.newest_header = Some(*header);
         self.alive.clear();
         self.alive.extend_from_slice(alive);
-        for ((alpha, row), ell) in self.alphas.iter_mut().zip(rows).zip(&self.front_points_m) {
+        for ((alpha, row), ell) in
+            self.front_points.iter_mut().zip(rows).zip(&self.front_point_offsets_m)
+        {
             *alpha = front_point(row.pose(), *ell);
         }
-        let distance_m = self.distances.add_truth(header, &self.alphas);
+        let distance_m = self.distances.add_truth(header, &self.front_points);
         let silent = &self.faults.silence;
-        let frame = self.frame.add_truth(t_ns, rows, alive);
-        let worst_m = self.errors.add_truth(t_ns, &frame, &self.alphas, alive, silent);
-        self.travel.add_truth(t_ns, &self.alphas, &self.errors.now_m, alive);
-        self.ideal.add_truth(t_ns, &frame, &self.alphas, alive, &self.errors.now_m);
+        let frame = self.ideal_frame.add_truth(t_ns, rows, alive);
+        let worst_m = self.errors.add_truth(t_ns, &frame, &self.front_points, alive, silent);
+        self.travel.add_truth(t_ns, &self.front_points, &self.errors.current_errors_m, alive);
+        self.ideal_errors.add_truth(
+            t_ns,
+            &frame,
+            &self.front_points,
+            alive,
+            &self.errors.current_errors_m,
+        );
         let bound_m = self.converged_error_m;
-        let both = self.errors.now_m.iter().zip(&self.ideal.now_m);
+        let both = self.errors.current_errors_m.iter().zip(&self.ideal_errors.current_errors_m);
         let beyond = both.zip(alive).map(|((heard, ideal), &alive)| {
             [heard, ideal].map(|error| alive && error.is_some_and(|error| error >= bound_m))
         });
         let converged_since_ns = self.errors.converged_since_ns;
         self.faults.add_truth(t_ns, worst_m, converged_since_ns, beyond, distance_m);
-        self.containment.add_truth(t_ns, &self.alphas, alive, &self.faults.silence);
-        self.end.add_truth(t_ns, converged_since_ns);
+        self.containment.add_truth(t_ns, &self.front_points, alive, &self.faults.silence);
+        self.early_end.add_truth(t_ns, converged_since_ns);
     }
 
     /// Records which robots are alive at the end of the run. A robot may have died shortly before the newest sample
@@ -200,25 +220,25 @@ impl Metrics {
     }
 
     /// Returns the metrics at the newest ground-truth sample.
-    pub fn current(&self) -> CurrentErrors<'_> {
-        CurrentErrors {
-            errors_m: &self.errors.now_m,
-            errors: &self.errors.current_errors,
-            ideal_errors_m: &self.ideal.now_m,
-            nearest: self.distances.newest_minimum(),
-            signals: self.signals.newest(),
+    pub fn current_metrics(&self) -> CurrentMetrics<'_> {
+        CurrentMetrics {
+            errors_m: &self.errors.current_errors_m,
+            error_vectors: &self.errors.current_error_vectors,
+            ideal_errors_m: &self.ideal_errors.current_errors_m,
+            nearest_pair: self.distances.newest_min_distance(),
+            signals: self.signals.newest_values(),
         }
     }
 
     /// Returns whether the run ends early, at the newest ground-truth sample. Later samples do not count.
     pub fn ends_early(&self) -> bool {
-        self.end.is_reached()
+        self.early_end.is_reached()
     }
 
     /// Returns the run time, ns, before which the run does not end early, as known at the newest sample; `None` if
     /// it never ends early.
     pub fn earliest_end_ns(&self) -> Option<u64> {
-        self.end.earliest_end_ns()
+        self.early_end.earliest_end_ns()
     }
 
     /// Sets a new goal, m, for a robot whose role is to go to goals. From the next sample on, the error is the
@@ -237,64 +257,75 @@ impl Metrics {
     /// Adds the signals that a robot's law recorded at its sample of run time `t_ns`, ns. They count from the next
     /// ground-truth sample on.
     pub fn add_signals(&mut self, robot: usize, t_ns: u64, values: SignalValues) {
-        self.signals.add(robot, t_ns, values);
+        self.signals.add_values(robot, t_ns, values);
     }
 
     /// Begins the fault of this number.
     pub fn begin_fault(&mut self, fault: usize, t_ns: u64) {
         let within = |error: &Option<f64>| error.is_some_and(|e| e < self.converged_error_m);
-        let both = self.errors.now_m.iter().zip(&self.ideal.now_m);
+        let both = self.errors.current_errors_m.iter().zip(&self.ideal_errors.current_errors_m);
         let within_bound = both.map(|(heard, ideal)| [heard, ideal].map(within));
-        self.faults.begin(fault, t_ns, within_bound);
+        self.faults.begin_fault(fault, t_ns, within_bound);
     }
 
     /// Records the death of a robot that the scenario does not plan. Returns the number of the new fault.
     pub fn record_unplanned_death(&mut self, robot: usize, how: &str, t_ns: u64) -> usize {
         let what = format!("death of {} ({how})", self.names[robot]);
-        let silenced = Silenced::Robot(robot);
-        let fault =
-            self.register_fault(what, Struck { robot: Some(robot), silenced, ..Struck::default() });
+        let silenced = SilencedSource::Robot(robot);
+        let fault = self.register_fault(
+            what,
+            AffectedComponent {
+                robot: Some(robot),
+                silenced_source: silenced,
+                ..AffectedComponent::default()
+            },
+        );
         self.begin_fault(fault, t_ns);
         fault
     }
 
     /// Returns the number that the next registered fault gets.
     pub fn next_fault_number(&self) -> usize {
-        self.faults.next_number()
+        self.faults.next_fault_number()
     }
 
     /// Registers a fault that the scenario does not plan and that is about to begin. Returns its number.
-    pub fn register_fault(&mut self, what: String, struck: Struck) -> usize {
+    pub fn register_fault(&mut self, what: String, struck: AffectedComponent) -> usize {
         self.faults.register_fault(what, struck)
     }
 
     /// Ends the fault: what it broke is repaired as far as it ever will be.
-    pub fn end_fault(&mut self, fault: usize, end: End, t_ns: u64) {
-        self.faults.end(fault, end, t_ns);
+    pub fn end_fault(&mut self, fault: usize, end: FaultEnd, t_ns: u64) {
+        self.faults.end_fault(fault, end, t_ns);
     }
 
     /// Returns the robots that were disconnected from every leader, or connected again, before run time `t_ns`, ns,
     /// and were not returned yet. All faults before `t_ns` must be known.
     pub fn take_orphan_changes_before(&mut self, t_ns: u64) -> Vec<OrphanChange> {
-        self.faults.orphans.settle_before(t_ns)
+        self.faults.orphans.apply_changes_before(t_ns)
     }
 
     /// Returns for each robot, in scenario order, whether the changes returned up to now leave it disconnected from
     /// every leader.
-    pub fn orphaned(&self) -> &[bool] {
-        &self.faults.orphans.orphaned
+    pub fn orphaned_robots(&self) -> &[bool] {
+        &self.faults.orphans.is_orphaned
     }
 
     /// Records how `hearer` classifies the contact to `neighbor`, and since when. The report may arrive before or
     /// after the fault that it belongs to.
-    pub fn record_contact(
+    pub fn record_reception(
         &mut self,
         hearer: usize,
         neighbor: usize,
-        contact: Contact,
+        contact: ReceptionState,
         since_t_ns: u64,
     ) {
-        self.faults.record_contact(Report { hearer, neighbor, contact, since_ns: since_t_ns });
+        self.faults.record_reception(ReceptionReport {
+            receiver: hearer,
+            neighbor,
+            reception_state: contact,
+            since_ns: since_t_ns,
+        });
     }
 
     /// Returns whether this robot is a backup leader (deputy) of the main leader.
@@ -315,54 +346,62 @@ impl Metrics {
     }
 
     /// Returns the smallest distance of every pair, and when it occurred.
-    pub fn pairs(&self) -> Vec<PairDistance> {
-        self.distances.pairs(&self.names)
+    pub fn pair_distances(&self) -> Vec<PairDistance> {
+        self.distances.pair_distances(&self.names)
     }
 
     /// Returns the metrics of the complete run.
-    pub fn finish(&self) -> Measures {
+    pub fn finish(&self) -> RunMetrics {
         let by_name = |values: &[Option<f64>]| -> Vec<(String, Option<f64>)> {
             self.names.iter().cloned().zip(values.iter().copied()).collect()
         };
         let closest = self.distances.closest_pair();
         let living = self.names.iter().zip(&self.alive).filter(|(_, alive)| **alive);
-        let end_ns = self.end.newest_t_ns;
+        let end_ns = self.early_end.newest_t_ns;
         Summary {
-            t_s: seconds(end_ns),
+            t_s: ns_to_seconds(end_ns),
             ended_early: self.ends_early(),
             min_distance_m: closest.map(|closest| closest.distance_m),
             min_distance_pair: closest
                 .map(|closest| closest.pair.map(|robot| self.names[robot].clone())),
-            min_distance_t_s: closest.map(|closest| seconds(closest.t_ns)),
+            min_distance_t_s: closest.map(|closest| ns_to_seconds(closest.t_ns)),
+            min_distance_over_d: self.distances.smallest_over_d(),
             violations: self.distances.violations(),
-            min_clearance: self
-                .newest
-                .and_then(|header| Clearance::seen_by_plant(&header, &self.names, &self.walls)),
-            clearance_violations: self.newest.map_or(0, |header| header.clearance_violations),
-            final_error_m: by_name(&self.errors.final_errors.by_robot_m(end_ns)),
-            final_error_m_max: self.errors.final_errors.max_m(end_ns),
-            final_ideal_error_m: by_name(&self.ideal.final_errors.by_robot_m(end_ns)),
-            final_ideal_error_m_max: self.ideal.final_errors.max_m(end_ns),
-            tracking_error_m_max: self.errors.tracking_m_max(),
-            integrated_error_m_s: by_name(&self.errors.integrated_m_s),
-            hull_distance_m_max_final: self.containment.final_m_max(end_ns),
-            converged_at_s: self.errors.converged_since_ns.map(seconds),
-            is_unjudged: !self.errors.is_judged,
-            arrived_at_s: by_name(&self.travel.arrived_at_s()),
-            path_m: by_name(&self.travel.path_m()),
-            path_over_straight: self.travel.path_over_straight(),
-            waits: self.waits.blocked_robots(
-                &self.alphas,
-                &self.errors.current_errors,
+            min_clearance: self.newest_header.and_then(|header| {
+                Clearance::from_plant_header(&header, &self.names, &self.wall_names)
+            }),
+            clearance_violations: self
+                .newest_header
+                .map_or(0, |header| header.clearance_violations),
+            final_error_m: by_name(&self.errors.final_errors.errors_by_robot_m(end_ns)),
+            final_error_m_max: self.errors.final_errors.error_m_max(end_ns),
+            final_ideal_error_m: by_name(&self.ideal_errors.final_errors.errors_by_robot_m(end_ns)),
+            final_ideal_error_m_max: self.ideal_errors.final_errors.error_m_max(end_ns),
+            tracking_error_m_max: self.errors.final_tracking_error_m_max(),
+            integrated_error_m_s: by_name(&self.errors.error_integrals_m_s),
+            hull_distance_m_max_final: self.containment.final_distance_m_max(end_ns),
+            converged_at_s: self.errors.converged_since_ns.map(ns_to_seconds),
+            is_unjudged: !self.errors.is_evaluated,
+            arrived_at_s: by_name(&self.travel.arrival_times_s()),
+            path_m: by_name(&self.travel.path_lengths_m()),
+            path_over_straight: self.travel.path_ratio(),
+            waits: self.block_detector.find_blocked_robots(
+                &self.front_points,
+                &self.errors.current_error_vectors,
                 &self.alive,
             ),
             trajectory_hash: self.truths.hash(),
             alive_at_end: living.map(|(name, _)| name.clone()).collect(),
             hash_by_second: self.truths.hash_by_second.clone(),
             truths_lost: self.truths.lost_samples,
-            unseen_s: self.truths.unseen_ns.iter().map(|gap| gap.map(seconds)).collect(),
+            unseen_s: self
+                .truths
+                .unseen_periods_ns
+                .iter()
+                .map(|gap| gap.map(ns_to_seconds))
+                .collect(),
             faults: self.faults.report(&self.names),
-            metrics: self.signals.metrics(&self.alive),
+            metrics: self.signals.compute_metrics(&self.alive),
             ..Summary::default()
         }
     }

@@ -9,23 +9,23 @@
 use formation::reachability::Reachability;
 
 use crate::metrics::silence::{ReferenceChange, SilenceState};
-use experiment::scenario::{Scenario, Silenced};
+use experiment::scenario::{Scenario, SilencedSource};
 
 /// Tracker of the orphaned robots.
-pub(super) struct Orphans {
+pub(super) struct OrphanTracker {
     reachability: Reachability,
     /// Silence up to the settled time.
-    silent: SilenceState,
+    silence: SilenceState,
     /// Changes since the settled time, with their times, ns.
-    pending: Vec<(u64, ReachChange)>,
-    pub(super) orphaned: Vec<bool>,
+    pending_changes: Vec<(u64, ReachChange)>,
+    pub(super) is_orphaned: Vec<bool>,
 }
 
 /// A change that may affect which robots a leader reaches.
 #[derive(Debug, Clone, Copy)]
 enum ReachChange {
     /// A robot or edge was silenced (1), or is no longer silenced (-1).
-    Silenced(Silenced, i32),
+    Silenced(SilencedSource, i32),
     Rewired(ReferenceChange),
 }
 
@@ -37,57 +37,57 @@ pub struct OrphanChange {
     /// Index of the robot in the scenario.
     pub robot: usize,
     /// Whether the robot is disconnected now.
-    pub orphaned: bool,
+    pub is_orphaned: bool,
 }
 
-impl Orphans {
+impl OrphanTracker {
     /// Creates the tracker without faults.
-    pub(super) fn new(scenario: &Scenario) -> Orphans {
-        Orphans {
+    pub(super) fn new(scenario: &Scenario) -> OrphanTracker {
+        OrphanTracker {
             reachability: scenario.reachability_of(&scenario.graph_with_spares()),
-            silent: SilenceState::new(scenario),
-            pending: Vec::new(),
-            orphaned: vec![false; scenario.robots.len()],
+            silence: SilenceState::new(scenario),
+            pending_changes: Vec::new(),
+            is_orphaned: vec![false; scenario.robots.len()],
         }
     }
 
     /// Adds `by` to the number of faults that silence a robot or edge from that time on.
-    pub(super) fn add_silence(&mut self, t_ns: u64, silenced: Silenced, by: i32) {
-        if silenced != Silenced::Nobody {
-            self.pending.push((t_ns, ReachChange::Silenced(silenced, by)));
+    pub(super) fn add_silence(&mut self, t_ns: u64, silenced: SilencedSource, by: i32) {
+        if silenced != SilencedSource::NoSource {
+            self.pending_changes.push((t_ns, ReachChange::Silenced(silenced, by)));
         }
     }
 
     /// Records a change of the neighbors that a robot uses from that time on.
     pub(super) fn record_rewiring(&mut self, t_ns: u64, rewiring: ReferenceChange) {
-        self.pending.push((t_ns, ReachChange::Rewired(rewiring)));
+        self.pending_changes.push((t_ns, ReachChange::Rewired(rewiring)));
     }
 
     /// Settles all changes before this time, ns. Returns the robots whose state changed, in order of time and
     /// robots.
-    pub(super) fn settle_before(&mut self, t_ns: u64) -> Vec<OrphanChange> {
+    pub(super) fn apply_changes_before(&mut self, t_ns: u64) -> Vec<OrphanChange> {
         let mut turns = Vec::new();
-        if self.pending.is_empty() {
+        if self.pending_changes.is_empty() {
             return turns;
         }
-        self.pending.sort_by_key(|&(t_ns, ..)| t_ns);
-        let known = self.pending.partition_point(|&(then_ns, ..)| then_ns < t_ns);
-        let known: Vec<_> = self.pending.drain(..known).collect();
+        self.pending_changes.sort_by_key(|&(t_ns, ..)| t_ns);
+        let known = self.pending_changes.partition_point(|&(then_ns, ..)| then_ns < t_ns);
+        let known: Vec<_> = self.pending_changes.drain(..known).collect();
         for instant in known.chunk_by(|(a_ns, _), (b_ns, _)| a_ns == b_ns) {
             for &(_, change) in instant {
                 match change {
-                    ReachChange::Silenced(silenced, by) => self.silent.add_silence(silenced, by),
-                    ReachChange::Rewired(rewiring) => self.silent.apply_rewiring(rewiring),
+                    ReachChange::Silenced(silenced, by) => self.silence.add_silence(silenced, by),
+                    ReachChange::Rewired(rewiring) => self.silence.apply_rewiring(rewiring),
                 }
             }
-            let cut_off = self.silent.orphaned(&self.reachability);
-            for (robot, was) in self.orphaned.iter_mut().enumerate() {
+            let cut_off = self.silence.orphaned_robots(&self.reachability);
+            for (robot, was) in self.is_orphaned.iter_mut().enumerate() {
                 let is = cut_off.contains(&robot);
                 // A robot that is silent itself is not reported as orphaned.
-                let told = *was != is && !self.silent.is_silent(robot);
+                let told = *was != is && !self.silence.is_silent(robot);
                 *was = is;
                 if told {
-                    turns.push(OrphanChange { t_ns: instant[0].0, robot, orphaned: is });
+                    turns.push(OrphanChange { t_ns: instant[0].0, robot, is_orphaned: is });
                 }
             }
         }
@@ -105,61 +105,63 @@ mod tests {
     use protocol::law::Role;
 
     /// Returns the tracker of a row: r1 leads, r2 receives from r1, r3 from r2.
-    fn led_row() -> Orphans {
+    fn led_row() -> OrphanTracker {
         let mut scenario = row_of_three();
         scenario.robots[0].role = Role::LEADER;
         let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
         scenario.lead =
             Some(LeadBrief { trajectory, scale: Scale::CONSTANT_ONE, keep_heading: false });
-        Orphans::new(&scenario)
+        OrphanTracker::new(&scenario)
     }
 
     fn orphan_change(t_ns: u64, robot: usize, orphaned: bool) -> OrphanChange {
-        OrphanChange { t_ns, robot, orphaned }
+        OrphanChange { t_ns, robot, is_orphaned: orphaned }
     }
 
     #[test]
     fn death_and_cut_orphan_downstream_robots_until_both_end() {
         let mut orphans = led_row();
-        orphans.add_silence(3, Silenced::Robot(0), 1);
-        orphans.add_silence(5, Silenced::Edge(1), 1);
-        orphans.add_silence(7, Silenced::Robot(0), -1);
-        orphans.add_silence(9, Silenced::Edge(1), -1);
-        assert_eq!(orphans.settle_before(3), []);
+        orphans.add_silence(3, SilencedSource::Robot(0), 1);
+        orphans.add_silence(5, SilencedSource::Edge(1), 1);
+        orphans.add_silence(7, SilencedSource::Robot(0), -1);
+        orphans.add_silence(9, SilencedSource::Edge(1), -1);
+        assert_eq!(orphans.apply_changes_before(3), []);
         assert_eq!(
-            orphans.settle_before(4),
+            orphans.apply_changes_before(4),
             [orphan_change(3, 1, true), orphan_change(3, 2, true)]
         );
-        assert_eq!(orphans.orphaned, [false, true, true]);
-        assert_eq!(orphans.settle_before(9), [orphan_change(7, 1, false)]);
-        assert_eq!(orphans.settle_before(10), [orphan_change(9, 2, false)]);
-        assert_eq!(orphans.orphaned, [false; 3]);
+        assert_eq!(orphans.is_orphaned, [false, true, true]);
+        assert_eq!(orphans.apply_changes_before(9), [orphan_change(7, 1, false)]);
+        assert_eq!(orphans.apply_changes_before(10), [orphan_change(9, 2, false)]);
+        assert_eq!(orphans.is_orphaned, [false; 3]);
     }
 
     #[test]
     fn dead_robot_leaves_orphans_without_event() {
         let mut orphans = led_row();
-        orphans.add_silence(3, Silenced::Robot(0), 1);
-        orphans.add_silence(4, Silenced::Robot(1), 1);
+        orphans.add_silence(3, SilencedSource::Robot(0), 1);
+        orphans.add_silence(4, SilencedSource::Robot(1), 1);
         assert_eq!(
-            orphans.settle_before(5),
+            orphans.apply_changes_before(5),
             [orphan_change(3, 1, true), orphan_change(3, 2, true)]
         );
-        assert_eq!(orphans.orphaned, [false, false, true]);
+        assert_eq!(orphans.is_orphaned, [false, false, true]);
         // A replacement has no leader either.
-        orphans.add_silence(5, Silenced::Robot(1), -1);
-        assert_eq!(orphans.settle_before(6), [orphan_change(5, 1, true)]);
+        orphans.add_silence(5, SilencedSource::Robot(1), -1);
+        assert_eq!(orphans.apply_changes_before(6), [orphan_change(5, 1, true)]);
     }
 
     #[test]
     fn order_of_simultaneous_returns_has_no_effect() {
         for order in [[0, 1], [1, 0]] {
             let mut orphans = led_row();
-            orphans.add_silence(3, Silenced::Robot(0), 1);
-            orphans.add_silence(3, Silenced::Robot(1), 1);
-            order.into_iter().for_each(|robot| orphans.add_silence(5, Silenced::Robot(robot), -1));
+            orphans.add_silence(3, SilencedSource::Robot(0), 1);
+            orphans.add_silence(3, SilencedSource::Robot(1), 1);
+            order
+                .into_iter()
+                .for_each(|robot| orphans.add_silence(5, SilencedSource::Robot(robot), -1));
             assert_eq!(
-                orphans.settle_before(9),
+                orphans.apply_changes_before(9),
                 [orphan_change(3, 2, true), orphan_change(5, 2, false)]
             );
         }
@@ -169,10 +171,10 @@ mod tests {
     fn leaderless_formation_orphans_only_isolated_contained_robots() {
         let mut scenario = row_of_three();
         scenario.robots[2].role = Role::CONTAINED;
-        let mut orphans = Orphans::new(&scenario);
-        orphans.add_silence(3, Silenced::Robot(0), 1);
-        assert_eq!(orphans.settle_before(4), []);
-        orphans.add_silence(5, Silenced::Edge(1), 1);
-        assert_eq!(orphans.settle_before(6), [orphan_change(5, 2, true)]);
+        let mut orphans = OrphanTracker::new(&scenario);
+        orphans.add_silence(3, SilencedSource::Robot(0), 1);
+        assert_eq!(orphans.apply_changes_before(4), []);
+        orphans.add_silence(5, SilencedSource::Edge(1), 1);
+        assert_eq!(orphans.apply_changes_before(6), [orphan_change(5, 2, true)]);
     }
 }

@@ -1,12 +1,12 @@
 //! Signals that control laws recorded, and the metrics of the experiment's own that follow from them.
 
-use std::collections::VecDeque;
-
-use experiment::scenario::{Metric, OverRobots, OverTime, Scenario};
+use experiment::scenario::{Metric, MetricSource, RobotReduction, Scenario, TimeReduction};
 use protocol::signals::SignalValues;
 
+use super::pending::PendingValues;
+
 /// Newest value of one signal of one robot: run time of the sample, ns, and value; `None` before the first one.
-pub type Newest = Option<(u64, f64)>;
+pub type NewestValue = Option<(u64, f64)>;
 
 /// Signals of all robots.
 pub(super) struct Signals {
@@ -14,24 +14,24 @@ pub(super) struct Signals {
     /// Names of the signals of each robot.
     names: Vec<&'static [&'static str]>,
     /// Index of the first signal of each robot in the lists of all signals.
-    first: Vec<usize>,
-    /// Values of each robot that later ground-truth samples will count, with the run time of their samples, ns.
-    waiting: Vec<VecDeque<(u64, SignalValues)>>,
-    newest: Vec<Newest>,
-    sums: Vec<Sums>,
+    first_signal_index: Vec<usize>,
+    pending_values: PendingValues<SignalValues>,
+    newest_values: Vec<NewestValue>,
+    reductions: Vec<ValueReductions>,
 }
 
 /// Reductions of the values of one signal of one robot.
 #[derive(Debug, Clone, Copy)]
-struct Sums {
+struct ValueReductions {
     count: u64,
     sum: f64,
     min: f64,
     max: f64,
 }
 
-impl Sums {
-    const NONE: Sums = Sums { count: 0, sum: 0.0, min: f64::INFINITY, max: f64::NEG_INFINITY };
+impl ValueReductions {
+    const NONE: ValueReductions =
+        ValueReductions { count: 0, sum: 0.0, min: f64::INFINITY, max: f64::NEG_INFINITY };
 
     fn add(&mut self, value: f64) {
         self.count += 1;
@@ -53,76 +53,85 @@ impl Signals {
         }
         Signals {
             metrics: scenario.metrics.clone(),
-            waiting: vec![VecDeque::new(); names.len()],
+            pending_values: PendingValues::new(names.len()),
             names,
-            first,
-            newest: vec![None; count],
-            sums: vec![Sums::NONE; count],
+            first_signal_index: first,
+            newest_values: vec![None; count],
+            reductions: vec![ValueReductions::NONE; count],
         }
     }
 
     /// Adds the values that a robot recorded at its sample of run time `t_ns`, ns.
-    pub(super) fn add(&mut self, robot: usize, t_ns: u64, values: SignalValues) {
+    pub(super) fn add_values(&mut self, robot: usize, t_ns: u64, values: SignalValues) {
         if !values.is_empty() {
-            self.waiting[robot].push_back((t_ns, values));
+            self.pending_values.push(robot, t_ns, values);
         }
     }
 
     /// Counts all values of samples before run time `t_ns`, ns.
-    pub(super) fn advance(&mut self, t_ns: u64) {
-        for (robot, waiting) in self.waiting.iter_mut().enumerate() {
-            while let Some(&(at_ns, values)) = waiting.front().filter(|(at_ns, _)| *at_ns < t_ns) {
-                waiting.pop_front();
-                let own = values.iter().filter(|(i, _)| *i < self.names[robot].len());
-                for (i, value) in own {
-                    self.newest[self.first[robot] + i] = Some((at_ns, value));
-                    self.sums[self.first[robot] + i].add(value);
-                }
+    pub(super) fn apply_values_before(&mut self, t_ns: u64) {
+        let Signals {
+            names, first_signal_index, pending_values, newest_values, reductions, ..
+        } = self;
+        pending_values.take_before(t_ns, |robot, at_ns, values| {
+            let own = values.iter().filter(|(i, _)| *i < names[robot].len());
+            for (i, value) in own {
+                newest_values[first_signal_index[robot] + i] = Some((at_ns, value));
+                reductions[first_signal_index[robot] + i].add(value);
             }
-        }
+        });
     }
 
     /// Returns the newest value of each signal, robot by robot.
-    pub(super) fn newest(&self) -> &[Newest] {
-        &self.newest
+    pub(super) fn newest_values(&self) -> &[NewestValue] {
+        &self.newest_values
     }
 
-    /// Returns all metrics by name, over the robots that are alive.
-    pub(super) fn metrics(&self, alive: &[bool]) -> Vec<(String, Option<f64>)> {
-        let metric = |metric: &Metric| {
-            let living = (0..self.names.len()).filter(|&robot| alive[robot]);
-            let values = living.filter_map(|robot| self.over_time(robot, metric));
-            (metric.name.clone(), over_robots(metric.over_robots, values))
+    /// Returns all metrics by name, over the robots that are alive. Those of programs have no value yet.
+    pub(super) fn compute_metrics(&self, alive: &[bool]) -> Vec<(String, Option<f64>)> {
+        let value = |metric: &Metric| match &metric.source {
+            MetricSource::Program { .. } => None,
+            MetricSource::Signal { signal, over_time, over_robots } => {
+                let living = (0..self.names.len()).filter(|&robot| alive[robot]);
+                let values =
+                    living.filter_map(|robot| self.reduce_over_time(robot, signal, *over_time));
+                reduce_over_robots(*over_robots, values)
+            }
         };
-        self.metrics.iter().map(metric).collect()
+        self.metrics.iter().map(|metric| (metric.name.clone(), value(metric))).collect()
     }
 
-    /// Returns the value of one robot for a metric; `None` if it recorded none.
-    fn over_time(&self, robot: usize, metric: &Metric) -> Option<f64> {
-        let signal = self.names[robot].iter().position(|&name| name == metric.signal)?;
-        let place = self.first[robot] + signal;
-        let (_, last) = self.newest[place]?;
-        let Sums { count, sum, min, max } = self.sums[place];
-        Some(match metric.over_time {
-            OverTime::Last => last,
-            OverTime::Mean => sum / count as f64,
-            OverTime::Min => min,
-            OverTime::Max => max,
-            OverTime::Sum => sum,
+    /// Returns the reduction of a signal of one robot; `None` if it recorded none.
+    fn reduce_over_time(
+        &self,
+        robot: usize,
+        signal: &str,
+        over_time: TimeReduction,
+    ) -> Option<f64> {
+        let signal = self.names[robot].iter().position(|&name| name == signal)?;
+        let place = self.first_signal_index[robot] + signal;
+        let (_, last) = self.newest_values[place]?;
+        let ValueReductions { count, sum, min, max } = self.reductions[place];
+        Some(match over_time {
+            TimeReduction::Last => last,
+            TimeReduction::Mean => sum / count as f64,
+            TimeReduction::Min => min,
+            TimeReduction::Max => max,
+            TimeReduction::Sum => sum,
         })
     }
 }
 
 /// Returns the reduction of the robots' values; `None` without any, or if it is not finite.
-fn over_robots(reduction: OverRobots, values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut all = Sums::NONE;
+fn reduce_over_robots(reduction: RobotReduction, values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut all = ValueReductions::NONE;
     values.for_each(|value| all.add(value));
-    let Sums { count, sum, min, max } = all;
+    let ValueReductions { count, sum, min, max } = all;
     let value = match reduction {
-        OverRobots::Max => max,
-        OverRobots::Min => min,
-        OverRobots::Mean => sum / count as f64,
-        OverRobots::Sum => sum,
+        RobotReduction::Max => max,
+        RobotReduction::Min => min,
+        RobotReduction::Mean => sum / count as f64,
+        RobotReduction::Sum => sum,
     };
     (count > 0 && value.is_finite()).then_some(value)
 }
@@ -132,13 +141,14 @@ mod tests {
     use super::*;
     use experiment::examples::row_of_three;
 
-    fn metric(over_time: OverTime, over_robots: OverRobots) -> Metric {
+    fn metric(over_time: TimeReduction, over_robots: RobotReduction) -> Metric {
         let name = format!("{over_time:?} {over_robots:?}");
-        Metric { name, signal: "cost_m2".to_owned(), over_time, over_robots }
+        let source = MetricSource::Signal { signal: "cost_m2".to_owned(), over_time, over_robots };
+        Metric { name, source }
     }
 
     /// Returns the row of three, in which r1 and r3 record a cost.
-    fn recording(metrics: Vec<Metric>) -> Scenario {
+    fn scenario_with_signals(metrics: Vec<Metric>) -> Scenario {
         let mut scenario = row_of_three();
         scenario.robots[0].signals = &["cost_m2"];
         scenario.robots[2].signals = &["gap_m", "cost_m2"];
@@ -155,20 +165,20 @@ mod tests {
     #[test]
     fn metrics_reduce_over_time_and_then_over_living_robots() {
         let pairs = [
-            (OverTime::Last, OverRobots::Max),
-            (OverTime::Mean, OverRobots::Sum),
-            (OverTime::Min, OverRobots::Min),
-            (OverTime::Max, OverRobots::Mean),
-            (OverTime::Sum, OverRobots::Max),
+            (TimeReduction::Last, RobotReduction::Max),
+            (TimeReduction::Mean, RobotReduction::Sum),
+            (TimeReduction::Min, RobotReduction::Min),
+            (TimeReduction::Max, RobotReduction::Mean),
+            (TimeReduction::Sum, RobotReduction::Max),
         ];
         let metrics = pairs.map(|(time, robots)| metric(time, robots)).to_vec();
-        let mut signals = Signals::new(&recording(metrics));
-        signals.add(0, 0, values(&[(0, 4.0)]));
-        signals.add(0, 10, values(&[(0, 2.0)]));
-        signals.add(2, 0, values(&[(0, 100.0), (1, 7.0)]));
-        signals.advance(11);
+        let mut signals = Signals::new(&scenario_with_signals(metrics));
+        signals.add_values(0, 0, values(&[(0, 4.0)]));
+        signals.add_values(0, 10, values(&[(0, 2.0)]));
+        signals.add_values(2, 0, values(&[(0, 100.0), (1, 7.0)]));
+        signals.apply_values_before(11);
         let found = |alive: &[bool]| -> Vec<Option<f64>> {
-            signals.metrics(alive).into_iter().map(|(_, value)| value).collect()
+            signals.compute_metrics(alive).into_iter().map(|(_, value)| value).collect()
         };
         assert_eq!(found(&[true; 3]), [7.0, 10.0, 2.0, 5.5, 7.0].map(Some));
         assert_eq!(found(&[true, true, false]), [2.0, 3.0, 2.0, 4.0, 6.0].map(Some));
@@ -177,14 +187,14 @@ mod tests {
 
     #[test]
     fn value_counts_from_the_first_sample_after_its_own() {
-        let mut signals = Signals::new(&recording(Vec::new()));
-        signals.add(2, 10, values(&[(1, 1.0)]));
-        signals.add(2, 20, values(&[(1, 2.0)]));
-        signals.advance(10);
-        assert_eq!(signals.newest(), [None; 3]);
-        signals.advance(20);
-        assert_eq!(signals.newest(), [None, None, Some((10, 1.0))]);
-        signals.advance(30);
-        assert_eq!(signals.newest(), [None, None, Some((20, 2.0))]);
+        let mut signals = Signals::new(&scenario_with_signals(Vec::new()));
+        signals.add_values(2, 10, values(&[(1, 1.0)]));
+        signals.add_values(2, 20, values(&[(1, 2.0)]));
+        signals.apply_values_before(10);
+        assert_eq!(signals.newest_values(), [None; 3]);
+        signals.apply_values_before(20);
+        assert_eq!(signals.newest_values(), [None, None, Some((10, 1.0))]);
+        signals.apply_values_before(30);
+        assert_eq!(signals.newest_values(), [None, None, Some((20, 2.0))]);
     }
 }

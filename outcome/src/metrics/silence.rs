@@ -1,24 +1,28 @@
 //! Silence by faults: which robots and edges are silent, and which robots that breaks.
 
-use experiment::prediction::{Broken, Predictor};
-use experiment::scenario::{Scenario, Silenced};
+use experiment::prediction::{BrokenPrediction, FailurePredictor};
+use experiment::scenario::{Scenario, SilencedSource};
+use formation::ns_to_seconds;
 use formation::reachability::Reachability;
-use formation::rewiring::Purpose;
-use formation::seconds;
+use formation::rewiring::SenderPurpose;
 
 /// Number of faults that silence each robot and edge, and the edges in use. Edges to backup neighbors follow the
 /// edges of the graph.
 #[derive(Debug, Clone)]
 pub(super) struct SilenceState {
-    robots: Vec<i32>,
-    edges: Vec<i32>,
+    robot_fault_counts: Vec<i32>,
+    edge_fault_counts: Vec<i32>,
     /// Ends of each edge, `[from, to]`.
-    ends: Vec<[usize; 2]>,
-    purposes: Vec<Purpose>,
-    in_use: Vec<bool>,
+    edge_ends: Vec<[usize; 2]>,
+    /// For each robot, the indices of its incoming edges.
+    incoming_edges: Vec<Vec<usize>>,
+    purposes: Vec<SenderPurpose>,
+    used_edges: Vec<bool>,
     leader: Option<usize>,
     /// Which deputies lead in place of the leader.
-    leads: Vec<bool>,
+    acting_deputies: Vec<bool>,
+    /// Whether no robot and no edge is silent, and exactly the edges of the graph are in use.
+    is_undisturbed: bool,
 }
 
 /// A change of the neighbors that a robot uses.
@@ -26,9 +30,9 @@ pub(super) struct SilenceState {
 #[expect(missing_docs, reason = "the fields are robot indices and flags")]
 pub enum ReferenceChange {
     /// The robot starts or stops using another robot as a reference.
-    Uses { robot: usize, other: usize, yes: bool },
+    ReferenceUse { robot: usize, neighbor: usize, is_used: bool },
     /// A deputy starts or stops leading.
-    Leads { robot: usize, yes: bool },
+    DeputyLead { robot: usize, is_leading: bool },
     /// The robot is replaced, and uses its in-neighbors of the graph again.
     Restarted { robot: usize },
 }
@@ -39,93 +43,134 @@ impl SilenceState {
         let rewiring = scenario.rewiring();
         let ends: Vec<[usize; 2]> =
             rewiring.links().iter().map(|edge| [edge.from, edge.to]).collect();
-        let purposes: Vec<Purpose> = (0..ends.len()).map(|edge| rewiring.purpose(edge)).collect();
+        let purposes: Vec<SenderPurpose> =
+            (0..ends.len()).map(|edge| rewiring.purpose(edge)).collect();
         SilenceState {
-            robots: vec![0; scenario.robots.len()],
-            edges: vec![0; ends.len()],
-            in_use: purposes.iter().map(|purpose| *purpose == Purpose::InNeighbor).collect(),
-            ends,
+            robot_fault_counts: vec![0; scenario.robots.len()],
+            edge_fault_counts: vec![0; ends.len()],
+            used_edges: purposes
+                .iter()
+                .map(|purpose| *purpose == SenderPurpose::InNeighbor)
+                .collect(),
+            edge_ends: ends,
+            incoming_edges: (0..scenario.robots.len())
+                .map(|robot| rewiring.incoming_links(robot).to_vec())
+                .collect(),
             purposes,
             leader: scenario.leader(),
-            leads: vec![false; scenario.robots.len()],
+            acting_deputies: vec![false; scenario.robots.len()],
+            is_undisturbed: true,
         }
     }
 
+    /// Returns whether every robot receives from exactly its in-neighbors.
+    pub(super) fn is_undisturbed(&self) -> bool {
+        self.is_undisturbed
+    }
+
+    fn update_undisturbed(&mut self) {
+        let mut counts = self.robot_fault_counts.iter().chain(&self.edge_fault_counts);
+        let mut used = self.used_edges.iter().zip(&self.purposes);
+        self.is_undisturbed = counts.all(|count| *count <= 0)
+            && used.all(|(used, purpose)| *used == (*purpose == SenderPurpose::InNeighbor));
+    }
+
     /// Adds `by` to the number of faults that silence a robot or edge.
-    pub(super) fn add_silence(&mut self, silenced: Silenced, by: i32) {
+    pub(super) fn add_silence(&mut self, silenced: SilencedSource, by: i32) {
         match silenced {
-            Silenced::Nobody => {}
-            Silenced::Robot(robot) => self.robots[robot] += by,
-            Silenced::Edge(edge) => self.edges[edge] += by,
+            SilencedSource::NoSource => {}
+            SilencedSource::Robot(robot) => self.robot_fault_counts[robot] += by,
+            SilencedSource::Edge(edge) => self.edge_fault_counts[edge] += by,
         }
+        self.update_undisturbed();
     }
 
     /// Applies a change of the neighbors that a robot uses.
     pub(super) fn apply_rewiring(&mut self, rewiring: ReferenceChange) {
+        let mut is_changed = false;
+        let mut set_use =
+            |is_used: &mut bool, yes| is_changed |= std::mem::replace(is_used, yes) != yes;
         match rewiring {
-            ReferenceChange::Leads { robot, yes } => self.leads[robot] = yes,
-            ReferenceChange::Restarted { robot } => self.leads[robot] = false,
-            ReferenceChange::Uses { .. } => {}
-        }
-        for (edge, &[from, to]) in self.ends.iter().enumerate() {
-            match rewiring {
-                ReferenceChange::Uses { robot, other, yes } if [from, to] == [other, robot] => {
-                    self.in_use[edge] = yes;
-                }
-                ReferenceChange::Restarted { robot } if to == robot => {
-                    self.in_use[edge] = self.purposes[edge] == Purpose::InNeighbor;
-                }
-                _ => {}
+            ReferenceChange::DeputyLead { robot, is_leading: yes } => {
+                self.acting_deputies[robot] = yes
             }
+            ReferenceChange::Restarted { robot } => {
+                self.acting_deputies[robot] = false;
+                for &edge in &self.incoming_edges[robot] {
+                    let yes = self.purposes[edge] == SenderPurpose::InNeighbor;
+                    set_use(&mut self.used_edges[edge], yes);
+                }
+            }
+            ReferenceChange::ReferenceUse { robot, neighbor: other, is_used: yes } => {
+                let incoming = self.incoming_edges[robot].iter();
+                for &edge in incoming.filter(|&&edge| self.edge_ends[edge][0] == other) {
+                    set_use(&mut self.used_edges[edge], yes);
+                }
+            }
+        }
+        if is_changed {
+            self.update_undisturbed();
         }
     }
 
     /// Returns whether the receiving robot uses this edge and beacons arrive over it.
     pub(super) fn carries_beacons(&self, edge: usize, from: usize) -> bool {
-        self.in_use[edge] && self.robots[from] <= 0 && self.edges[edge] <= 0
+        self.used_edges[edge]
+            && self.robot_fault_counts[from] <= 0
+            && self.edge_fault_counts[edge] <= 0
     }
 
     /// Returns whether the receiving robot uses this edge, with or without beacons.
     pub(super) fn is_used(&self, edge: usize) -> bool {
-        self.in_use[edge]
+        self.used_edges[edge]
     }
 
     /// Returns whether this edge leads to a backup neighbor.
     pub(super) fn is_spare(&self, edge: usize) -> bool {
-        self.purposes[edge] != Purpose::InNeighbor
+        self.purposes[edge] != SenderPurpose::InNeighbor
     }
 
     /// Returns whether this robot is a deputy that leads.
     pub(super) fn is_acting_deputy(&self, robot: usize) -> bool {
-        self.leads[robot]
+        self.acting_deputies[robot]
     }
 
     /// Returns whether this robot is a follower that takes over a leader's slot.
-    pub(super) fn takes_place(&self, robot: usize) -> bool {
-        let by = |edge: usize| self.purposes[edge] == Purpose::LeaderSlot && self.in_use[edge];
-        (0..self.ends.len()).any(|edge| self.ends[edge][1] == robot && by(edge))
+    pub(super) fn takes_leader_slot(&self, robot: usize) -> bool {
+        let by = |edge: usize| {
+            self.purposes[edge] == SenderPurpose::KeepLeaderSlot && self.used_edges[edge]
+        };
+        self.incoming_edges[robot].iter().any(|&edge| by(edge))
     }
 
     /// Returns whether a fault silences this robot.
     pub(super) fn is_silent(&self, robot: usize) -> bool {
-        self.robots[robot] > 0
+        self.robot_fault_counts[robot] > 0
     }
 
     /// Returns the robots that are not silent and that no living leader reaches.
-    pub(super) fn orphaned(&self, reachability: &Reachability) -> Vec<usize> {
-        let silent = (0..self.ends.len()).filter(|&e| self.edges[e] > 0 || !self.in_use[e]);
-        let leaders = (0..self.leads.len()).filter(|&i| self.leads[i] || self.leader == Some(i));
-        let (dead, silent): (_, Vec<usize>) = (silenced_indices(&self.robots), silent.collect());
-        let loss = reachability.loss_with_leaders(&leaders.collect::<Vec<_>>(), &dead, &silent);
+    pub(super) fn orphaned_robots(&self, reachability: &Reachability) -> Vec<usize> {
+        let silent = (0..self.edge_ends.len())
+            .filter(|&e| self.edge_fault_counts[e] > 0 || !self.used_edges[e]);
+        let leaders = (0..self.acting_deputies.len())
+            .filter(|&i| self.acting_deputies[i] || self.leader == Some(i));
+        let (dead, silent): (_, Vec<usize>) =
+            (silenced_indices(&self.robot_fault_counts), silent.collect());
+        let loss =
+            reachability.new_defects_with_leaders(&leaders.collect::<Vec<_>>(), &dead, &silent);
         [loss.unled, loss.uncontained, loss.adrift].concat()
     }
 
     /// Predicts which robots are broken if the current silence lasts from `t_ns` on.
-    pub(super) fn predict_broken(&self, predictor: &Predictor, t_ns: u64) -> Vec<Broken> {
+    pub(super) fn predict_broken(
+        &self,
+        predictor: &FailurePredictor,
+        t_ns: u64,
+    ) -> Vec<BrokenPrediction> {
         predictor.broken_robots(
-            &silenced_indices(&self.robots),
-            &silenced_indices(&self.edges),
-            Some(seconds(t_ns)),
+            &silenced_indices(&self.robot_fault_counts),
+            &silenced_indices(&self.edge_fault_counts),
+            Some(ns_to_seconds(t_ns)),
         )
     }
 }

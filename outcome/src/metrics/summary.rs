@@ -10,7 +10,7 @@ mod facts;
 use std::ops::{Add, AddAssign, Sub};
 
 use protocol::brief::Pace;
-pub use protocol::stage::Cause;
+pub use protocol::stage::LatenessCause;
 use protocol::stage::Stage;
 use serde::{Deserialize, Serialize};
 
@@ -20,7 +20,7 @@ use crate::metrics::clearance::Clearance;
 use crate::metrics::expect::Expectation;
 use crate::metrics::fault::FaultReport;
 use crate::quantities::quantities;
-use crate::report::digits::digits;
+use crate::report::digits::format_four_digits;
 
 quantities! {
     /// Content of `summary.json`. A value that does not exist is `null`.
@@ -54,6 +54,10 @@ quantities! {
         pub min_distance_pair: Option<[String; 2]>,
         /// Run time of this distance, s.
         pub min_distance_t_s: Option<f64>,
+        /// Smallest distance of two front points at any tick over the minimum distance of the two robots, in a team of
+        /// robots with different sizes; otherwise the key is missing.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub min_distance_over_d: Option<f64>,
         /// Number of ticks at which some pair was nearer than d.
         pub violations: u64,
         /// Smallest distance of a front point from a wall or obstacle: `distance_m`, `robot`, `wall`, `at_m` (the front
@@ -81,8 +85,8 @@ quantities! {
         /// Time since which the errors of all living robots stayed below `converged_error_m`, s; empty or `null` if
         /// there is none.
         pub converged_at_s: Option<f64>,
-        /// `true` if errors and convergence were not evaluated, because all robots were free and set no target; otherwise
-        /// the key is missing.
+        /// `true` if errors and convergence were not evaluated, because all robots were free and set no target;
+        /// otherwise the key is missing.
         #[serde(skip_serializing_if = "std::ops::Not::not")]
         pub is_unjudged: bool,
         /// Time since which the error of each robot stayed below `converged_error_m`, s; `null` if it did not arrive.
@@ -91,20 +95,20 @@ quantities! {
         /// Path length of each front point until its arrival, or until the end of the run, m.
         #[serde(with = "by_name")]
         pub path_m: Vec<(String, Option<f64>)>,
-        /// Total path length divided by the total length of straight lines, over the robots that arrived at goals; empty
-        /// or `null` if there are none, and once a robot was sent to another goal.
+        /// Total path length divided by the total length of straight lines, over the robots that arrived at goals;
+        /// empty or `null` if there are none, and once a robot was sent to another goal.
         pub path_over_straight: Option<f64>,
         /// Blocked robots: robots that had not arrived at the end while another robot, a wall or an obstacle was in
-        /// their slot or in their way. Each has `robot`, `error_m`, `for_robot` (the other robot), `why` (`taken`: it is
-        /// in the slot; `blocked`: it is in the way; `wall`: a wall or obstacle, which `for_robot` then names, is in the
-        /// way), and `lives`, whether the other robot is alive.
+        /// their slot or in their way. Each has `robot`, `error_m`, `for_robot` (the other robot), `why` (`taken`: it
+        /// is in the slot; `blocked`: it is in the way; `wall`: a wall or obstacle, which `for_robot` then names, is in
+        /// the way), and `lives`, whether the other robot is alive.
         pub waits: Vec<BlockedRobot>,
         /// Number of commands sent after their agent's next wake-up was due.
         pub deadline_misses: u64,
-        /// Counts of commands at the plant, by outcome. `age_ns_max` is the maximum age of a command that moved a robot,
-        /// counted from the stamp of the sample that it answers; in real time, `unanswered` is the number of samples
-        /// that were too old for an answer.
-        pub commands: Commands,
+        /// Counts of commands at the plant, by outcome. `age_ns_max` is the maximum age of a command that moved a
+        /// robot, counted from the stamp of the sample that it answers; in real time, `unanswered` is the number of
+        /// samples that were too old for an answer.
+        pub commands: CommandCounts,
         /// Number of beacons that each robot rejected: not finite, not plausible, old or from the future.
         #[serde(with = "by_name")]
         pub beacons_refused: Vec<(String, u64)>,
@@ -115,11 +119,15 @@ quantities! {
         /// Number of messages that each robot sent with these beacons.
         #[serde(with = "by_name", skip_serializing_if = "Vec::is_empty")]
         pub messages_sent: Vec<(String, u64)>,
+        /// Number of messages of in-neighbors that each robot did not process: more than 16 were waiting, more than
+        /// `message_queue` arrived between two calls of its law, or it was frozen.
+        #[serde(with = "by_name", skip_serializing_if = "Vec::is_empty")]
+        pub messages_dropped: Vec<(String, u64)>,
         /// Hash of all messages, in lockstep: two runs with the same one have sent the same messages at the same ticks.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub message_hash: Option<String>,
-        /// Metrics of the experiment's own by name, as `[metrics]` defines them; `null` if no robot that was alive at the
-        /// end recorded the signal.
+        /// Metrics of the experiment's own by name, as `[metrics]` defines them; `null` if no robot that was alive at
+        /// the end recorded the signal, or if the program of the metric gave no value.
         #[serde(with = "by_name", skip_serializing_if = "Vec::is_empty")]
         pub metrics: Vec<(String, Option<f64>)>,
         /// Names of the robots that were alive at the end of the run.
@@ -143,83 +151,94 @@ quantities! {
         /// `reason`.
         pub expectations: Vec<Expectation>,
         /// Values that depend on wall time; see below.
-        pub wall: Wall,
+        pub wall: WallTimeValues,
     }
 
     facts |summary| {
-        min_distance_m "smallest distance" = facts::smallest_distance(summary),
-        min_clearance "smallest clearance" = facts::smallest_clearance(summary),
+        min_distance_m "smallest distance" = facts::format_min_distance(summary),
+        min_distance_over_d "smallest over d" = summary.min_distance_over_d.map(format_four_digits),
+        min_clearance "smallest clearance" = facts::format_min_clearance(summary),
         converged_at_s "converged" =
-            (!summary.is_unjudged).then(|| facts::converged(summary.converged_at_s)),
-        final_error_m "final errors, m" = facts::all_errors(&summary.final_error_m),
-        final_error_m "largest errors, m" = facts::largest_errors(&summary.final_error_m),
-        final_ideal_error_m "ideal errors, m" = facts::all_errors(&summary.final_ideal_error_m),
-        final_ideal_error_m "largest ideal, m" = facts::largest_errors(&summary.final_ideal_error_m),
-        waits "blocked" = facts::blocked(&summary.waits),
-        tracking_error_m_max "tracking error, m" = summary.tracking_error_m_max.map(digits),
+            (!summary.is_unjudged).then(|| facts::format_convergence(summary.converged_at_s)),
+        final_error_m "final errors, m" = facts::format_all_errors(&summary.final_error_m),
+        final_error_m "largest errors, m" = facts::format_largest_errors(&summary.final_error_m),
+        final_ideal_error_m "ideal errors, m" = facts::format_all_errors(&summary.final_ideal_error_m),
+        final_ideal_error_m "largest ideal, m" = facts::format_largest_errors(&summary.final_ideal_error_m),
+        waits "blocked" = facts::format_blocked_robots(&summary.waits),
+        tracking_error_m_max "tracking error, m" = summary.tracking_error_m_max.map(format_four_digits),
         hull_distance_m_max_final "outside the hull, m" =
-            summary.hull_distance_m_max_final.map(digits),
-        metrics "metrics" = facts::metrics(&summary.metrics),
-        t_s "time" = Some(facts::time(summary)),
+            summary.hull_distance_m_max_final.map(format_four_digits),
+        metrics "metrics" = facts::format_metrics(&summary.metrics),
+        t_s "time" = Some(facts::format_times(summary)),
         trajectory_hash "trajectory hash" = summary.trajectory_hash.clone(),
-        messages_sent "messages" = facts::messages(summary),
+        messages_sent "messages" = facts::format_messages(summary),
+        messages_dropped "messages dropped" = facts::format_dropped_messages(summary),
         message_hash "message hash" = summary.message_hash.clone(),
         deadline_misses "deadline misses" =
             (summary.pace == Pace::Realtime).then(|| summary.deadline_misses.to_string()),
-        commands "commands" = Some(facts::commands(&summary.commands)),
+        commands "commands" = Some(facts::format_commands(&summary.commands)),
         beacons_refused "beacons" = {
             let refused: u64 = summary.beacons_refused.iter().map(|(_, refused)| refused).sum();
             (refused > 0).then(|| format!("{refused} refused"))
         },
-        truths_lost "samples lost" = facts::samples_lost(summary),
+        truths_lost "samples lost" = facts::format_lost_samples(summary),
         wall "latencies lost" =
             (summary.wall.latencies_lost > 0).then(|| summary.wall.latencies_lost.to_string()),
-        information_ages "information age" = facts::oldest_information_text(summary),
-        wall "late wake-ups" = facts::late_wake_ups(summary),
-        wall "goals from ROS 2" = summary.wall.goals.as_ref().map(facts::goals),
+        information_ages "information age" = facts::format_oldest_information(summary),
+        wall "late wake-ups" = facts::format_late_wake_ups(summary),
+        wall "goals from ROS 2" = summary.wall.goals.as_ref().map(facts::format_goals),
     }
 
     columns |summary, d_m| {
         trajectory_hash = summary.trajectory_hash.clone().unwrap_or_default(),
-        t_s = facts::field(Some(summary.t_s)),
+        t_s = facts::format_field(Some(summary.t_s)),
         ticks = summary.ticks.to_string(),
-        distance_min_m "Minimum distance d of the scenario, m." = facts::field(Some(d_m)),
-        min_distance_m = facts::field(summary.min_distance_m),
-        min_distance_over_d "`min_distance_m` divided by d." =
-            facts::field(summary.min_distance_m.map(|distance_m| distance_m / d_m)),
+        distance_min_m "Minimum distance d of the scenario, m." = facts::format_field(Some(d_m)),
+        min_distance_m = facts::format_field(summary.min_distance_m),
+        min_distance_over_d "`min_distance_m` divided by d; in a team of different sizes the smallest such ratio of a \
+                             pair." =
+            facts::format_field(summary.distance_over_d(d_m)),
         violations = summary.violations.to_string(),
         min_clearance_m "Smallest distance of a front point from a wall or obstacle, m; empty without walls and \
                          obstacles." =
-            facts::field(summary.min_clearance.as_ref().map(|clearance| clearance.distance_m)),
+            facts::format_field(summary.min_clearance.as_ref().map(|clearance| clearance.distance_m)),
         clearance_violations = summary.clearance_violations.to_string(),
         converged "1 if the errors of all living robots stayed below `converged_error_m` from some time on, else 0." =
             u8::from(summary.converged_at_s.is_some()).to_string(),
-        converged_at_s = facts::field(summary.converged_at_s),
-        final_error_m_max = facts::field(summary.final_error_m_max),
-        final_ideal_error_m_max = facts::field(summary.final_ideal_error_m_max),
-        tracking_error_m_max = facts::field(summary.tracking_error_m_max),
-        hull_distance_m_max_final = facts::field(summary.hull_distance_m_max_final),
+        converged_at_s = facts::format_field(summary.converged_at_s),
+        final_error_m_max = facts::format_field(summary.final_error_m_max),
+        final_ideal_error_m_max = facts::format_field(summary.final_ideal_error_m_max),
+        tracking_error_m_max = facts::format_field(summary.tracking_error_m_max),
+        hull_distance_m_max_final = facts::format_field(summary.hull_distance_m_max_final),
         integrated_error_m_s "Integral of each robot's error over the time in which it was alive, summed over all \
                               robots, m s." =
-            facts::field(facts::sum_if_complete(&summary.integrated_error_m_s)),
+            facts::format_field(facts::sum_if_complete(&summary.integrated_error_m_s)),
         alive_at_end "Number of robots that were alive at the end." = summary.alive_at_end.len().to_string(),
         restarts "Number of restarts of robots." =
             summary.restarts.iter().map(|(_, count)| count).sum::<u64>().to_string(),
         recovered_after_s_max "Longest time until the formation recovered from a fault, s; empty without faults, or \
                                if it did not recover from one." =
-            facts::field(facts::slowest_recovery_s(summary)),
+            facts::format_field(facts::slowest_recovery_s(summary)),
         arrived "Number of robots that stayed within `converged_error_m` of their targets from some time on." =
-            facts::arrivals_s(summary).len().to_string(),
+            facts::arrival_times_s(summary).len().to_string(),
         arrived_at_s_mean "Mean of these times, s; the time of the last arrival is `converged_at_s`." =
-            facts::field(facts::mean(&facts::arrivals_s(summary))),
-        path_over_straight = facts::field(summary.path_over_straight),
+            facts::format_field(facts::mean(&facts::arrival_times_s(summary))),
+        path_over_straight = facts::format_field(summary.path_over_straight),
+    }
+}
+
+impl Summary {
+    /// Returns the smallest distance of two front points over their minimum distance. `d_m` is the minimum distance, m,
+    /// if all pairs have the same.
+    pub fn distance_over_d(&self, d_m: f64) -> Option<f64> {
+        self.min_distance_over_d.or(self.min_distance_m.map(|distance_m| distance_m / d_m))
     }
 }
 
 /// Values that depend on wall time. They differ from run to run in both time modes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct Wall {
+pub struct WallTimeValues {
     /// Wall time from the start of the first process to t = 0, when all processes were ready, s.
     pub startup_s: Option<f64>,
     /// Wall time from t = 0 to the end, s.
@@ -324,7 +343,7 @@ impl HostSummary {
 /// Counts of commands at the plant, by outcome.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct Commands {
+pub struct CommandCounts {
     /// Rejected because the command had expired on arrival or was from the future.
     pub late: u64,
     /// Rejected because a newer command had been accepted.
@@ -422,7 +441,7 @@ pub struct InformationAge {
 
 impl StageLatency {
     /// Returns the robot's name, or the edge as `r1 -> r2`.
-    pub fn edge(&self) -> String {
+    pub fn robot_or_edge_name(&self) -> String {
         match &self.from {
             Some(from) => format!("{from} -> {}", self.robot),
             None => self.robot.clone(),
@@ -509,19 +528,19 @@ impl Summary {
     }
 
     /// Returns the number of late wake-ups and answers of robots for each cause that occurred.
-    pub fn late_by_cause(&self) -> Vec<(Cause, u64)> {
-        let count = |cause: Cause| {
+    pub fn late_wake_ups_by_cause(&self) -> Vec<(LatenessCause, u64)> {
+        let count = |cause: LatenessCause| {
             let lines = self.latencies().filter(|line| line.stage == cause.stage().keyword());
             (cause, lines.map(|line| line.count).sum())
         };
-        Cause::ALL.map(count).into_iter().filter(|&(_, count)| count > 0).collect()
+        LatenessCause::ALL.map(count).into_iter().filter(|&(_, count)| count > 0).collect()
     }
 
     /// Returns for each stage the robot or edge with the largest p99.9, then the largest maximum. Stages that count
     /// lateness by cause are left out.
     pub fn worst_latencies(&self) -> Vec<&StageLatency> {
         let mut worst: Vec<&StageLatency> = Vec::new();
-        let by_cause = Cause::ALL.map(|cause| cause.stage().keyword());
+        let by_cause = LatenessCause::ALL.map(|cause| cause.stage().keyword());
         for line in self.latencies().filter(|line| !by_cause.contains(&line.stage.as_str())) {
             let size = |line: &StageLatency| (line.p99_9_ns, line.max_ns);
             match worst.iter_mut().find(|known| known.stage == line.stage) {
@@ -538,7 +557,7 @@ impl Summary {
 mod tests {
     use super::*;
 
-    fn line(stage: &str, robot: &str, p99_9_ns: u64, max_ns: u64) -> StageLatency {
+    fn stage_latency(stage: &str, robot: &str, p99_9_ns: u64, max_ns: u64) -> StageLatency {
         let (stage, robot) = (stage.into(), robot.into());
         StageLatency { stage, robot, p99_9_ns, max_ns, ..StageLatency::default() }
     }
@@ -551,9 +570,13 @@ mod tests {
             min_distance_m: Some(0.1 + 0.2),
             final_error_m: ["r2", "r10", "r1"].map(|robot| (robot.into(), None)).into(),
             restarts: vec![("r10".into(), 3), ("r1".into(), 0)],
-            ages: vec![line("beacon_age", "r1", 1, 2)],
+            ages: vec![stage_latency("beacon_age", "r1", 1, 2)],
             faults: vec![FaultReport { peak_error_m: f64::INFINITY, ..FaultReport::default() }],
-            wall: Wall { startup_s: Some(0.25), wall_s: 3.0, ..Wall::default() },
+            wall: WallTimeValues {
+                startup_s: Some(0.25),
+                wall_s: 3.0,
+                ..WallTimeValues::default()
+            },
             ..Summary::default()
         };
         let text = serde_json::to_string(&summary).unwrap();
@@ -569,15 +592,15 @@ mod tests {
     #[test]
     fn worst_of_a_stage_has_the_longest_tail() {
         let summary = Summary {
-            ages: vec![line("beacon_age", "r1", 5, 5)],
-            wall: Wall {
+            ages: vec![stage_latency("beacon_age", "r1", 5, 5)],
+            wall: WallTimeValues {
                 latency: vec![
-                    line("wake", "r1", 1, 9),
-                    line("wake", "r2", 3, 3),
-                    line("wake", "r3", 3, 4),
-                    line("compute", "r1", 0, 0),
+                    stage_latency("wake", "r1", 1, 9),
+                    stage_latency("wake", "r2", 3, 3),
+                    stage_latency("wake", "r3", 3, 4),
+                    stage_latency("compute", "r1", 0, 0),
                 ],
-                ..Wall::default()
+                ..WallTimeValues::default()
             },
             ..Summary::default()
         };

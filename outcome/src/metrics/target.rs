@@ -4,11 +4,11 @@ use std::collections::VecDeque;
 
 use formation::Vec2;
 use formation::desired::{Target, mean_target};
-use formation::frame::LeaderFrame;
+use formation::frame::OffsetTransform;
 use formation::graph::Edge;
 use formation::laplacian::settled_positions;
+use formation::ns_to_seconds;
 use formation::rewiring::Rewiring;
-use formation::seconds;
 use protocol::brief::{LeadBrief, SilencePolicy};
 use protocol::law::Reference;
 
@@ -21,7 +21,7 @@ pub(super) struct Targets {
     /// Links of each robot. Links from backup neighbors follow the edges of the graph.
     rewiring: Rewiring,
     /// Trajectory of each robot that may lead, and its slot about the trajectory at heading 0 and scale 1, m.
-    leads: Vec<Option<(LeadBrief, Vec2)>>,
+    lead_briefs: Vec<Option<(LeadBrief, Vec2)>>,
     /// Current goal of each robot that goes to goals, m; initially that of the scenario.
     goals: Vec<Option<Vec2>>,
     policy: SilencePolicy,
@@ -34,7 +34,9 @@ impl Targets {
         Targets {
             references: scenario.robots.iter().map(|robot| robot.role.reference).collect(),
             rewiring: scenario.rewiring(),
-            leads: (0..scenario.robots.len()).map(|i| lead_of(scenario, i)).collect(),
+            lead_briefs: (0..scenario.robots.len())
+                .map(|i| lead_brief_and_slot(scenario, i))
+                .collect(),
             goals: scenario.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect(),
             policy: scenario.silence.policy,
             own_targets: vec![VecDeque::new(); scenario.robots.len()],
@@ -49,13 +51,13 @@ impl Targets {
     /// Sets the target that the law of a free robot named at its sample of run time `t_ns`, ns. It counts for later
     /// ground-truth samples.
     pub(super) fn set_own_target(&mut self, robot: usize, t_ns: u64, target: Option<Target>) {
-        if self.references[robot] == Reference::Free {
+        if self.references[robot] == Reference::LawTarget {
             self.own_targets[robot].push_back((t_ns, target));
         }
     }
 
     /// Drops the targets of free robots that a newer one before run time `t_ns`, ns, replaces.
-    pub(super) fn advance(&mut self, t_ns: u64) {
+    pub(super) fn drop_replaced_targets(&mut self, t_ns: u64) {
         for own in &mut self.own_targets {
             while own.get(1).is_some_and(|(named_ns, _)| *named_ns < t_ns) {
                 own.pop_front();
@@ -65,15 +67,15 @@ impl Targets {
 
     /// Returns whether the robot is free: without a target of its law, it has no error.
     pub(super) fn is_free(&self, robot: usize) -> bool {
-        self.references[robot] == Reference::Free
+        self.references[robot] == Reference::LawTarget
     }
 
     /// Returns the target of a free robot at run time `t_s`, s, as its law named it before.
     fn own_target(&self, robot: usize, t_s: f64) -> Option<Target> {
         let (named_ns, target) = self.own_targets[robot].front()?;
-        let later_s = t_s - seconds(*named_ns);
+        let later_s = t_s - ns_to_seconds(*named_ns);
         (later_s > 0.0).then_some(())?;
-        target.map(|target| target.extrapolated(later_s))
+        target.map(|target| target.extrapolate(later_s))
     }
 
     /// Returns alpha_i - alpha*_i, m, or `None` for a robot without a reference.
@@ -82,25 +84,25 @@ impl Targets {
     /// in-neighbors' positions plus offsets in a formation (13) (24) (45) and for a follower, which has offsets only
     /// while it takes over a leader's slot (46); and the current goal for a robot that goes to goals. `counted` selects
     /// the in-neighbors during silence.
-    pub(super) fn error(
+    pub(super) fn robot_error(
         &self,
         robot: usize,
         t_s: f64,
-        frame: &LeaderFrame,
+        frame: &OffsetTransform,
         alphas: &[Vec2],
         silent: &SilenceState,
     ) -> Option<Vec2> {
-        let leading = self.leads[robot].as_ref().map(|(lead, place)| {
-            Target::at_rest(lead.trajectory.target_at(t_s).position + frame.offset(*place).position)
+        let leading = self.lead_briefs[robot].as_ref().map(|(lead, place)| {
+            Target::at_rest(lead.trajectory.target_at(t_s).position + frame.apply(*place).position)
         });
         let target = match self.references[robot] {
             Reference::Trajectory => leading,
             Reference::Offsets if silent.is_acting_deputy(robot) => leading,
-            Reference::Offsets | Reference::Middle => {
-                self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji))
+            Reference::Offsets | Reference::NeighborMean => {
+                self.mean_neighbor_target(robot, alphas, silent, |c_ji| frame.apply(c_ji))
             }
             Reference::Goal => self.goals[robot].map(Target::at_rest),
-            Reference::Free => self.own_target(robot, t_s),
+            Reference::LawTarget => self.own_target(robot, t_s),
         };
         target.map(|target| alphas[robot] - target.position)
     }
@@ -109,7 +111,8 @@ impl Targets {
     /// replacements included, or all in-neighbors if there are no beacons or the policy keeps silent neighbors. An
     /// edge that replaces several others is repeated.
     fn counted_edges(&self, robot: usize, silent: &SilenceState) -> impl Iterator<Item = &Edge> {
-        let (receiver, incoming) = (self.rewiring.receiver(robot), self.rewiring.incoming(robot));
+        let (receiver, incoming) =
+            (self.rewiring.receiver(robot), self.rewiring.incoming_links(robot));
         let links = self.rewiring.links();
         let is_spare = move |place: usize| silent.is_spare(incoming[place]);
         let is_used = move |place: usize| silent.is_used(incoming[place]);
@@ -129,24 +132,30 @@ impl Targets {
         })
     }
 
-    fn mean(
+    fn mean_neighbor_target(
         &self,
         robot: usize,
         alphas: &[Vec2],
         silent: &SilenceState,
         offset: impl Fn(Vec2) -> Target,
     ) -> Option<Target> {
-        let counted = self.counted_edges(robot, silent);
         let place = |ends: &Edge| Target::at_rest(alphas[ends.from]);
-        mean_target(counted.map(|ends| (place(ends), offset(ends.offset_m))))
+        let desired = |ends: &Edge| (place(ends), offset(ends.offset_m));
+        if silent.is_undisturbed() {
+            let incoming = self.rewiring.incoming_links(robot);
+            let heard = &incoming[..self.rewiring.receiver(robot).in_neighbor_count()];
+            let links = self.rewiring.links();
+            return mean_target(heard.iter().map(|&link| desired(&links[link])));
+        }
+        mean_target(self.counted_edges(robot, silent).map(desired))
     }
 }
 
 /// Returns the trajectory of a robot that may lead, and its slot about the trajectory, m.
-fn lead_of(scenario: &Scenario, i: usize) -> Option<(LeadBrief, Vec2)> {
+fn lead_brief_and_slot(scenario: &Scenario, i: usize) -> Option<(LeadBrief, Vec2)> {
     let leader = scenario.leader()?;
     let lead = scenario.lead.clone()?;
-    match scenario.repair.deputies.contains(&i) {
+    match scenario.repair_plan.deputies.contains(&i) {
         true => Some((lead, settled_positions(&scenario.graph, leader)?[i])),
         false => (i == leader).then(|| (lead, Vec2::zeros())),
     }

@@ -1,4 +1,4 @@
-use super::fault::{End, FaultReport};
+use super::fault::{FaultEnd, FaultReport};
 use super::*;
 
 use experiment::examples::row_of_three;
@@ -9,7 +9,7 @@ use protocol::law::Role;
 use crate::metrics::examples::{header, rows};
 
 const SECOND_NS: u64 = 1_000_000_000;
-const ALL: [bool; 3] = [true; 3];
+const ALL_ALIVE: [bool; 3] = [true; 3];
 
 /// Returns the formation with r3 off its slot by `off_m`, towards r2.
 fn rows_with_r3_displaced(off_m: f64) -> [TruthRow; 3] {
@@ -28,8 +28,8 @@ fn metrics_of_samples(
 }
 
 /// Returns the metrics of a run in which r3 is off its slot by `off_m` at each tick and all robots are alive.
-fn metrics_with_r3_displaced<const N: usize>(truths: [(u64, f64); N]) -> Measures {
-    metrics_of_samples(truths.map(|(tick, off_m)| (tick, rows_with_r3_displaced(off_m), ALL)))
+fn metrics_with_r3_displaced<const N: usize>(truths: [(u64, f64); N]) -> RunMetrics {
+    metrics_of_samples(truths.map(|(tick, off_m)| (tick, rows_with_r3_displaced(off_m), ALL_ALIVE)))
         .finish()
 }
 
@@ -39,8 +39,8 @@ fn is_close(a: Option<f64>, b: f64) -> bool {
 
 #[test]
 fn errors_are_distances_from_the_slot_given_by_in_neighbors() {
-    let metrics = metrics_of_samples([(0, rows([0.0, -0.7, -1.5]), ALL)]);
-    let errors = metrics.current().errors_m;
+    let metrics = metrics_of_samples([(0, rows([0.0, -0.7, -1.5]), ALL_ALIVE)]);
+    let errors = metrics.current_metrics().errors_m;
     assert_eq!(errors[0], None);
     assert!(is_close(errors[1], 0.3) && is_close(errors[2], 0.2), "{errors:?}");
 }
@@ -60,7 +60,8 @@ fn integrated_error_counts_only_the_time_alive() {
 fn minimum_distance_has_its_pair_and_time() {
     let truths = [(0, 1.0), (1, 0.15), (2, 0.1), (3, 0.5)];
     let measures =
-        metrics_of_samples(truths.map(|(tick, x_m)| (tick, rows([0.0, 3.0, x_m]), ALL))).finish();
+        metrics_of_samples(truths.map(|(tick, x_m)| (tick, rows([0.0, 3.0, x_m]), ALL_ALIVE)))
+            .finish();
     assert!(is_close(measures.min_distance_m, 0.1));
     assert_eq!(measures.min_distance_t_s, Some(2.0));
     assert_eq!(measures.violations, 2);
@@ -68,7 +69,7 @@ fn minimum_distance_has_its_pair_and_time() {
 
 #[test]
 fn minimum_distance_includes_ticks_between_truths() {
-    let mut metrics = metrics_of_samples([(0, rows_with_r3_displaced(0.0), ALL)]);
+    let mut metrics = metrics_of_samples([(0, rows_with_r3_displaced(0.0), ALL_ALIVE)]);
     metrics.record_unplanned_death(1, "signal 9", SECOND_NS / 4);
     let seen = TruthHeader {
         closest_m: 0.05,
@@ -78,7 +79,7 @@ fn minimum_distance_includes_ticks_between_truths() {
         commands_late: 3,
         ..header(1)
     };
-    metrics.add_truth(&seen, &rows_with_r3_displaced(0.0), &ALL);
+    metrics.add_truth(&seen, &rows_with_r3_displaced(0.0), &ALL_ALIVE);
     let measures = metrics.finish();
     assert_eq!((measures.min_distance_m, measures.min_distance_t_s), (Some(0.05), Some(0.5)));
     assert_eq!(measures.violations, 4);
@@ -113,9 +114,9 @@ fn convergence_starts_after_the_last_large_error() {
 
 #[test]
 fn disturbed_dead_or_nan_end_has_not_converged() {
-    for (off_m, alive) in [(0.5, ALL), (0.0, [false; 3]), (f64::NAN, ALL)] {
+    for (off_m, alive) in [(0.5, ALL_ALIVE), (0.0, [false; 3]), (f64::NAN, ALL_ALIVE)] {
         let metrics = metrics_of_samples([
-            (0, rows_with_r3_displaced(0.0), ALL),
+            (0, rows_with_r3_displaced(0.0), ALL_ALIVE),
             (1, rows_with_r3_displaced(off_m), alive),
         ]);
         assert_eq!(metrics.finish().converged_at_s, None);
@@ -142,14 +143,14 @@ fn final_errors_are_the_worst_of_the_last_tenth_of_the_run() {
 
 /// Returns the report of a run in which r2 is killed at 3 s and moves again at 5 s; `off_m` is r3's error at each
 /// tick.
-fn killed_and_replaced(off_m: &[f64]) -> FaultReport {
+fn report_of_replaced_robot(off_m: &[f64]) -> FaultReport {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for (tick, &off_m) in (0u64..).zip(off_m) {
         if tick == 3 {
             metrics.record_unplanned_death(1, "signal 9", tick * SECOND_NS);
         }
         if tick == 5 {
-            metrics.end_fault(0, End::Whole, tick * SECOND_NS);
+            metrics.end_fault(0, FaultEnd::Repaired, tick * SECOND_NS);
         }
         metrics.add_truth(
             &header(tick),
@@ -178,7 +179,7 @@ fn fault_window_lasts_until_stable_recovery_or_the_end() {
         // No robot was disturbed.
         (&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.008, 0.0], Some(2.0), Some(0.0), 0.008, 0.992),
     ] {
-        let fault = killed_and_replaced(off_m);
+        let fault = report_of_replaced_robot(off_m);
         assert_eq!((fault.t_s, fault.robot.as_deref()), (3.0, Some("r2")));
         assert_eq!((fault.lasted_s, fault.recovered_after_s), (lasted_s, recovered_after_s));
         let worst = is_close(Some(fault.peak_error_m), peak_m);
@@ -193,9 +194,9 @@ fn later_fault_closes_only_the_window_of_a_recovered_fault() {
         for (tick, off_m) in (0u64..).zip(off_m) {
             if tick == 1 || tick == 5 {
                 let fault = metrics.record_unplanned_death(0, "signal 9", tick * SECOND_NS);
-                metrics.end_fault(fault, End::ForGood, tick * SECOND_NS);
+                metrics.end_fault(fault, FaultEnd::Permanent, tick * SECOND_NS);
             }
-            metrics.add_truth(&header(tick), &rows_with_r3_displaced(off_m), &ALL);
+            metrics.add_truth(&header(tick), &rows_with_r3_displaced(off_m), &ALL_ALIVE);
         }
         metrics.finish().faults
     };
@@ -212,13 +213,13 @@ fn later_fault_closes_only_the_window_of_a_recovered_fault() {
 
 #[test]
 fn simultaneous_faults_share_their_effects() {
-    let mut metrics = metrics_of_samples([(0, rows_with_r3_displaced(0.0), ALL)]);
+    let mut metrics = metrics_of_samples([(0, rows_with_r3_displaced(0.0), ALL_ALIVE)]);
     for fault in [0, 1] {
         metrics.record_unplanned_death(fault, "signal 9", SECOND_NS);
-        metrics.end_fault(fault, End::ForGood, SECOND_NS);
+        metrics.end_fault(fault, FaultEnd::Permanent, SECOND_NS);
     }
-    metrics.add_truth(&header(1), &rows_with_r3_displaced(0.0), &ALL);
-    metrics.add_truth(&header(2), &rows_with_r3_displaced(0.5), &ALL);
+    metrics.add_truth(&header(1), &rows_with_r3_displaced(0.0), &ALL_ALIVE);
+    metrics.add_truth(&header(2), &rows_with_r3_displaced(0.5), &ALL_ALIVE);
     let faults = metrics.finish().faults;
     assert!(
         faults.iter().all(|f| f.recovered_after_s.is_none() && is_close(Some(f.peak_error_m), 0.5))
@@ -227,60 +228,63 @@ fn simultaneous_faults_share_their_effects() {
 
 /// Event of a run; contacts may be reported in any order.
 #[derive(Debug, Clone, Copy)]
-enum StoryStep {
+enum FaultSequenceStep {
     /// The plant reached this second.
     Truth(u64),
     Began(usize, u64),
-    Ended(usize, End, u64),
-    Contact(usize, usize, Contact, u64),
+    Ended(usize, FaultEnd, u64),
+    Contact(usize, usize, ReceptionState, u64),
 }
 
 /// r2 dies at 3 s, returns at 6 s, becomes silent at 7 s for another reason, and dies for good at 8 s; r1 dies
 /// meanwhile.
-const EVENT_SEQUENCE: [StoryStep; 25] = [
-    StoryStep::Truth(0),
-    StoryStep::Truth(1),
-    StoryStep::Truth(2),
-    StoryStep::Truth(3),
-    StoryStep::Began(0, 3),
-    StoryStep::Truth(4),
-    StoryStep::Began(1, 4),
-    StoryStep::Ended(1, End::ForGood, 4),
-    StoryStep::Truth(5),
-    StoryStep::Truth(6),
-    StoryStep::Ended(0, End::Whole, 6),
-    StoryStep::Truth(7),
-    StoryStep::Truth(8),
-    StoryStep::Began(2, 8),
-    StoryStep::Ended(2, End::ForGood, 8),
-    StoryStep::Truth(9),
-    StoryStep::Contact(2, 1, Contact::Stale, 2),
-    StoryStep::Contact(2, 1, Contact::Stale, 5),
-    StoryStep::Contact(0, 1, Contact::Stale, 4),
-    StoryStep::Contact(0, 1, Contact::Lost, 6),
-    StoryStep::Contact(2, 1, Contact::Fresh, 6),
-    StoryStep::Contact(2, 1, Contact::Stale, 7),
-    StoryStep::Contact(2, 1, Contact::Lost, 9),
-    StoryStep::Contact(1, 0, Contact::Stale, 5),
-    StoryStep::Contact(1, 0, Contact::Lost, 8),
+const EVENT_SEQUENCE: [FaultSequenceStep; 25] = [
+    FaultSequenceStep::Truth(0),
+    FaultSequenceStep::Truth(1),
+    FaultSequenceStep::Truth(2),
+    FaultSequenceStep::Truth(3),
+    FaultSequenceStep::Began(0, 3),
+    FaultSequenceStep::Truth(4),
+    FaultSequenceStep::Began(1, 4),
+    FaultSequenceStep::Ended(1, FaultEnd::Permanent, 4),
+    FaultSequenceStep::Truth(5),
+    FaultSequenceStep::Truth(6),
+    FaultSequenceStep::Ended(0, FaultEnd::Repaired, 6),
+    FaultSequenceStep::Truth(7),
+    FaultSequenceStep::Truth(8),
+    FaultSequenceStep::Began(2, 8),
+    FaultSequenceStep::Ended(2, FaultEnd::Permanent, 8),
+    FaultSequenceStep::Truth(9),
+    FaultSequenceStep::Contact(2, 1, ReceptionState::Stale, 2),
+    FaultSequenceStep::Contact(2, 1, ReceptionState::Stale, 5),
+    FaultSequenceStep::Contact(0, 1, ReceptionState::Stale, 4),
+    FaultSequenceStep::Contact(0, 1, ReceptionState::Lost, 6),
+    FaultSequenceStep::Contact(2, 1, ReceptionState::Fresh, 6),
+    FaultSequenceStep::Contact(2, 1, ReceptionState::Stale, 7),
+    FaultSequenceStep::Contact(2, 1, ReceptionState::Lost, 9),
+    FaultSequenceStep::Contact(1, 0, ReceptionState::Stale, 5),
+    FaultSequenceStep::Contact(1, 0, ReceptionState::Lost, 8),
 ];
 
-fn collect_fault_reports(story: impl Iterator<Item = StoryStep>) -> Vec<FaultReport> {
+fn collect_fault_reports(story: impl Iterator<Item = FaultSequenceStep>) -> Vec<FaultReport> {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for robot in [1, 0, 1] {
-        let struck =
-            Struck { robot: Some(robot), silenced: Silenced::Robot(robot), ..Struck::default() };
+        let struck = AffectedComponent {
+            robot: Some(robot),
+            silenced_source: SilencedSource::Robot(robot),
+            ..AffectedComponent::default()
+        };
         metrics.register_fault(format!("death of {robot}"), struck);
     }
     for told in story {
         match told {
-            StoryStep::Truth(tick) => {
-                metrics.add_truth(&header(tick), &rows_with_r3_displaced(0.0), &ALL)
+            FaultSequenceStep::Truth(tick) => {
+                metrics.add_truth(&header(tick), &rows_with_r3_displaced(0.0), &ALL_ALIVE)
             }
-            StoryStep::Began(fault, s) => metrics.begin_fault(fault, s * SECOND_NS),
-            StoryStep::Ended(fault, end, s) => metrics.end_fault(fault, end, s * SECOND_NS),
-            StoryStep::Contact(hearer, neighbor, contact, s) => {
-                metrics.record_contact(hearer, neighbor, contact, s * SECOND_NS);
+            FaultSequenceStep::Began(fault, s) => metrics.begin_fault(fault, s * SECOND_NS),
+            FaultSequenceStep::Ended(fault, end, s) => metrics.end_fault(fault, end, s * SECOND_NS),
+            FaultSequenceStep::Contact(hearer, neighbor, contact, s) => {
+                metrics.record_reception(hearer, neighbor, contact, s * SECOND_NS);
             }
         }
     }
@@ -318,10 +322,10 @@ proptest! {
 fn old_contact_reports_are_dropped() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for tick in 0..100_000 {
-        metrics.add_truth(&header(tick), &rows_with_r3_displaced(0.0), &ALL);
-        metrics.record_contact(2, 1, Contact::Stale, tick * SECOND_NS);
+        metrics.add_truth(&header(tick), &rows_with_r3_displaced(0.0), &ALL_ALIVE);
+        metrics.record_reception(2, 1, ReceptionState::Stale, tick * SECOND_NS);
     }
-    assert!(metrics.faults.kept_report_count() < 100, "{}", metrics.faults.kept_report_count());
+    assert!(metrics.faults.stored_report_count() < 100, "{}", metrics.faults.stored_report_count());
 }
 
 #[test]
@@ -331,19 +335,19 @@ fn new_goal_determines_errors_and_convergence_of_its_robot() {
         (robot.role, robot.goal_m) = (Role::GOAL, Some([x_m, 0.0]));
     }
     let mut metrics = Metrics::new(&scenario, Pace::Realtime);
-    metrics.add_truth(&header(0), &rows([0.5, 1.0, 2.0]), &ALL);
-    metrics.add_truth(&header(1), &rows([0.0, 1.0, 2.0]), &ALL);
-    assert_eq!(metrics.finish().converged_at_s, Some(seconds(header(1).t_ns)));
+    metrics.add_truth(&header(0), &rows([0.5, 1.0, 2.0]), &ALL_ALIVE);
+    metrics.add_truth(&header(1), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
+    assert_eq!(metrics.finish().converged_at_s, Some(ns_to_seconds(header(1).t_ns)));
     assert!(metrics.finish().path_over_straight.is_some());
     metrics.set_goal(2, Vec2::new(3.0, 0.0));
-    metrics.add_truth(&header(2), &rows([0.0, 1.0, 2.25]), &ALL);
-    for errors_m in [metrics.current().errors_m, metrics.current().ideal_errors_m] {
+    metrics.add_truth(&header(2), &rows([0.0, 1.0, 2.25]), &ALL_ALIVE);
+    for errors_m in [metrics.current_metrics().errors_m, metrics.current_metrics().ideal_errors_m] {
         let expected = errors_m.iter().zip([0.0, 0.0, 0.75]);
         assert!(expected.into_iter().all(|(&found, m)| is_close(found, m)), "{errors_m:?}");
     }
     assert_eq!(metrics.finish().converged_at_s, None);
-    metrics.add_truth(&header(3), &rows([0.0, 1.0, 3.0]), &ALL);
-    assert_eq!(metrics.finish().converged_at_s, Some(seconds(header(3).t_ns)));
+    metrics.add_truth(&header(3), &rows([0.0, 1.0, 3.0]), &ALL_ALIVE);
+    assert_eq!(metrics.finish().converged_at_s, Some(ns_to_seconds(header(3).t_ns)));
     assert_eq!(metrics.finish().path_over_straight, None, "it was not sent to one goal only");
 }
 
@@ -351,19 +355,19 @@ fn new_goal_determines_errors_and_convergence_of_its_robot() {
 #[test]
 fn robot_off_its_slot_at_the_end_waits_for_the_blocking_robot() {
     let mut scenario = row_of_three();
-    scenario.method.steers_within = Some(("d_f", |_| 0.21));
+    scenario.avoidance_method.steering_distance = Some(("d_f", |_| 0.21));
     let waits = |x_m: [f64; 3], alive: [bool; 3]| {
         let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
         metrics.add_truth(&header(0), &rows(x_m), &alive);
         let waits = metrics.finish().waits;
         waits.iter().map(|wait| wait.describe()).collect::<Vec<_>>().join("; ")
     };
-    assert_eq!(waits([0.0, -1.0, -2.0], ALL), "", "all robots have arrived");
-    assert_eq!(waits([0.0, -1.0, -1.5], ALL), "", "no robot is in the way");
+    assert_eq!(waits([0.0, -1.0, -2.0], ALL_ALIVE), "", "all robots have arrived");
+    assert_eq!(waits([0.0, -1.0, -1.5], ALL_ALIVE), "", "no robot is in the way");
     // r2's slot is 1 m behind r1.
     assert_eq!(waits([0.0, -0.8, -1.0], [true, true, false]), "r2 by r3 (dead) in its slot");
     assert_eq!(waits([0.0, -0.4, -0.6], [true, true, false]), "r2 by r3 (dead) in its path");
-    let both = waits([0.0, -0.7, -0.9], ALL);
+    let both = waits([0.0, -0.7, -0.9], ALL_ALIVE);
     assert_eq!(both, "r2 by r3 in its slot");
 }
 
@@ -376,22 +380,32 @@ fn free_robots_are_judged_by_the_targets_that_their_laws_name() {
         Some(Target { position, velocity })
     };
     let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
-    metrics.add_truth(&header(0), &rows([0.0, 1.0, 2.0]), &ALL);
-    metrics.add_truth(&header(1), &rows([0.0, 1.0, 2.0]), &ALL);
-    assert_eq!(metrics.current().errors_m, [None; 3]);
+    metrics.add_truth(&header(0), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
+    metrics.add_truth(&header(1), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
+    assert_eq!(metrics.current_metrics().errors_m, [None; 3]);
     let unjudged = metrics.finish();
     assert!(unjudged.is_unjudged && unjudged.converged_at_s.is_none() && unjudged.waits.is_empty());
     // A target counts after the sample for which it was named, also if the report arrives earlier.
     metrics.set_own_target(0, header(2).t_ns, target(0.5, 1.0));
-    metrics.add_truth(&header(2), &rows([0.0, 1.0, 2.0]), &ALL);
-    assert_eq!(metrics.current().errors_m, [None; 3]);
-    metrics.add_truth(&header(3), &rows([0.0, 1.0, 2.0]), &ALL);
-    assert!(is_close(metrics.current().errors_m[0], 1.5), "{:?}", metrics.current().errors_m);
+    metrics.add_truth(&header(2), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
+    assert_eq!(metrics.current_metrics().errors_m, [None; 3]);
+    metrics.add_truth(&header(3), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
+    assert!(
+        is_close(metrics.current_metrics().errors_m[0], 1.5),
+        "{:?}",
+        metrics.current_metrics().errors_m
+    );
     metrics.set_own_target(0, header(3).t_ns, target(0.0, 0.0));
-    metrics.add_truth(&header(4), &rows([0.0, 1.0, 2.0]), &ALL);
+    metrics.add_truth(&header(4), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
     let judged = metrics.finish();
-    assert_eq!((judged.is_unjudged, judged.converged_at_s), (false, Some(seconds(header(4).t_ns))));
+    assert_eq!(
+        (judged.is_unjudged, judged.converged_at_s),
+        (false, Some(ns_to_seconds(header(4).t_ns)))
+    );
     metrics.set_own_target(0, header(4).t_ns, None);
-    metrics.add_truth(&header(5), &rows([0.0, 1.0, 2.0]), &ALL);
-    assert_eq!((metrics.current().errors_m[0], metrics.finish().converged_at_s), (None, None));
+    metrics.add_truth(&header(5), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
+    assert_eq!(
+        (metrics.current_metrics().errors_m[0], metrics.finish().converged_at_s),
+        (None, None)
+    );
 }

@@ -15,13 +15,13 @@ pub(super) struct Truths {
     newest_tick: Option<u64>,
     newest_t_ns: u64,
     pub(super) lost_samples: u64,
-    /// Periods without a sample that exceed [`UNSEEN_NS`], start and end in ns of run time.
-    pub(super) unseen_ns: Vec<[u64; 2]>,
+    /// Periods without a sample that exceed [`SAMPLE_GAP_NS_MAX`], start and end in ns of run time.
+    pub(super) unseen_periods_ns: Vec<[u64; 2]>,
 }
 
 /// Maximum period without a sample that is tolerated, ns. In a longer one, an event may pass that no verdict
 /// accounts for; in a shorter one, no robot moves far.
-const UNSEEN_NS: u64 = 100_000_000;
+const SAMPLE_GAP_NS_MAX: u64 = 100_000_000;
 
 const SECOND_NS: u64 = 1_000_000_000;
 
@@ -38,8 +38,8 @@ impl Truths {
         let expected = self.newest_tick.map_or(0, |tick| tick + 1);
         let lost = tick.saturating_sub(expected);
         self.lost_samples += lost;
-        if lost > 0 && t_ns.saturating_sub(self.newest_t_ns) > UNSEEN_NS {
-            self.unseen_ns.push([self.newest_t_ns, t_ns]);
+        if lost > 0 && t_ns.saturating_sub(self.newest_t_ns) > SAMPLE_GAP_NS_MAX {
+            self.unseen_periods_ns.push([self.newest_t_ns, t_ns]);
         }
         self.newest_tick = Some(tick);
         self.newest_t_ns = t_ns;

@@ -11,23 +11,27 @@ use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
 use experiment::campaign::cells::sha256;
+use formation::ns_to_seconds;
 use formation::pose::{Pose, Twist};
-use formation::seconds;
 use mcap::records::{Metadata, Record};
-use protocol::regular_file::{self, Links};
+use protocol::regular_file::{self, SymlinkPolicy};
 use protocol::ros2::messages::{read_pose_stamped, read_twist};
 use serde::Serialize;
 
-use crate::columns::{Table, Value, table};
-use crate::recording::messages::{read_log, read_metrics, read_signals};
+use crate::columns::{ColumnValue, Table, table};
+use crate::recording::messages::{
+    LawMessage, read_law_message, read_log, read_metrics, read_signals,
+};
 use crate::recording::record_reader::{Integrity, RecordReader};
-use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SIGNALS_TOPIC, SUPERVISOR, TOPICS};
-use crate::results::files::checksums::{CHECKSUMS, listed_checksum_next_to};
-use crate::results::tables::{SampleLine, SignalLine};
+use crate::recording::recorder::{
+    EPOCH_KEY, LawTopic, METADATA_NAME, ROBOTS_KEY, SUPERVISOR_NAME, TOPICS_KEY,
+};
+use crate::results::files::checksums::{CHECKSUMS_FILE, read_listed_checksum_next_to};
+use crate::results::tables::{MessageLine, SampleLine, SignalLine};
 
 /// Result of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Exported {
+pub struct ExportResult {
     /// Name of each table and its number of rows.
     pub tables: Vec<(&'static str, u64)>,
     /// Integrity of the recording. The tables hold all valid data.
@@ -45,22 +49,22 @@ pub enum ExportError {
     Read(PathBuf, io::Error),
     /// The recording does not identify its run.
     #[error(
-        "{} is no recording of a run: expected an MCAP file with metadata named \"{FACTS}\" \
-         that contain {EPOCH}, {ROBOTS} and {TOPICS}", .0.display()
+        "{} is no recording of a run: expected an MCAP file with metadata named \"{METADATA_NAME}\" \
+         that contain {EPOCH_KEY}, {ROBOTS_KEY} and {TOPICS_KEY}", .0.display()
     )]
-    Foreign(PathBuf),
+    NotARecording(PathBuf),
     /// Data is lost or changed.
     #[error(
         "{} is damaged, and nothing is exported: {}. `phalanx recover` writes the valid part into a new file; \
          --allow-damage exports it directly", .0.display(), .1
     )]
-    Damaged(PathBuf, Integrity),
+    DamagedRecording(PathBuf, Integrity),
     /// The recording is complete, but its run wrote another.
     #[error(
-        "{} is not the recording that its run wrote: its SHA-256 is {found}, but {CHECKSUMS} lists {listed}. Nothing is \
+        "{} is not the recording that its run wrote: its SHA-256 is {found}, but {CHECKSUMS_FILE} lists {listed}. Nothing is \
          exported; restore the run's own recording, or export this one with --allow-damage", .file.display()
     )]
-    Another {
+    OtherRecording {
         /// Path of the recording.
         file: PathBuf,
         /// SHA-256 of the file.
@@ -70,7 +74,7 @@ pub enum ExportError {
     },
     /// A message does not have the type of its channel: file, topic, and run time, s.
     #[error("{}: a message on {} at {} s does not have the type of its channel", .0.display(), .1, .2)]
-    Message(PathBuf, String, f64),
+    MalformedMessage(PathBuf, String, f64),
     /// A table could not be written.
     #[error("cannot write {}: {}; what was written before is kept", .0.display(), .1)]
     Write(PathBuf, io::Error),
@@ -78,41 +82,43 @@ pub enum ExportError {
 
 /// Writes the tables of the recording `file` into the new directory `out`. A damaged recording is exported only
 /// with `allow_damage`, and its tables then hold the valid data.
-pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, ExportError> {
+pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<ExportResult, ExportError> {
     let unreadable = |error| ExportError::Read(file.into(), error);
     let mut pieces = RecordReader::open(file).map_err(unreadable)?;
     let run = loop {
         match pieces.next().transpose().map_err(unreadable)? {
-            Some(Record::Metadata(facts)) if facts.name == FACTS => {
+            Some(Record::Metadata(facts)) if facts.name == METADATA_NAME => {
                 break RecordedRun::from_metadata(&facts);
             }
             Some(_) => {}
             None => break None,
         }
     };
-    let run = run.ok_or_else(|| ExportError::Foreign(file.into()))?;
-    let integrity = integrity(file).map_err(unreadable)?;
+    let run = run.ok_or_else(|| ExportError::NotARecording(file.into()))?;
+    let integrity = read_integrity(file).map_err(unreadable)?;
     if !integrity.is_complete() && !allow_damage {
-        return Err(ExportError::Damaged(file.into(), integrity));
+        return Err(ExportError::DamagedRecording(file.into(), integrity));
     }
-    if !allow_damage && let Some((found, listed)) = checksum_difference(file).map_err(unreadable)? {
-        return Err(ExportError::Another { file: file.into(), found, listed });
+    if !allow_damage
+        && let Some((found, listed)) = find_checksum_difference(file).map_err(unreadable)?
+    {
+        return Err(ExportError::OtherRecording { file: file.into(), found, listed });
     }
     fs::create_dir(out).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => ExportError::Exists(out.into()),
         _ => ExportError::Write(out.into(), error),
     })?;
-    let filled = fill(Tables::create(out)?, pieces, &run, file);
-    if matches!(filled, Err(ExportError::Message(..))) {
+    let filled = fill_tables(ExportTables::create(out)?, pieces, &run, file);
+    if matches!(filled, Err(ExportError::MalformedMessage(..))) {
         // Partial tables could be taken for complete ones.
         let _ = fs::remove_dir_all(out);
     }
-    Ok(Exported { tables: filled?, integrity })
+    Ok(ExportResult { tables: filled?, integrity })
 }
 
 /// Writes the messages into the tables. Returns the name and the number of rows of each table.
-fn fill(
-    mut tables: Tables,
+fn fill_tables(
+    mut tables: ExportTables,
     pieces: RecordReader,
     run: &RecordedRun,
     file: &Path,
@@ -122,17 +128,19 @@ fn fill(
     for piece in pieces {
         match piece.map_err(unreadable)? {
             Record::Channel(channel) => {
-                let kind = run.observation(&channel.topic);
-                if let Some(Observation::Signals(_)) = kind {
-                    tables.open_signals()?;
+                let kind = run.find_observation(&channel.topic);
+                if let Some(ObservationKind::Law(topic, _)) = kind {
+                    tables.open_law_table(topic)?;
                 }
                 channels.insert(channel.id, (channel.topic, kind));
             }
             Record::Message { header, data } => {
                 let Some((topic, Some(kind))) = channels.get(&header.channel_id) else { continue };
-                let t_s = seconds(header.log_time.saturating_sub(run.started_unix_ns));
+                let t_s = ns_to_seconds(header.log_time.saturating_sub(run.started_unix_ns));
                 let is_taken = run.write_message(&mut tables, *kind, t_s, &data)?;
-                is_taken.ok_or_else(|| ExportError::Message(file.into(), topic.clone(), t_s))?;
+                is_taken.ok_or_else(|| {
+                    ExportError::MalformedMessage(file.into(), topic.clone(), t_s)
+                })?;
             }
             _ => {}
         }
@@ -141,14 +149,14 @@ fn fill(
 }
 
 /// Returns the SHA-256 of a recording and the SHA-256 in the list of its run, if they differ.
-fn checksum_difference(file: &Path) -> io::Result<Option<(String, String)>> {
-    let Some(listed) = listed_checksum_next_to(file) else { return Ok(None) };
-    let found = sha256(regular_file::open(file, Links::Followed)?)?;
+fn find_checksum_difference(file: &Path) -> io::Result<Option<(String, String)>> {
+    let Some(listed) = read_listed_checksum_next_to(file) else { return Ok(None) };
+    let found = sha256(regular_file::open(file, SymlinkPolicy::Followed)?)?;
     Ok((found != listed).then_some((found, listed)))
 }
 
 /// Reads the complete file and returns its integrity.
-fn integrity(file: &Path) -> io::Result<Integrity> {
+fn read_integrity(file: &Path) -> io::Result<Integrity> {
     let mut pieces = RecordReader::open(file)?;
     pieces.by_ref().try_for_each(|piece| piece.map(drop))?;
     Ok(pieces.integrity())
@@ -163,12 +171,12 @@ struct RecordedRun {
 
 /// Kind of observation of a topic, with the robot's index.
 #[derive(Clone, Copy)]
-enum Observation {
+enum ObservationKind {
     Pose(usize),
     Command(usize),
     Metrics,
     Event,
-    Signals(usize),
+    Law(LawTopic, usize),
 }
 
 impl RecordedRun {
@@ -176,23 +184,25 @@ impl RecordedRun {
         let list = |key: &str| -> Option<Vec<String>> {
             Some(facts.metadata.get(key)?.split(',').map(str::to_owned).collect())
         };
-        let started_unix_ns = facts.metadata.get(EPOCH)?.parse().ok()?;
-        let (robots, topics) = (list(ROBOTS)?, list(TOPICS)?);
+        let started_unix_ns = facts.metadata.get(EPOCH_KEY)?.parse().ok()?;
+        let (robots, topics) = (list(ROBOTS_KEY)?, list(TOPICS_KEY)?);
         (robots.len() == topics.len()).then_some(RecordedRun { started_unix_ns, robots, topics })
     }
 
-    fn observation(&self, topic: &str) -> Option<Observation> {
+    fn find_observation(&self, topic: &str) -> Option<ObservationKind> {
         match topic {
-            "/metrics" => Some(Observation::Metrics),
-            "/rosout" => Some(Observation::Event),
+            "/metrics" => Some(ObservationKind::Metrics),
+            "/rosout" => Some(ObservationKind::Event),
             _ => {
                 let (robot, what) = topic.strip_prefix('/')?.split_once('/')?;
                 let robot = self.topics.iter().position(|known| known == robot)?;
                 match what {
-                    "pose" => Some(Observation::Pose(robot)),
-                    "cmd_vel" => Some(Observation::Command(robot)),
-                    SIGNALS_TOPIC => Some(Observation::Signals(robot)),
-                    _ => None,
+                    "pose" => Some(ObservationKind::Pose(robot)),
+                    "cmd_vel" => Some(ObservationKind::Command(robot)),
+                    _ => {
+                        let topic = LawTopic::ALL.into_iter().find(|topic| topic.name() == what)?;
+                        Some(ObservationKind::Law(topic, robot))
+                    }
                 }
             }
         }
@@ -201,24 +211,24 @@ impl RecordedRun {
     /// Writes one message into its table. Returns `None` if the message does not have the type of its channel.
     fn write_message(
         &self,
-        tables: &mut Tables,
-        kind: Observation,
+        tables: &mut ExportTables,
+        kind: ObservationKind,
         t_s: f64,
         message: &[u8],
     ) -> Result<Option<()>, ExportError> {
         let name = |robot: usize| self.robots[robot].clone();
         match kind {
-            Observation::Pose(robot) => {
+            ObservationKind::Pose(robot) => {
                 let Some(place) = read_pose_stamped(message) else { return Ok(None) };
                 let Pose { x_m, y_m, heading_rad } = place.pose();
                 let robot = name(robot);
-                tables.poses.row(PoseLine { t_s, robot, x_m, y_m, heading_rad })?;
+                tables.poses.write_row(PoseLine { t_s, robot, x_m, y_m, heading_rad })?;
             }
-            Observation::Command(robot) => {
+            ObservationKind::Command(robot) => {
                 let Some(Twist { v_m_s, side_m_s, w_rad_s }) = read_twist(message) else {
                     return Ok(None);
                 };
-                tables.commands.row(CommandLine {
+                tables.commands.write_row(CommandLine {
                     t_s,
                     robot: name(robot),
                     v_m_s,
@@ -226,40 +236,56 @@ impl RecordedRun {
                     side_m_s,
                 })?;
             }
-            Observation::Signals(robot) => {
-                let Some(signals) = read_signals(message) else { return Ok(None) };
-                for (stamp_ns, signal, value) in signals {
-                    let t_s = seconds(stamp_ns.saturating_sub(self.started_unix_ns));
-                    let (robot, signal) = (name(robot), signal.to_owned());
-                    let row = SignalLine { t_s, robot, signal, value };
-                    tables.signals.as_mut().map_or(Ok(()), |table| table.row(row))?;
+            ObservationKind::Law(LawTopic::Messages, robot) => {
+                let Some(LawMessage { stamp_ns, arrays, bytes }) = read_law_message(message) else {
+                    return Ok(None);
+                };
+                let t_s = ns_to_seconds(stamp_ns.saturating_sub(self.started_unix_ns));
+                let robot = name(robot);
+                let lines = MessageLine::lines_of_message(t_s, &robot, arrays.into_iter(), &bytes);
+                for row in lines {
+                    tables.messages.as_mut().map_or(Ok(()), |table| table.write_row(row))?;
                 }
             }
-            Observation::Metrics => {
+            ObservationKind::Law(LawTopic::Signals, robot) => {
+                let Some(signals) = read_signals(message) else { return Ok(None) };
+                for (stamp_ns, signal, value) in signals {
+                    let t_s = ns_to_seconds(stamp_ns.saturating_sub(self.started_unix_ns));
+                    let (robot, signal) = (name(robot), signal.to_owned());
+                    let row = SignalLine { t_s, robot, signal, value };
+                    tables.signals.as_mut().map_or(Ok(()), |table| table.write_row(row))?;
+                }
+            }
+            ObservationKind::Metrics => {
                 let Some(metrics) = read_metrics(message) else { return Ok(None) };
                 for (i, robot) in metrics.robots.iter().enumerate() {
-                    let unknown = Value::Number(None);
+                    let unknown = ColumnValue::Number(None);
                     let values = metrics.columns.iter();
                     let values = values.map(|column| column.get(i).copied().unwrap_or(unknown));
                     let robot = (*robot).to_owned();
-                    tables.errors.row(ErrorLine(t_s, robot, values.collect()))?;
+                    tables.errors.write_row(ErrorLine(t_s, robot, values.collect()))?;
                 }
-                if let Some((min_distance_m, [a, b])) = metrics.nearest {
+                if let Some((min_distance_m, [a, b])) = metrics.nearest_pair {
                     let name = |place: usize| Some((*metrics.robots.get(place)?).to_owned());
                     let (Some(robot_a), Some(robot_b)) = (name(a), name(b)) else {
                         return Ok(None);
                     };
-                    tables.distances.row(DistanceLine { t_s, robot_a, robot_b, min_distance_m })?;
+                    tables.distances.write_row(DistanceLine {
+                        t_s,
+                        robot_a,
+                        robot_b,
+                        min_distance_m,
+                    })?;
                 }
             }
-            Observation::Event => {
+            ObservationKind::Event => {
                 let Some(event) = read_log(message) else { return Ok(None) };
-                let robot = if event.name == SUPERVISOR { "" } else { event.name };
+                let robot = if event.name == SUPERVISOR_NAME { "" } else { event.name };
                 let detail = event.text.strip_prefix(event.kind).unwrap_or(event.text);
                 let detail = detail.strip_prefix(": ").unwrap_or(detail);
                 let [kind, robot, detail] = [event.kind, robot, detail].map(str::to_owned);
                 let level = event.level.into();
-                tables.events.row(LogLine { t_s, kind, robot, level, detail })?;
+                tables.events.write_row(LogLine { t_s, kind, robot, level, detail })?;
             }
         }
         Ok(Some(()))
@@ -334,10 +360,10 @@ table! {
 
 /// Line of [`ERRORS`]: time, s, name of the robot, and the recorded columns of `samples.csv`.
 #[derive(Serialize)]
-struct ErrorLine(f64, String, Vec<Value<'static>>);
+struct ErrorLine(f64, String, Vec<ColumnValue<'static>>);
 
 /// Name of the table of the recorded columns of `samples.csv`.
-const ERRORS: &str = "errors.csv";
+const ERRORS_FILE: &str = "errors.csv";
 
 /// Returns the names of the columns of a table.
 fn column_names<L: Table>() -> Vec<&'static str> {
@@ -353,14 +379,15 @@ fn error_columns() -> Vec<&'static str> {
 }
 
 /// Returns the exported tables and their columns for the reference page, in Markdown.
-pub fn reference() -> String {
+pub fn tables_reference() -> String {
     let tables = [
         (PoseLine::FILE, column_names::<PoseLine>()),
         (CommandLine::FILE, column_names::<CommandLine>()),
-        (ERRORS, error_columns()),
+        (ERRORS_FILE, error_columns()),
         (DistanceLine::FILE, column_names::<DistanceLine>()),
         (LogLine::FILE, column_names::<LogLine>()),
         (SignalLine::FILE, column_names::<SignalLine>()),
+        (MessageLine::FILE, column_names::<MessageLine>()),
     ];
     let row =
         |(file, names): (&str, Vec<&str>)| format!("| `{file}` | `{}` |\n", names.join("`, `"));
@@ -368,7 +395,7 @@ pub fn reference() -> String {
 }
 
 /// Tables of an export in progress.
-struct Tables {
+struct ExportTables {
     poses: TableWriter<PoseLine>,
     commands: TableWriter<CommandLine>,
     errors: TableWriter<ErrorLine>,
@@ -376,33 +403,43 @@ struct Tables {
     events: TableWriter<LogLine>,
     /// Table of the laws' signals; `None` without a channel for them.
     signals: Option<TableWriter<SignalLine>>,
+    /// Table of the laws' messages; `None` without a channel for them.
+    messages: Option<TableWriter<MessageLine>>,
     out: PathBuf,
 }
 
-impl Tables {
-    fn create(out: &Path) -> Result<Tables, ExportError> {
-        Ok(Tables {
+impl ExportTables {
+    fn create(out: &Path) -> Result<ExportTables, ExportError> {
+        Ok(ExportTables {
             poses: TableWriter::create(out)?,
             commands: TableWriter::create(out)?,
-            errors: TableWriter::create_with(out, ERRORS, &error_columns())?,
+            errors: TableWriter::create_with_columns(out, ERRORS_FILE, &error_columns())?,
             distances: TableWriter::create(out)?,
             events: TableWriter::create(out)?,
             signals: None,
+            messages: None,
             out: out.to_owned(),
         })
     }
 
-    /// Creates the table of signals unless it exists.
-    fn open_signals(&mut self) -> Result<(), ExportError> {
-        if self.signals.is_none() {
-            self.signals = Some(TableWriter::create(&self.out)?);
+    /// Creates the table of a topic of control laws unless it exists.
+    fn open_law_table(&mut self, topic: LawTopic) -> Result<(), ExportError> {
+        match topic {
+            LawTopic::Signals if self.signals.is_none() => {
+                self.signals = Some(TableWriter::create(&self.out)?);
+            }
+            LawTopic::Messages if self.messages.is_none() => {
+                self.messages = Some(TableWriter::create(&self.out)?);
+            }
+            LawTopic::Signals | LawTopic::Messages => {}
         }
         Ok(())
     }
 
     /// Completes all files. Returns the name and the number of rows of each table.
     fn finish(self) -> Result<Vec<(&'static str, u64)>, ExportError> {
-        let Tables { poses, commands, errors, distances, events, signals, out: _ } = self;
+        let ExportTables { poses, commands, errors, distances, events, signals, messages, .. } =
+            self;
         let mut tables = vec![
             poses.finish()?,
             commands.finish()?,
@@ -413,6 +450,9 @@ impl Tables {
         if let Some(signals) = signals {
             tables.push(signals.finish()?);
         }
+        if let Some(messages) = messages {
+            tables.push(messages.finish()?);
+        }
         Ok(tables)
     }
 }
@@ -421,19 +461,19 @@ impl Tables {
 struct TableWriter<L> {
     name: &'static str,
     path: PathBuf,
-    rows: u64,
+    row_count: u64,
     writer: csv::Writer<File>,
     line: PhantomData<L>,
 }
 
 impl<L: Table> TableWriter<L> {
     fn create(out: &Path) -> Result<TableWriter<L>, ExportError> {
-        TableWriter::create_with(out, L::FILE, &column_names::<L>())
+        TableWriter::create_with_columns(out, L::FILE, &column_names::<L>())
     }
 }
 
 impl<L> TableWriter<L> {
-    fn create_with(
+    fn create_with_columns(
         out: &Path,
         name: &'static str,
         columns: &[&str],
@@ -442,25 +482,25 @@ impl<L> TableWriter<L> {
         let file =
             File::create_new(&path).map_err(|error| ExportError::Write(path.clone(), error))?;
         let writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
-        let mut table = TableWriter { name, path, rows: 0, writer, line: PhantomData };
+        let mut table = TableWriter { name, path, row_count: 0, writer, line: PhantomData };
         // Written here, so that a table without rows has a header too.
         let written = table.writer.write_record(columns);
         written.map_err(|error| table.export_error(error.into()))?;
         Ok(table)
     }
 
-    fn row(&mut self, row: L) -> Result<(), ExportError>
+    fn write_row(&mut self, row: L) -> Result<(), ExportError>
     where
         L: Serialize,
     {
-        self.rows += 1;
+        self.row_count += 1;
         let written = self.writer.serialize(row);
         written.map_err(|error| self.export_error(error.into()))
     }
 
     fn finish(mut self) -> Result<(&'static str, u64), ExportError> {
         self.writer.flush().map_err(|error| self.export_error(error))?;
-        Ok((self.name, self.rows))
+        Ok((self.name, self.row_count))
     }
 
     fn export_error(&self, error: io::Error) -> ExportError {

@@ -14,25 +14,25 @@ use std::path::Path;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, McapError};
-use protocol::regular_file::{self, Links};
+use protocol::regular_file::{self, SymlinkPolicy};
 
-use crate::results::files::checksums::listed_checksum_next_to;
+use crate::results::files::checksums::read_listed_checksum_next_to;
 
 /// Length of a record header (kind and length), bytes.
-const RECORD_HEADER: u64 = 9;
+const RECORD_HEADER_BYTES: u64 = 9;
 /// Lowest record kind that is free for private use. Lower ones are reserved by MCAP.
 const PRIVATE_KIND_MIN: u8 = 0x80;
 
 /// Maximum expansion of one compressed byte by LZ4. A chunk that claims more is damaged. The limit bounds the
 /// memory that it can request.
-const EXPANSION_MAX: usize = 255;
+const LZ4_EXPANSION_FACTOR_MAX: usize = 255;
 /// Chunk size that is always accepted, bytes.
-const CHUNK_MIN: usize = 64 * 1024;
+const ACCEPTED_CHUNK_BYTES: usize = 64 * 1024;
 /// Maximum size of a record and of the content of a chunk, bytes. The recorder's chunks have 256 KiB, and the
 /// largest attachment is a scenario. A larger record counts as damaged.
-const RECORD_MAX: usize = 64 << 20;
+const RECORD_BYTES_MAX: usize = 64 << 20;
 /// Maximum number of bytes per read. Memory grows with the data that exist, not with a claimed length.
-const READ_MAX: usize = 64 * 1024;
+const READ_BYTES_MAX: usize = 64 * 1024;
 /// Maximum amount of data that is read again to find the next valid chunk, as a multiple of the file size. Beyond
 /// it, the rest of the file is given up.
 const RESYNC_PASSES_MAX: u64 = 4;
@@ -41,9 +41,9 @@ const RESYNC_PASSES_MAX: u64 = 4;
 pub(crate) struct RecordReader {
     file: File,
     reader: LinearReader,
-    waiting: VecDeque<Record<'static>>,
+    pending_records: VecDeque<Record<'static>>,
     is_reading: bool,
-    length: u64,
+    file_length: u64,
     integrity: Integrity,
     valid_len: u64,
     /// Number of bytes that were read to find valid chunks behind damage.
@@ -51,7 +51,7 @@ pub(crate) struct RecordReader {
     /// Stamps of the oldest and the newest message up to now, ns since 1970.
     stamps_ns: Option<(u64, u64)>,
     /// Whether messages are missing after the newest one.
-    is_gap: bool,
+    has_gap: bool,
     /// Whether the run completed the file: the checksums of a run are written after it.
     was_completed: bool,
 }
@@ -60,19 +60,19 @@ pub(crate) struct RecordReader {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Integrity {
     /// Number of records that are malformed or do not match their checksums.
-    pub damaged: u64,
+    pub damaged_records: u64,
     /// Run time without messages because of damage, in the middle or up to a known end, ns.
-    pub lost_ns: u64,
+    pub lost_time_ns: u64,
     /// Number of bytes at the end that form no complete record.
-    pub cut_bytes: u64,
+    pub truncated_bytes: u64,
     /// Whether data, not only the index, is truncated at the end.
-    pub data_truncated: bool,
+    pub is_data_truncated: bool,
     /// Whether the checksum over all data or the one over the index does not match.
-    pub checksum_mismatch: bool,
+    pub has_checksum_mismatch: bool,
     /// Whether the file has an index and ends where it should.
     pub has_end: bool,
     /// Whether the record that ends the data section exists.
-    pub data_ended: bool,
+    pub has_data_end: bool,
     /// Whether the file has checksums over all data and over the index. Without them, damage outside of chunks and
     /// attachments is not detected.
     pub has_checksums: bool,
@@ -81,26 +81,36 @@ pub struct Integrity {
 impl Integrity {
     /// Returns whether the file is complete and no damage is known.
     pub fn is_complete(&self) -> bool {
-        self.has_end && self.damaged == 0 && self.cut_bytes == 0 && !self.checksum_mismatch
+        self.has_end
+            && self.damaged_records == 0
+            && self.truncated_bytes == 0
+            && !self.has_checksum_mismatch
     }
 
     /// Returns whether data that had been written was lost or changed. Only a missing end is no damage.
     pub fn is_damaged(&self) -> bool {
-        self.damaged > 0 || self.checksum_mismatch || self.data_truncated
+        self.damaged_records > 0 || self.has_checksum_mismatch || self.is_data_truncated
     }
 }
 
 impl fmt::Display for Integrity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let &Integrity { damaged, lost_ns, cut_bytes, checksum_mismatch, has_end, .. } = self;
-        let no_end = match (self.data_ended, self.data_truncated) {
+        let &Integrity {
+            damaged_records: damaged,
+            lost_time_ns: lost_ns,
+            truncated_bytes: cut_bytes,
+            has_checksum_mismatch: checksum_mismatch,
+            has_end,
+            ..
+        } = self;
+        let no_end = match (self.has_data_end, self.is_data_truncated) {
             (true, _) => "it has no index",
             (false, true) => "its end is lost: the run had written more",
             (false, false) => "it has no end; whether the run wrote more is not known",
         };
         let faults = [
             (damaged > 0, format!("damaged chunks or other records: {damaged}")),
-            (lost_ns > 0, format!("seconds lost: {:.3}", formation::seconds(lost_ns))),
+            (lost_ns > 0, format!("seconds lost: {:.3}", formation::ns_to_seconds(lost_ns))),
             (cut_bytes > 0, format!("truncated bytes at the end: {cut_bytes}")),
             (checksum_mismatch, "a checksum of the file does not match".to_owned()),
             (!has_end && cut_bytes == 0 && !checksum_mismatch, no_end.to_owned()),
@@ -113,39 +123,39 @@ impl fmt::Display for Integrity {
 
 impl RecordReader {
     pub(crate) fn open(path: &Path) -> io::Result<RecordReader> {
-        let file = regular_file::open(path, Links::Followed)?;
+        let file = regular_file::open(path, SymlinkPolicy::Followed)?;
         let length = file.metadata()?.len();
         Ok(RecordReader {
             file,
-            reader: reader(true),
-            waiting: VecDeque::new(),
+            reader: create_linear_reader(true),
+            pending_records: VecDeque::new(),
             is_reading: true,
-            length,
+            file_length: length,
             integrity: Integrity { has_checksums: true, ..Integrity::default() },
             valid_len: 0,
             resync_bytes: 0,
             stamps_ns: None,
-            is_gap: false,
-            was_completed: listed_checksum_next_to(path).is_some(),
+            has_gap: false,
+            was_completed: read_listed_checksum_next_to(path).is_some(),
         })
     }
 
     /// Returns the integrity of the file. It is final after the last record.
     pub(crate) fn integrity(&self) -> Integrity {
-        let ends_too_early = self.was_completed && !self.integrity.data_ended;
+        let ends_too_early = self.was_completed && !self.integrity.has_data_end;
         Integrity {
-            data_truncated: self.integrity.data_truncated || ends_too_early,
+            is_data_truncated: self.integrity.is_data_truncated || ends_too_early,
             ..self.integrity
         }
     }
 
     /// Reads the next record of the file, its end, or the point where it is cut.
-    fn read(&mut self) -> io::Result<()> {
+    fn read_record(&mut self) -> io::Result<()> {
         while let Some(event) = self.reader.next_event() {
             match event {
                 Ok(LinearReadEvent::ReadRequest(wanted)) => {
                     let read = loop {
-                        match self.file.read(self.reader.insert(wanted.min(READ_MAX))) {
+                        match self.file.read(self.reader.insert(wanted.min(READ_BYTES_MAX))) {
                             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                             other => break other?,
                         }
@@ -154,45 +164,45 @@ impl RecordReader {
                 }
                 Ok(LinearReadEvent::Record { opcode, data }) => {
                     let begin = self.valid_len.max(MAGIC.len() as u64);
-                    self.valid_len = begin + RECORD_HEADER + data.len() as u64;
+                    self.valid_len = begin + RECORD_HEADER_BYTES + data.len() as u64;
                     let records = match opcode {
-                        op::CHUNK => records_of_chunk(data),
+                        op::CHUNK => parse_chunk_records(data),
                         // No own writer puts a message outside of a chunk, where it has no checksum: the record was
                         // another one.
                         op::MESSAGE => None,
-                        _ => parse(opcode, data).map(|record| VecDeque::from([record])),
+                        _ => parse_record(opcode, data).map(|record| VecDeque::from([record])),
                     };
                     let length = chunk_length(data).filter(|_| opcode == op::CHUNK);
                     let is_padded = length.is_some_and(|length| length < data.len() as u64);
                     match records {
                         Some(records) => {
-                            self.waiting = records;
+                            self.pending_records = records;
                             // No own writer pads chunks: the length is wrong, and more of the file follows.
                             if let Some(length) = length.filter(|_| is_padded) {
-                                self.integrity.damaged += 1;
-                                return self.seek_to(begin + RECORD_HEADER + length);
+                                self.integrity.damaged_records += 1;
+                                return self.seek_to(begin + RECORD_HEADER_BYTES + length);
                             }
                         }
                         None if opcode == op::CHUNK
-                            && self.header_at(self.valid_len)?.is_none() =>
+                            && self.read_header_at(self.valid_len)?.is_none() =>
                         {
                             self.valid_len = begin;
                             return self.resync_after_corruption();
                         }
                         None => {
-                            self.integrity.damaged += 1;
-                            self.is_gap |= opcode == op::CHUNK;
+                            self.integrity.damaged_records += 1;
+                            self.has_gap |= opcode == op::CHUNK;
                         }
                     }
                     return Ok(());
                 }
                 // The index, which follows, is still readable.
                 Err(McapError::BadDataCrc { .. }) => {
-                    self.integrity.checksum_mismatch = true;
+                    self.integrity.has_checksum_mismatch = true;
                     return self.seek_to(self.valid_len);
                 }
                 Err(McapError::BadSummaryCrc { .. }) => {
-                    self.integrity.checksum_mismatch = true;
+                    self.integrity.has_checksum_mismatch = true;
                     self.is_reading = false;
                     return Ok(());
                 }
@@ -207,18 +217,19 @@ impl RecordReader {
     /// Continues reading behind a record with a wrong length. Where that is impossible, the file is cut there.
     fn resync_after_corruption(&mut self) -> io::Result<()> {
         // In the index, resynchronization would recover nothing.
-        let next = if self.integrity.data_ended {
+        let next = if self.integrity.has_data_end {
             None
         } else {
             self.find_next_valid(self.valid_len + 1)?
         };
         if let Some(at) = next {
-            self.integrity.damaged += 1;
-            self.is_gap = true;
+            self.integrity.damaged_records += 1;
+            self.has_gap = true;
             return self.seek_to(at);
         }
-        self.integrity.cut_bytes = self.length - self.valid_len.min(self.length);
-        self.integrity.data_truncated = self.integrity.cut_bytes > 0 && !self.integrity.data_ended;
+        self.integrity.truncated_bytes = self.file_length - self.valid_len.min(self.file_length);
+        self.integrity.is_data_truncated =
+            self.integrity.truncated_bytes > 0 && !self.integrity.has_data_end;
         self.integrity.has_end = false;
         self.is_reading = false;
         Ok(())
@@ -226,7 +237,7 @@ impl RecordReader {
 
     /// Returns the next offset at which a valid chunk or the end of the data begins.
     fn find_next_valid(&mut self, mut at: u64) -> io::Result<Option<u64>> {
-        let mut block = vec![0; READ_MAX];
+        let mut block = vec![0; READ_BYTES_MAX];
         loop {
             let read = self.file.read_at(&mut block, at)?;
             for (place, &kind) in block[..read].iter().enumerate() {
@@ -243,9 +254,11 @@ impl RecordReader {
     }
 
     /// Reads kind and length of the record at this offset. Returns `None` if no record can begin there.
-    fn header_at(&self, at: u64) -> io::Result<Option<(u8, u64)>> {
-        let Some(rest) = self.length.checked_sub(at + RECORD_HEADER) else { return Ok(None) };
-        let mut header = [0; RECORD_HEADER as usize];
+    fn read_header_at(&self, at: u64) -> io::Result<Option<(u8, u64)>> {
+        let Some(rest) = self.file_length.checked_sub(at + RECORD_HEADER_BYTES) else {
+            return Ok(None);
+        };
+        let mut header = [0; RECORD_HEADER_BYTES as usize];
         self.file.read_exact_at(&mut header, at)?;
         let length = u64::from_le_bytes(header[1..].try_into().expect("8 bytes"));
         let is_one = (op::HEADER..=op::DATA_END).contains(&header[0]) && length <= rest;
@@ -254,23 +267,23 @@ impl RecordReader {
 
     /// Returns whether a chunk that matches its checksum, or the end of all data, begins at this offset.
     fn is_valid_at(&mut self, at: u64) -> io::Result<bool> {
-        let length = match self.header_at(at)? {
+        let length = match self.read_header_at(at)? {
             Some((op::DATA_END, length)) => return Ok(length == 4),
-            Some((op::CHUNK, length)) if length <= RECORD_MAX as u64 => length,
+            Some((op::CHUNK, length)) if length <= RECORD_BYTES_MAX as u64 => length,
             _ => return Ok(false),
         };
-        if self.resync_bytes + length > RESYNC_PASSES_MAX * self.length {
+        if self.resync_bytes + length > RESYNC_PASSES_MAX * self.file_length {
             return Ok(false);
         }
         self.resync_bytes += length;
         let mut body = vec![0; length as usize];
-        self.file.read_exact_at(&mut body, at + RECORD_HEADER)?;
-        Ok(records_of_chunk(&body).is_some())
+        self.file.read_exact_at(&mut body, at + RECORD_HEADER_BYTES)?;
+        Ok(parse_chunk_records(&body).is_some())
     }
 
     fn seek_to(&mut self, at: u64) -> io::Result<()> {
         self.file.seek(SeekFrom::Start(at))?;
-        self.reader = reader(false);
+        self.reader = create_linear_reader(false);
         self.valid_len = at;
         Ok(())
     }
@@ -278,22 +291,22 @@ impl RecordReader {
     /// Records the stamp of a message, and the time without messages before it.
     fn record_stamp(&mut self, stamp_ns: u64) {
         let (first_ns, last_ns) = self.stamps_ns.unwrap_or((stamp_ns, stamp_ns));
-        if std::mem::take(&mut self.is_gap) {
-            self.integrity.lost_ns += stamp_ns.saturating_sub(last_ns);
+        if std::mem::take(&mut self.has_gap) {
+            self.integrity.lost_time_ns += stamp_ns.saturating_sub(last_ns);
         }
         self.stamps_ns = Some((first_ns.min(stamp_ns), last_ns.max(stamp_ns)));
     }
 }
 
 /// Creates a reader of the file, from its first byte or from a record in the middle.
-fn reader(from_the_start: bool) -> LinearReader {
+fn create_linear_reader(from_the_start: bool) -> LinearReader {
     let options = LinearReaderOptions::default()
         .with_emit_chunks(true)
         .with_skip_start_magic(!from_the_start)
         .with_validate_data_section_crc(from_the_start)
         .with_validate_summary_section_crc(true)
         .with_check_finishes_after_end_magic(true)
-        .with_record_length_limit(RECORD_MAX);
+        .with_record_length_limit(RECORD_BYTES_MAX);
     LinearReader::new_with_options(options)
 }
 
@@ -302,9 +315,9 @@ impl Iterator for RecordReader {
 
     fn next(&mut self) -> Option<io::Result<Record<'static>>> {
         loop {
-            match self.waiting.pop_front() {
+            match self.pending_records.pop_front() {
                 Some(Record::DataEnd(end)) => {
-                    self.integrity.data_ended = true;
+                    self.integrity.has_data_end = true;
                     self.integrity.has_checksums &= end.data_section_crc != 0;
                 }
                 Some(Record::Message { header, data }) => {
@@ -317,7 +330,8 @@ impl Iterator for RecordReader {
                     let lost_ns =
                         first_ns.saturating_sub(start_ns) + end_ns.saturating_sub(last_ns);
                     if self.integrity.is_damaged() {
-                        self.integrity.lost_ns = self.integrity.lost_ns.saturating_add(lost_ns);
+                        self.integrity.lost_time_ns =
+                            self.integrity.lost_time_ns.saturating_add(lost_ns);
                     }
                 }
                 Some(Record::Footer(footer)) => {
@@ -327,7 +341,7 @@ impl Iterator for RecordReader {
                 Some(record) => return Some(Ok(record)),
                 None if !self.is_reading => return None,
                 None => {
-                    if let Err(error) = self.read() {
+                    if let Err(error) = self.read_record() {
                         self.is_reading = false;
                         return Some(Err(error));
                     }
@@ -338,16 +352,18 @@ impl Iterator for RecordReader {
 }
 
 /// Parses the records in a chunk. Returns `None` if its checksum does not match.
-fn records_of_chunk(body: &[u8]) -> Option<VecDeque<Record<'static>>> {
+fn parse_chunk_records(body: &[u8]) -> Option<VecDeque<Record<'static>>> {
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_skip_end_magic(true)
         .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit((body.len() * EXPANSION_MAX).clamp(CHUNK_MIN, RECORD_MAX));
+        .with_record_length_limit(
+            (body.len() * LZ4_EXPANSION_FACTOR_MAX).clamp(ACCEPTED_CHUNK_BYTES, RECORD_BYTES_MAX),
+        );
     let mut reader = LinearReader::new_with_options(options);
-    let header = record_header(op::CHUNK, body.len());
+    let header = encode_record_header(op::CHUNK, body.len());
     // The end of data confirms that the chunk was complete.
-    let end = [&record_header(op::DATA_END, 4)[..], &[0; 4]].concat();
+    let end = [&encode_record_header(op::DATA_END, 4)[..], &[0; 4]].concat();
     let mut bytes = header.chain(body).chain(&end[..]);
     let mut records = VecDeque::new();
     loop {
@@ -357,27 +373,29 @@ fn records_of_chunk(body: &[u8]) -> Option<VecDeque<Record<'static>>> {
                 reader.notify_read(read);
             }
             LinearReadEvent::Record { opcode: op::DATA_END, .. } => return Some(records),
-            LinearReadEvent::Record { opcode, data } => records.push_back(parse(opcode, data)?),
+            LinearReadEvent::Record { opcode, data } => {
+                records.push_back(parse_record(opcode, data)?)
+            }
         }
     }
 }
 
 /// Returns the length of a chunk by the length of its compressed data.
 fn chunk_length(body: &[u8]) -> Option<u64> {
-    let behind_name = Field::Text.skip(body.get(28..)?)?;
+    let behind_name = FieldEncoding::Text.skip(body.get(28..)?)?;
     let compressed = u64::from_le_bytes(*behind_name.first_chunk()?);
     compressed.checked_add((body.len() - behind_name.len() + 8) as u64)
 }
 
 /// Returns the header of a record of this kind and length.
-fn record_header(opcode: u8, length: usize) -> [u8; RECORD_HEADER as usize] {
-    let mut header = [opcode; RECORD_HEADER as usize];
+fn encode_record_header(opcode: u8, length: usize) -> [u8; RECORD_HEADER_BYTES as usize] {
+    let mut header = [opcode; RECORD_HEADER_BYTES as usize];
     header[1..].copy_from_slice(&(length as u64).to_le_bytes());
     header
 }
 
 /// Parses a record. Returns `None` if it is malformed, or of a kind that MCAP does not define.
-fn parse(opcode: u8, body: &[u8]) -> Option<Record<'static>> {
+fn parse_record(opcode: u8, body: &[u8]) -> Option<Record<'static>> {
     if !lengths_fit(opcode, body) {
         return None;
     }
@@ -389,13 +407,13 @@ fn parse(opcode: u8, body: &[u8]) -> Option<Record<'static>> {
 
 /// Field of a record, as far as its length matters.
 #[derive(Clone, Copy)]
-enum Field {
+enum FieldEncoding {
     /// A fixed number of bytes.
     Bytes(usize),
     /// Text or a list, preceded by its length in 4 bytes.
     Text,
     /// Names and values, all of them text, preceded by the total length in 4 bytes.
-    Texts,
+    TextMap,
     /// Bytes, preceded by their length in 8 bytes.
     Data,
 }
@@ -403,39 +421,41 @@ enum Field {
 /// Returns whether all fields of a record are inside of it. The crate `mcap` allocates memory by these lengths
 /// before it checks them.
 fn lengths_fit(opcode: u8, body: &[u8]) -> bool {
-    use Field::{Bytes, Data, Text, Texts};
-    let fields: &[Field] = match opcode {
+    use FieldEncoding::{Bytes, Data, Text, TextMap};
+    let fields: &[FieldEncoding] = match opcode {
         op::HEADER => &[Text, Text],
         op::SCHEMA => &[Bytes(2), Text, Text, Text],
-        op::CHANNEL => &[Bytes(4), Text, Text, Texts],
+        op::CHANNEL => &[Bytes(4), Text, Text, TextMap],
         op::CHUNK_INDEX => &[Bytes(32), Text, Bytes(8), Text, Bytes(16)],
         op::ATTACHMENT => &[Bytes(16), Text, Text, Data, Bytes(4)],
         op::ATTACHMENT_INDEX => &[Bytes(40), Text, Text],
-        op::METADATA => &[Text, Texts],
+        op::METADATA => &[Text, TextMap],
         op::METADATA_INDEX => &[Bytes(16), Text],
         _ => &[],
     };
     fields.iter().try_fold(body, |rest, field| field.skip(rest)).is_some()
 }
 
-impl Field {
+impl FieldEncoding {
     /// Returns the bytes behind the field; `None` if the field does not fit.
     fn skip(self, rest: &[u8]) -> Option<&[u8]> {
         match self {
-            Field::Bytes(length) => rest.get(length..),
-            Field::Text => {
+            FieldEncoding::Bytes(length) => rest.get(length..),
+            FieldEncoding::Text => {
                 let (length, rest) = rest.split_first_chunk()?;
                 rest.get(u32::from_le_bytes(*length) as usize..)
             }
-            Field::Texts => {
-                let behind = Field::Text.skip(rest)?;
+            FieldEncoding::TextMap => {
+                let behind = FieldEncoding::Text.skip(rest)?;
                 let mut texts = &rest[4..rest.len() - behind.len()];
                 while !texts.is_empty() {
-                    texts = Field::Text.skip(texts).and_then(|value| Field::Text.skip(value))?;
+                    texts = FieldEncoding::Text
+                        .skip(texts)
+                        .and_then(|value| FieldEncoding::Text.skip(value))?;
                 }
                 Some(behind)
             }
-            Field::Data => {
+            FieldEncoding::Data => {
                 let (length, rest) = rest.split_first_chunk()?;
                 rest.get(usize::try_from(u64::from_le_bytes(*length)).ok()?..)
             }

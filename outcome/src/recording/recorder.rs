@@ -11,32 +11,59 @@ use mcap::records::{AttachmentHeader, Metadata};
 use protocol::ros2::cdr;
 use protocol::ros2::messages::{self as robot_messages, StampedState, base_link};
 
-pub use crate::recording::messages::Nearest;
-use crate::recording::messages::{self as of_all, Event, recorded_fields};
+pub use crate::recording::messages::NearestPair;
+use crate::recording::messages::{self as of_all, LogEvent, recorded_fields};
 use crate::recording::schemas::{self, Schema};
 use crate::recording::topics::topic_names;
 use crate::recording::walls;
-use crate::recording::writer::Writer;
-use crate::results::tables::{EventLine, SampleLine, SignalLine};
+use crate::recording::writer::RecordingWriter;
+use crate::results::tables::{EventLine, RecordedMessage, SampleLine, SignalLine};
 
 /// Maximum time between two flushes, whether a chunk is full or not. A kill must not lose more than one second,
 /// even on a busy machine.
-pub const FLUSH_EVERY: Duration = Duration::from_millis(500);
+pub const FLUSH_INTERVAL: Duration = Duration::from_millis(500);
 
 /// MCAP profile of the recording.
-pub(crate) const PROFILE: &str = "ros2";
+pub(crate) const MCAP_PROFILE: &str = "ros2";
 /// Name of the metadata that identify the run.
-pub(crate) const FACTS: &str = "phalanx";
+pub(crate) const METADATA_NAME: &str = "phalanx";
 /// Metadata key of the run's start, ns since 1970.
-pub(crate) const EPOCH: &str = "started_unix_ns";
+pub(crate) const EPOCH_KEY: &str = "started_unix_ns";
 /// Metadata key of the robots' names, in scenario order, separated by commas.
-pub(crate) const ROBOTS: &str = "robots";
+pub(crate) const ROBOTS_KEY: &str = "robots";
 /// Metadata key of the robots' topics, in scenario order, separated by commas.
-pub(crate) const TOPICS: &str = "topics";
-/// Last part of the topics of signals.
-pub(crate) const SIGNALS_TOPIC: &str = "signals";
+pub(crate) const TOPICS_KEY: &str = "topics";
 /// Name in `/rosout` for events of no single robot. No robot may have this name.
-pub(crate) const SUPERVISOR: &str = "supervisor";
+pub(crate) const SUPERVISOR_NAME: &str = "supervisor";
+
+/// Topic of a robot for values of its control law. Only robots whose law has such values have it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LawTopic {
+    /// Numbers that the law recorded.
+    Signals,
+    /// Messages that the law sent.
+    Messages,
+}
+
+impl LawTopic {
+    /// All topics, in the order of the enumeration.
+    pub(crate) const ALL: [LawTopic; 2] = [LawTopic::Signals, LawTopic::Messages];
+
+    /// Returns the last part of the name of the topic.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            LawTopic::Signals => "signals",
+            LawTopic::Messages => "messages",
+        }
+    }
+
+    fn schema(self) -> &'static Schema {
+        match self {
+            LawTopic::Signals => &schemas::SIGNALS,
+            LawTopic::Messages => &schemas::LAW_MESSAGE,
+        }
+    }
+}
 
 /// Description of a run, known before it begins.
 #[derive(Debug)]
@@ -45,63 +72,63 @@ pub struct RunDescription<'a> {
     pub started_unix_ns: u64,
     /// Whether equal runs give equal files, byte by byte. Then no clock decides which messages share a chunk, and
     /// the last half second of run time is not flushed.
-    pub reproducible: bool,
+    pub is_reproducible: bool,
     /// Names of the robots in scenario order.
     pub robots: &'a [String],
-    /// Whether the law of each robot records signals.
-    pub with_signals: Vec<bool>,
+    /// Topics for values of control laws, in the order of the enumeration, and whether each robot has them.
+    pub law_topics: [(LawTopic, Vec<bool>); 2],
     /// Convex parts of walls and obstacles.
     pub walls: &'a [Obstacle],
     /// Additional metadata of the run.
-    pub facts: BTreeMap<String, String>,
+    pub metadata: BTreeMap<String, String>,
     /// Attachments: name, media type, content.
     pub attachments: &'a [(&'a str, &'a str, &'a str)],
 }
 
 /// A recording in progress.
 pub struct Recorder {
-    writer: Writer,
+    writer: RecordingWriter,
     started_unix_ns: u64,
-    reproducible: bool,
-    robots: Vec<Robot>,
-    tf: u16,
-    metrics: u16,
-    rosout: u16,
+    is_reproducible: bool,
+    robots: Vec<RobotChannels>,
+    tf_channel: u16,
+    metrics_channel: u16,
+    rosout_channel: u16,
     /// Buffer of the message in progress.
-    message: cdr::Writer,
+    message_buffer: cdr::Writer,
     /// Buffer of the message with the transforms of all robots.
-    transforms: cdr::Writer,
-    text: String,
-    instants: u32,
-    events: u32,
-    flushed: Instant,
+    transforms_buffer: cdr::Writer,
+    text_buffer: String,
+    sample_count: u32,
+    event_count: u32,
+    last_flush: Instant,
     /// Run time of the last flush, ns.
     flushed_t_ns: u64,
-    unflushed: bool,
+    has_unflushed_data: bool,
 }
 
 /// Frame and channels of one robot.
-struct Robot {
+struct RobotChannels {
     name: String,
     frame: String,
-    odometry: u16,
-    pose: u16,
-    command: u16,
-    /// Channel of the law's signals, if it records any.
-    signals: Option<u16>,
+    odometry_channel: u16,
+    pose_channel: u16,
+    command_channel: u16,
+    /// Channel of each [`LawTopic`], if the robot has it.
+    law_channels: [Option<u16>; LawTopic::ALL.len()],
 }
 
 impl Recorder {
     /// Creates a file, which must not exist, and writes everything that is known beforehand.
     pub fn create(path: &Path, run: &RunDescription<'_>) -> io::Result<Recorder> {
         let topics = topic_names(run.robots);
-        let mut writer = Writer::create(path, PROFILE)?;
-        let mut facts = run.facts.clone();
-        facts.insert(EPOCH.into(), run.started_unix_ns.to_string());
-        facts.insert(ROBOTS.into(), run.robots.join(","));
-        facts.insert(TOPICS.into(), topics.join(","));
-        let facts = Metadata { name: FACTS.into(), metadata: facts };
-        writer.metadata(&facts)?;
+        let mut writer = RecordingWriter::create(path, MCAP_PROFILE)?;
+        let mut facts = run.metadata.clone();
+        facts.insert(EPOCH_KEY.into(), run.started_unix_ns.to_string());
+        facts.insert(ROBOTS_KEY.into(), run.robots.join(","));
+        facts.insert(TOPICS_KEY.into(), topics.join(","));
+        let facts = Metadata { name: METADATA_NAME.into(), metadata: facts };
+        writer.append_metadata(&facts)?;
         for &(name, media_type, content) in run.attachments {
             let header = AttachmentHeader {
                 log_time: run.started_unix_ns,
@@ -109,62 +136,70 @@ impl Recorder {
                 name: name.into(),
                 media_type: media_type.into(),
             };
-            writer.attachment(header, content.as_bytes())?;
+            writer.append_attachment(header, content.as_bytes())?;
         }
         let tf = open_channel_of_schema(&mut writer, &schemas::TF, "/tf", NO_QOS)?;
         let rosout = open_channel_of_schema(&mut writer, &schemas::LOG, "/rosout", NO_QOS)?;
         let metrics = open_channel_of_schema(
             &mut writer,
-            &schemas::metrics(&recorded_fields()),
+            &schemas::metrics_schema(&recorded_fields()),
             "/metrics",
             NO_QOS,
         )?;
         let mut robots = Vec::with_capacity(topics.len());
         let types = [&schemas::ODOMETRY, &schemas::POSE_STAMPED, &schemas::COMMAND];
-        let [odometry, pose, command] = types.map(|schema| schema_id(&mut writer, schema));
+        let [odometry, pose, command] = types.map(|schema| register_schema(&mut writer, schema));
         let (odometry, pose, command) = (odometry?, pose?, command?);
-        let signals = match run.with_signals.contains(&true) {
-            true => Some(schema_id(&mut writer, &schemas::SIGNALS)?),
-            false => None,
-        };
-        for ((name, topic), has_signals) in run.robots.iter().zip(&topics).zip(&run.with_signals) {
-            let signals = signals.filter(|_| *has_signals);
+        let mut law_schemas = [None; LawTopic::ALL.len()];
+        for (schema, (topic, robots)) in law_schemas.iter_mut().zip(&run.law_topics) {
+            if robots.contains(&true) {
+                *schema = Some(register_schema(&mut writer, topic.schema())?);
+            }
+        }
+        for (place, (name, topic)) in run.robots.iter().zip(&topics).enumerate() {
             let mut open = |schema: u16, what: &str| {
-                writer.channel(schema, &format!("/{topic}/{what}"), qos_metadata(NO_QOS))
+                writer.register_channel(schema, &format!("/{topic}/{what}"), qos_metadata(NO_QOS))
             };
-            robots.push(Robot {
+            let mut channels = RobotChannels {
                 name: name.clone(),
                 frame: base_link(name),
-                odometry: open(odometry, "odom")?,
-                pose: open(pose, "pose")?,
-                command: open(command, "cmd_vel")?,
-                signals: signals.map(|schema| open(schema, SIGNALS_TOPIC)).transpose()?,
-            });
+                odometry_channel: open(odometry, "odom")?,
+                pose_channel: open(pose, "pose")?,
+                command_channel: open(command, "cmd_vel")?,
+                law_channels: [None; LawTopic::ALL.len()],
+            };
+            for (schema, (topic, has_it)) in law_schemas.iter().zip(&run.law_topics) {
+                if let Some(schema) = schema.filter(|_| has_it[place]) {
+                    let channel = open(schema, topic.name())?;
+                    channels.law_channels[*topic as usize] = Some(channel);
+                }
+            }
+            robots.push(channels);
         }
         let mut message = cdr::Writer::new();
         if !run.walls.is_empty() {
             let channel =
-                open_channel_of_schema(&mut writer, &schemas::WALLS, "/walls", walls::LATCHED)?;
-            walls::markers(&mut message, run.walls, run.started_unix_ns);
-            writer.message(channel, 0, run.started_unix_ns, message.bytes())?;
+                open_channel_of_schema(&mut writer, &schemas::WALLS, "/walls", walls::LATCHED_QOS)?;
+            walls::write_wall_markers(&mut message, run.walls, run.started_unix_ns);
+            writer.add_message(channel, 0, run.started_unix_ns, message.bytes())?;
         }
         writer.flush()?;
         Ok(Recorder {
             writer,
             started_unix_ns: run.started_unix_ns,
-            reproducible: run.reproducible,
+            is_reproducible: run.is_reproducible,
             robots,
-            tf,
-            metrics,
-            rosout,
-            message,
-            transforms: cdr::Writer::new(),
-            text: String::new(),
-            instants: 0,
-            events: 0,
-            flushed: Instant::now(),
+            tf_channel: tf,
+            metrics_channel: metrics,
+            rosout_channel: rosout,
+            message_buffer: message,
+            transforms_buffer: cdr::Writer::new(),
+            text_buffer: String::new(),
+            sample_count: 0,
+            event_count: 0,
+            last_flush: Instant::now(),
             flushed_t_ns: 0,
-            unflushed: false,
+            has_unflushed_data: false,
         })
     }
 
@@ -173,78 +208,103 @@ impl Recorder {
         &mut self,
         t_ns: u64,
         lines: &[SampleLine],
-        nearest: Option<Nearest>,
+        nearest: Option<NearestPair>,
     ) -> io::Result<()> {
-        if self.reproducible
-            && u128::from(t_ns.saturating_sub(self.flushed_t_ns)) >= FLUSH_EVERY.as_nanos()
+        if self.is_reproducible
+            && u128::from(t_ns.saturating_sub(self.flushed_t_ns)) >= FLUSH_INTERVAL.as_nanos()
         {
             self.flushed_t_ns = t_ns;
             self.writer.flush()?;
         }
-        let (number, stamp_ns) = (self.instants, self.started_unix_ns + t_ns);
-        let Recorder { writer, message, transforms, .. } = self;
-        robot_messages::transforms(transforms, self.robots.len());
+        let (number, stamp_ns) = (self.sample_count, self.started_unix_ns + t_ns);
+        let Recorder { writer, message_buffer: message, transforms_buffer: transforms, .. } = self;
+        robot_messages::begin_transforms(transforms, self.robots.len());
         for (robot, line) in self.robots.iter().zip(lines) {
             let &SampleLine { x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s, .. } = line;
             let (pose, twist) =
                 (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, side_m_s, w_rad_s });
             let state = StampedState::new(&robot.frame, stamp_ns, pose, twist);
-            robot_messages::transform(transforms, &state);
-            robot_messages::odometry(message, &state);
-            writer.message(robot.odometry, number, stamp_ns, message.bytes())?;
-            robot_messages::pose_stamped(message, &state);
-            writer.message(robot.pose, number, stamp_ns, message.bytes())?;
-            robot_messages::twist(message, twist);
-            writer.message(robot.command, number, stamp_ns, message.bytes())?;
+            robot_messages::write_transform(transforms, &state);
+            robot_messages::write_odometry(message, &state);
+            writer.add_message(robot.odometry_channel, number, stamp_ns, message.bytes())?;
+            robot_messages::write_pose_stamped(message, &state);
+            writer.add_message(robot.pose_channel, number, stamp_ns, message.bytes())?;
+            robot_messages::write_twist(message, twist);
+            writer.add_message(robot.command_channel, number, stamp_ns, message.bytes())?;
         }
-        writer.message(self.tf, number, stamp_ns, transforms.bytes())?;
-        of_all::metrics(message, stamp_ns, lines, nearest);
-        writer.message(self.metrics, number, stamp_ns, message.bytes())?;
-        self.instants = self.instants.wrapping_add(1);
-        self.unflushed = true;
+        writer.add_message(self.tf_channel, number, stamp_ns, transforms.bytes())?;
+        of_all::write_metrics(message, stamp_ns, lines, nearest);
+        writer.add_message(self.metrics_channel, number, stamp_ns, message.bytes())?;
+        self.sample_count = self.sample_count.wrapping_add(1);
+        self.has_unflushed_data = true;
         Ok(())
     }
 
     /// Writes lines of `signals.csv`, which are ordered by robot: one message for each robot.
     pub fn record_signals(&mut self, t_ns: u64, lines: &[SignalLine]) -> io::Result<()> {
         for of_one in lines.chunk_by(|a, b| a.robot == b.robot) {
-            let robot = self.robots.iter().find(|robot| robot.name == of_one[0].robot);
-            let Some(channel) = robot.and_then(|robot| robot.signals) else { continue };
-            let stamp_ns = self.started_unix_ns + t_ns;
-            of_all::signals(&mut self.message, self.started_unix_ns, of_one);
-            self.writer.message(channel, self.instants, stamp_ns, self.message.bytes())?;
-            self.unflushed = true;
+            of_all::write_signals(&mut self.message_buffer, self.started_unix_ns, of_one);
+            self.add_law_values(LawTopic::Signals, &of_one[0].robot, t_ns)?;
         }
         Ok(())
+    }
+
+    /// Writes messages of control laws.
+    pub fn record_law_messages(
+        &mut self,
+        t_ns: u64,
+        messages: &[RecordedMessage],
+    ) -> io::Result<()> {
+        for message in messages {
+            of_all::write_law_message(&mut self.message_buffer, self.started_unix_ns, message);
+            self.add_law_values(LawTopic::Messages, &message.robot, t_ns)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the message in the buffer to a topic of a robot; does nothing if the robot does not have the topic.
+    fn add_law_values(&mut self, topic: LawTopic, robot: &str, t_ns: u64) -> io::Result<()> {
+        let robot = self.robots.iter().find(|known| known.name == robot);
+        let Some(channel) = robot.and_then(|robot| robot.law_channels[topic as usize]) else {
+            return Ok(());
+        };
+        let stamp_ns = self.started_unix_ns + t_ns;
+        self.has_unflushed_data = true;
+        self.writer.add_message(channel, self.sample_count, stamp_ns, self.message_buffer.bytes())
     }
 
     /// Writes an event of a robot or, with an empty name, of the run.
     pub fn record_event(&mut self, t_ns: u64, event: &EventLine) -> io::Result<()> {
         let EventLine { kind, robot, detail, .. } = event;
-        self.text.clear();
-        self.text.push_str(kind);
+        self.text_buffer.clear();
+        self.text_buffer.push_str(kind);
         if !detail.is_empty() {
-            self.text.push_str(": ");
-            self.text.push_str(detail);
+            self.text_buffer.push_str(": ");
+            self.text_buffer.push_str(detail);
         }
-        let name = if robot.is_empty() { SUPERVISOR } else { robot };
-        let event = Event { level: ros_log_level(kind), name, kind, text: &self.text };
+        let name = if robot.is_empty() { SUPERVISOR_NAME } else { robot };
+        let event = LogEvent { level: ros_log_level(kind), name, kind, text: &self.text_buffer };
         let stamp_ns = self.started_unix_ns + t_ns;
-        of_all::log(&mut self.message, stamp_ns, &event);
-        self.writer.message(self.rosout, self.events, stamp_ns, self.message.bytes())?;
-        self.events = self.events.wrapping_add(1);
-        self.unflushed = true;
+        of_all::write_log(&mut self.message_buffer, stamp_ns, &event);
+        self.writer.add_message(
+            self.rosout_channel,
+            self.event_count,
+            stamp_ns,
+            self.message_buffer.bytes(),
+        )?;
+        self.event_count = self.event_count.wrapping_add(1);
+        self.has_unflushed_data = true;
         Ok(())
     }
 
-    /// Flushes buffered records if the last flush was at least [`FLUSH_EVERY`] ago. Call it often. Does nothing for
+    /// Flushes buffered records if the last flush was at least [`FLUSH_INTERVAL`] ago. Call it often. Does nothing for
     /// a reproducible recording, which is flushed by run time.
     pub fn flush_if_due(&mut self, now: Instant) -> io::Result<()> {
-        if self.reproducible || now.saturating_duration_since(self.flushed) < FLUSH_EVERY {
+        if self.is_reproducible || now.saturating_duration_since(self.last_flush) < FLUSH_INTERVAL {
             return Ok(());
         }
-        self.flushed = now;
-        if std::mem::take(&mut self.unflushed) {
+        self.last_flush = now;
+        if std::mem::take(&mut self.has_unflushed_data) {
             self.writer.flush()?;
         }
         Ok(())
@@ -264,19 +324,22 @@ fn qos_metadata(qos: &str) -> BTreeMap<String, String> {
     BTreeMap::from([("offered_qos_profiles".to_owned(), qos.to_owned())])
 }
 
-fn schema_id(writer: &mut Writer, schema: &Schema<impl AsRef<str>>) -> io::Result<u16> {
-    writer.schema(schema.name, schemas::ENCODING, schema.text().as_bytes())
+fn register_schema(
+    writer: &mut RecordingWriter,
+    schema: &Schema<impl AsRef<str>>,
+) -> io::Result<u16> {
+    writer.register_schema(schema.name, schemas::ENCODING, schema.definition_text().as_bytes())
 }
 
 /// Opens the only channel of a type.
 fn open_channel_of_schema(
-    writer: &mut Writer,
+    writer: &mut RecordingWriter,
     schema: &Schema<impl AsRef<str>>,
     topic: &str,
     qos: &str,
 ) -> io::Result<u16> {
-    let schema = schema_id(writer, schema)?;
-    writer.channel(schema, topic, qos_metadata(qos))
+    let schema = register_schema(writer, schema)?;
+    writer.register_channel(schema, topic, qos_metadata(qos))
 }
 
 /// Returns the ROS log level of a kind of event.

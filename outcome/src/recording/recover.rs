@@ -10,9 +10,9 @@ use mcap::records::Record;
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions};
 
-use crate::recording::chunk::SIZE_MAX;
+use crate::recording::chunk::CHUNK_BYTES_MAX;
 use crate::recording::record_reader::{Integrity, RecordReader};
-use crate::recording::recorder::PROFILE;
+use crate::recording::recorder::MCAP_PROFILE;
 
 /// Result of a recovery.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,25 +21,25 @@ pub enum RecoverOutcome {
     Complete {
         /// Whether checksums cover all of the file. In recordings of earlier versions, metadata and indexes have
         /// none.
-        checked: bool,
+        is_checked: bool,
     },
     /// A recovered file was written.
-    Recovered(Recovered),
+    Recovered(RecoverySummary),
 }
 
 /// Content of the recovered file, and damage of the old one.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Recovered {
+pub struct RecoverySummary {
     /// Number of copied messages.
-    pub messages: u64,
+    pub message_count: u64,
     /// Stamps of the first and the last message, ns since 1970.
     pub stamps_ns: Option<(u64, u64)>,
     /// Number of attachments.
-    pub attachments: u64,
+    pub attachment_count: u64,
     /// Number of metadata records.
-    pub metadata: u64,
+    pub metadata_count: u64,
     /// Number of messages left out because their channel was in a damaged chunk.
-    pub orphans: u64,
+    pub orphan_message_count: u64,
     /// Integrity of the old file.
     pub integrity: Integrity,
 }
@@ -55,7 +55,7 @@ pub enum RecoverError {
     Read(PathBuf, io::Error),
     /// The file is not a recording, or was cut before its first record.
     #[error("nothing to recover in {}: expected an MCAP file with at least its header", .0.display())]
-    Nothing(PathBuf),
+    NoValidRecord(PathBuf),
     /// The new file cannot be written.
     #[error("cannot write {}: {}; the partial file is removed", .0.display(), .1)]
     Write(PathBuf, io::Error),
@@ -75,26 +75,29 @@ pub fn recover(file: &Path, out: &Path) -> Result<RecoverOutcome, RecoverError> 
         }
     }
     // The header may be damaged although the messages behind it are valid.
-    let profile = profile.or_else(|| has_messages.then(|| PROFILE.to_owned()));
-    let profile = profile.ok_or_else(|| RecoverError::Nothing(file.into()))?;
+    let profile = profile.or_else(|| has_messages.then(|| MCAP_PROFILE.to_owned()));
+    let profile = profile.ok_or_else(|| RecoverError::NoValidRecord(file.into()))?;
     let integrity = pieces.integrity();
     if integrity.is_complete() {
-        return Ok(RecoverOutcome::Complete { checked: integrity.has_checksums });
+        return Ok(RecoverOutcome::Complete { is_checked: integrity.has_checksums });
     }
 
-    let mut writer = create(out, &profile).map_err(|error| match error.kind() {
+    let mut writer = create_writer(out, &profile).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => RecoverError::Exists(out.into()),
         _ => unwritten(error),
     })?;
-    let mut recovered = Recovered { integrity, ..Recovered::default() };
+    let mut recovered = RecoverySummary { integrity, ..RecoverySummary::default() };
     let mut copy_all = || -> Result<(), RecoverError> {
         for piece in RecordReader::open(file).map_err(unreadable)? {
             let record = piece.map_err(unreadable)?;
-            match copy(&record, &mut writer, &mut recovered) {
+            match copy_record(&record, &mut writer, &mut recovered) {
                 Ok(()) => {}
                 Err(McapError::Io(error)) => return Err(unwritten(error)),
                 // The record refers to one that was lost, or contradicts an earlier one.
-                Err(_) => recovered.orphans += u64::from(matches!(record, Record::Message { .. })),
+                Err(_) => {
+                    recovered.orphan_message_count +=
+                        u64::from(matches!(record, Record::Message { .. }))
+                }
             }
         }
         writer.finish().map(drop).map_err(|error| unwritten(io_error(error)))
@@ -111,12 +114,12 @@ pub fn recover(file: &Path, out: &Path) -> Result<RecoverOutcome, RecoverError> 
 type McapWriter = mcap::Writer<NoSeek<BufWriter<File>>>;
 
 /// Creates a file, which must not exist.
-fn create(path: &Path, profile: &str) -> io::Result<McapWriter> {
+fn create_writer(path: &Path, profile: &str) -> io::Result<McapWriter> {
     let options = WriteOptions::new()
         .profile(profile)
         .library(concat!("phalanx ", env!("CARGO_PKG_VERSION")))
         .compression(Some(Compression::Lz4))
-        .chunk_size(Some(SIZE_MAX as u64))
+        .chunk_size(Some(CHUNK_BYTES_MAX as u64))
         .disable_seeking(true);
     let file = BufWriter::new(File::create_new(path)?);
     options.create(NoSeek::new(file)).map_err(io_error)
@@ -130,7 +133,11 @@ fn io_error(error: McapError) -> io::Error {
     }
 }
 
-fn copy(record: &Record<'_>, writer: &mut McapWriter, recovered: &mut Recovered) -> McapResult<()> {
+fn copy_record(
+    record: &Record<'_>,
+    writer: &mut McapWriter,
+    recovered: &mut RecoverySummary,
+) -> McapResult<()> {
     match record {
         Record::Schema { header, data } => {
             writer.add_schema_with_id(header.id, &header.name, &header.encoding, data)?;
@@ -142,7 +149,7 @@ fn copy(record: &Record<'_>, writer: &mut McapWriter, recovered: &mut Recovered)
         }
         Record::Message { header, data } => {
             writer.write_to_known_channel(header, data)?;
-            recovered.messages += 1;
+            recovered.message_count += 1;
             let (first, last) = recovered.stamps_ns.unwrap_or((u64::MAX, 0));
             let stamp_ns = header.log_time;
             recovered.stamps_ns = Some((first.min(stamp_ns), last.max(stamp_ns)));
@@ -155,43 +162,43 @@ fn copy(record: &Record<'_>, writer: &mut McapWriter, recovered: &mut Recovered)
                 media_type: header.media_type.clone(),
                 data: data.clone(),
             })?;
-            recovered.attachments += 1;
+            recovered.attachment_count += 1;
         }
         Record::Metadata(metadata) => {
             writer.write_metadata(metadata)?;
-            recovered.metadata += 1;
+            recovered.metadata_count += 1;
         }
         _ => {}
     }
     Ok(())
 }
 
-impl Recovered {
+impl RecoverySummary {
     /// Returns whether written data is missing in the new file or was changed.
     pub fn is_damaged(&self) -> bool {
-        self.integrity.is_damaged() || self.orphans > 0 || self.messages == 0
+        self.integrity.is_damaged() || self.orphan_message_count > 0 || self.message_count == 0
     }
 }
 
-impl fmt::Display for Recovered {
+impl fmt::Display for RecoverySummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (first_ns, last_ns) = self.stamps_ns.unwrap_or((0, 0));
         writeln!(
             f,
             "recovered  {} messages over {:.3} s, {} attachments, {} metadata",
-            self.messages,
-            formation::seconds(last_ns - first_ns),
-            self.attachments,
-            self.metadata
+            self.message_count,
+            formation::ns_to_seconds(last_ns - first_ns),
+            self.attachment_count,
+            self.metadata_count
         )?;
         writeln!(f, "lost       {}", self.integrity)?;
-        if self.messages == 0 {
+        if self.message_count == 0 {
             writeln!(f, "           every message: none is valid")?;
         }
-        if self.orphans > 0 {
-            writeln!(f, "           messages of unknown channels: {}", self.orphans)?;
+        if self.orphan_message_count > 0 {
+            writeln!(f, "           messages of unknown channels: {}", self.orphan_message_count)?;
         }
-        if self.integrity.checksum_mismatch && self.integrity.damaged == 0 {
+        if self.integrity.has_checksum_mismatch && self.integrity.damaged_records == 0 {
             let what = "metadata or an index was changed, and which one is not known: compare the metadata";
             writeln!(f, "           {what}")?;
         }

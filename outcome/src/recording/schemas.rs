@@ -6,7 +6,7 @@ pub(crate) struct Schema<F = &'static str> {
     /// ROS 2 name of the type.
     pub(crate) name: &'static str,
     fields: F,
-    parts: &'static [&'static TypeDefinition],
+    contained_types: &'static [&'static TypeDefinition],
 }
 
 /// Name and fields of a type that messages contain.
@@ -17,9 +17,9 @@ pub(crate) const ENCODING: &str = "ros2msg";
 
 impl<F: AsRef<str>> Schema<F> {
     /// Returns the full definition: the fields, then each contained type under its name.
-    pub(crate) fn text(&self) -> String {
+    pub(crate) fn definition_text(&self) -> String {
         let mut text = self.fields.as_ref().to_owned();
-        for TypeDefinition(name, fields) in self.parts {
+        for TypeDefinition(name, fields) in self.contained_types {
             text += &format!("{}\nMSG: {name}\n{fields}", "=".repeat(80));
         }
         text
@@ -90,7 +90,7 @@ const MARKER: TypeDefinition = TypeDefinition(
 pub(crate) const WALLS: Schema = Schema {
     name: "visualization_msgs/msg/MarkerArray",
     fields: "visualization_msgs/Marker[] markers\n",
-    parts: &[
+    contained_types: &[
         &MARKER,
         &HEADER,
         &TIME,
@@ -110,7 +110,7 @@ pub(crate) const WALLS: Schema = Schema {
 pub(crate) const TF: Schema = Schema {
     name: "tf2_msgs/msg/TFMessage",
     fields: "geometry_msgs/TransformStamped[] transforms\n",
-    parts: &[&TRANSFORM_STAMPED, &HEADER, &TIME, &TRANSFORM, &VECTOR, &QUATERNION],
+    contained_types: &[&TRANSFORM_STAMPED, &HEADER, &TIME, &TRANSFORM, &VECTOR, &QUATERNION],
 };
 
 /// Schema of `/<robot>/odom`.
@@ -118,7 +118,7 @@ pub(crate) const ODOMETRY: Schema = Schema {
     name: "nav_msgs/msg/Odometry",
     fields: "std_msgs/Header header\nstring child_frame_id\n\
              geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist\n",
-    parts: &[
+    contained_types: &[
         &HEADER,
         &TIME,
         &POSE_WITH_COVARIANCE,
@@ -135,18 +135,18 @@ pub(crate) const ODOMETRY: Schema = Schema {
 pub(crate) const POSE_STAMPED: Schema = Schema {
     name: "geometry_msgs/msg/PoseStamped",
     fields: "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
-    parts: &[&HEADER, &TIME, &POSE, &POINT, &QUATERNION],
+    contained_types: &[&HEADER, &TIME, &POSE, &POINT, &QUATERNION],
 };
 
 /// Schema of `/<robot>/cmd_vel`.
 pub(crate) const COMMAND: Schema =
-    Schema { name: "geometry_msgs/msg/Twist", fields: TWIST.1, parts: &[&VECTOR] };
+    Schema { name: "geometry_msgs/msg/Twist", fields: TWIST.1, contained_types: &[&VECTOR] };
 
 /// Schema of `/<robot>/signals`.
 pub(crate) const SIGNALS: Schema = Schema {
     name: "phalanx_msgs/msg/Signals",
     fields: "# Numbers that the control law of the robot recorded.\nphalanx_msgs/Signal[] signals\n",
-    parts: &[&SIGNAL, &TIME],
+    contained_types: &[&SIGNAL, &TIME],
 };
 
 const SIGNAL: TypeDefinition = TypeDefinition(
@@ -155,19 +155,35 @@ const SIGNAL: TypeDefinition = TypeDefinition(
      string name\nfloat64 value\n",
 );
 
+/// Schema of `/<robot>/messages`.
+pub(crate) const LAW_MESSAGE: Schema = Schema {
+    name: "phalanx_msgs/msg/LawMessage",
+    fields: "# Message that the control law of the robot sent to its out-neighbors.\n\
+             # Time of the odometry sample whose answer it left with.\nbuiltin_interfaces/Time stamp\n\
+             # Arrays of numbers, in the order of their declaration.\n\
+             phalanx_msgs/MessageArray[] arrays\n\
+             # Bytes of a message without a structure.\nuint8[] bytes\n",
+    contained_types: &[&TIME, &MESSAGE_ARRAY],
+};
+
+const MESSAGE_ARRAY: TypeDefinition = TypeDefinition(
+    "phalanx_msgs/MessageArray",
+    "string name\n# Numbers, row by row.\nfloat64[] values\n",
+);
+
 /// Schema of `/rosout`.
 pub(crate) const LOG: Schema = Schema {
     name: "rcl_interfaces/msg/Log",
     fields: "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n\
              builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\n\
              string function\nuint32 line\n",
-    parts: &[&TIME],
+    contained_types: &[&TIME],
 };
 
 /// Returns the schema of `/metrics`, whose last fields are these columns.
-pub(crate) fn metrics(columns: &str) -> Schema<String> {
+pub(crate) fn metrics_schema(columns: &str) -> Schema<String> {
     let fields = METRICS_FIELDS.to_owned() + columns;
-    Schema { name: "phalanx_msgs/msg/Metrics", fields, parts: &[&TIME] }
+    Schema { name: "phalanx_msgs/msg/Metrics", fields, contained_types: &[&TIME] }
 }
 
 /// First fields of `/metrics`.

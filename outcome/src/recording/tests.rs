@@ -10,34 +10,35 @@ use proptest::prelude::*;
 use tempfile::TempDir;
 
 use formation::pose::{Pose, Twist};
+use protocol::law_message::{MessageArray, MessageFormat};
 
-use crate::recording::chunk::SIZE_MAX;
-use crate::recording::export::{ExportError, Exported, export};
+use crate::recording::chunk::CHUNK_BYTES_MAX;
+use crate::recording::export::{ExportError, ExportResult, export};
 use crate::recording::record_reader::RecordReader;
-use crate::recording::recorder::{FLUSH_EVERY, Recorder, RunDescription};
-use crate::recording::recover::{RecoverError, RecoverOutcome, Recovered, recover};
-use crate::results::tables::{EventLine, SampleLine, SignalLine};
+use crate::recording::recorder::{FLUSH_INTERVAL, LawTopic, Recorder, RunDescription};
+use crate::recording::recover::{RecoverError, RecoverOutcome, RecoverySummary, recover};
+use crate::results::tables::{EventLine, MessageLine, RecordedMessage, SampleLine, SignalLine};
 
 const STARTED_UNIX_NS: u64 = 1_795_233_599_000_000_000;
 const STEP_NS: u64 = 10_000_000;
-const COMPLETE_OUTCOME: RecoverOutcome = RecoverOutcome::Complete { checked: true };
+const COMPLETE_OUTCOME: RecoverOutcome = RecoverOutcome::Complete { is_checked: true };
 const SCENARIO: &str = "name = \"made up\"\n";
 
-fn begin(path: &Path, reproducible: bool) -> Recorder {
+fn begin_recording(path: &Path, reproducible: bool) -> Recorder {
     let run = RunDescription {
         started_unix_ns: STARTED_UNIX_NS,
-        reproducible,
+        is_reproducible: reproducible,
         robots: &["r-1".to_owned(), "r2".to_owned()],
-        with_signals: vec![false; 2],
+        law_topics: LawTopic::ALL.map(|topic| (topic, vec![false; 2])),
         walls: &[],
-        facts: BTreeMap::from([("scenario".to_owned(), "made up".to_owned())]),
+        metadata: BTreeMap::from([("scenario".to_owned(), "made up".to_owned())]),
         attachments: &[("scenario.toml", "application/toml", SCENARIO)],
     };
     Recorder::create(path, &run).unwrap()
 }
 
 /// Returns numbers that do not compress.
-fn state(k: u64, robot: u64) -> (Pose, Twist) {
+fn incompressible_state(k: u64, robot: u64) -> (Pose, Twist) {
     let phase = (k * 7 + robot) as f64;
     let pose = Pose { x_m: phase.sin(), y_m: phase.cos(), heading_rad: (phase * 1.3).sin() };
     let twist = Twist {
@@ -48,10 +49,10 @@ fn state(k: u64, robot: u64) -> (Pose, Twist) {
     (pose, twist)
 }
 
-fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
+fn record_instants(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
     for k in instants {
         let line = |robot: u64, name: &str, error_m, ideal_error_m, alive| {
-            let (pose, twist) = state(k, robot);
+            let (pose, twist) = incompressible_state(k, robot);
             let line = SampleLine {
                 robot: name.to_owned(),
                 x_m: pose.x_m,
@@ -77,8 +78,8 @@ fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
 fn write_recording(instants: u64) -> (TempDir, PathBuf) {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("run.mcap");
-    let mut recorder = begin(&path, false);
-    record(&mut recorder, 0..instants);
+    let mut recorder = begin_recording(&path, false);
+    record_instants(&mut recorder, 0..instants);
     for (t_ns, kind, robot, detail) in
         [(STEP_NS, "kill", "r2", "SIGKILL, as planned"), (2 * STEP_NS, "load", "", "2 processes")]
     {
@@ -91,7 +92,7 @@ fn write_recording(instants: u64) -> (TempDir, PathBuf) {
 }
 
 /// Returns the stamp, channel and bytes of every message.
-fn messages(path: &Path) -> Vec<(u64, u16, Vec<u8>)> {
+fn read_messages(path: &Path) -> Vec<(u64, u16, Vec<u8>)> {
     let records = RecordReader::open(path).unwrap().map(Result::unwrap);
     let messages = records.filter_map(|record| match record {
         Record::Message { header, data } => {
@@ -102,7 +103,7 @@ fn messages(path: &Path) -> Vec<(u64, u16, Vec<u8>)> {
     messages.collect()
 }
 
-fn recovered(from: &Path, to: &Path) -> Recovered {
+fn recover_file(from: &Path, to: &Path) -> RecoverySummary {
     match recover(from, to).unwrap() {
         RecoverOutcome::Recovered(recovered) => recovered,
         RecoverOutcome::Complete { .. } => panic!("{} is whole", from.display()),
@@ -125,7 +126,7 @@ fn complete_recording_opens_in_mcap_and_stays_unchanged() {
     assert!(summary.chunk_indexes.len() > 4);
     for chunk in &summary.chunk_indexes {
         assert_eq!(chunk.compression, "lz4");
-        assert!(chunk.uncompressed_size <= SIZE_MAX as u64, "{}", chunk.uncompressed_size);
+        assert!(chunk.uncompressed_size <= CHUNK_BYTES_MAX as u64, "{}", chunk.uncompressed_size);
     }
     for channel in summary.channels.values() {
         let schema = channel.schema.as_ref().expect("a schema");
@@ -139,7 +140,7 @@ fn complete_recording_opens_in_mcap_and_stays_unchanged() {
 #[test]
 fn recording_cut_at_any_byte_recovers_every_complete_record() {
     let (scratch, path) = write_recording(400);
-    let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
+    let (bytes, all) = (fs::read(&path).unwrap(), read_messages(&path));
     let (cut, out) = (scratch.path().join("cut.mcap"), scratch.path().join("out.mcap"));
     let mut before = 0;
     // The last length lacks only the last byte of the closing magic.
@@ -147,21 +148,21 @@ fn recording_cut_at_any_byte_recovers_every_complete_record() {
         fs::write(&cut, &bytes[..length]).unwrap();
         let _ = fs::remove_file(&out);
         match recover(&cut, &out) {
-            Err(RecoverError::Nothing(_)) => assert_eq!(before, 0),
+            Err(RecoverError::NoValidRecord(_)) => assert_eq!(before, 0),
             Err(error) => panic!("{length}: {error}"),
             Ok(RecoverOutcome::Complete { .. }) => {
                 panic!("{length} of {} bytes are not whole", bytes.len())
             }
             Ok(RecoverOutcome::Recovered(found)) => {
-                let kept = messages(&out);
-                assert_eq!(kept.len() as u64, found.messages);
+                let kept = read_messages(&out);
+                assert_eq!(kept.len() as u64, found.message_count);
                 assert_eq!(kept, all[..kept.len()]);
                 assert!(kept.len() >= before, "more bytes, fewer messages");
                 before = kept.len();
-                assert_eq!(found.integrity.damaged, 0);
-                let beside = (found.attachments, found.metadata);
+                assert_eq!(found.integrity.damaged_records, 0);
+                let beside = (found.attachment_count, found.metadata_count);
                 assert!(kept.is_empty() || beside == (1, 1), "{beside:?}");
-                assert!(found.integrity.cut_bytes > 0);
+                assert!(found.integrity.truncated_bytes > 0);
                 assert_eq!(
                     recover(&out, &scratch.path().join("again.mcap")).unwrap(),
                     COMPLETE_OUTCOME
@@ -178,7 +179,7 @@ fn recording_cut_at_any_byte_recovers_every_complete_record() {
 }
 
 /// Returns kind, offset and length of each record of a file.
-fn layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
+fn record_layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
     let (mut at, mut found) = (mcap::MAGIC.len(), Vec::new());
     while at < bytes.len() - mcap::MAGIC.len() {
         let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
@@ -191,16 +192,16 @@ fn layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
 #[test]
 fn message_record_outside_of_chunks_is_ignored() {
     let (scratch, path) = write_recording(50);
-    let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
+    let (bytes, all) = (fs::read(&path).unwrap(), read_messages(&path));
     let (bad, out) = (scratch.path().join("bad.mcap"), scratch.path().join("out.mcap"));
-    let others = layout(&bytes).into_iter().filter(|(kind, ..)| *kind != op::CHUNK);
+    let others = record_layout(&bytes).into_iter().filter(|(kind, ..)| *kind != op::CHUNK);
     for (kind, at, _) in others {
         let mut bytes = bytes.clone();
         bytes[at] = op::MESSAGE;
         fs::write(&bad, &bytes).unwrap();
-        let found = recovered(&bad, &out);
+        let found = recover_file(&bad, &out);
         assert!(found.is_damaged(), "{kind}: {found:?}");
-        assert!(messages(&out) == all, "{kind} at {at}");
+        assert!(read_messages(&out) == all, "{kind} at {at}");
         fs::remove_file(&out).unwrap();
     }
 }
@@ -208,9 +209,9 @@ fn message_record_outside_of_chunks_is_ignored() {
 #[test]
 fn lost_seconds_are_the_gaps_between_valid_records() {
     let (scratch, path) = write_recording(2000);
-    let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
+    let (bytes, all) = (fs::read(&path).unwrap(), read_messages(&path));
     let chunks: Vec<_> =
-        layout(&bytes).into_iter().filter(|(kind, ..)| *kind == op::CHUNK).collect();
+        record_layout(&bytes).into_iter().filter(|(kind, ..)| *kind == op::CHUNK).collect();
     assert!(chunks.len() > 4);
     let (bad, out) = (scratch.path().join("bad.mcap"), scratch.path().join("out.mcap"));
     let stamp_ns = |(stamp_ns, ..): &(u64, u16, Vec<u8>)| *stamp_ns;
@@ -221,10 +222,10 @@ fn lost_seconds_are_the_gaps_between_valid_records() {
             let mut bytes = bytes.clone();
             bytes[place] ^= 0x55;
             fs::write(&bad, &bytes).unwrap();
-            let found = recovered(&bad, &out);
-            let kept = messages(&out);
+            let found = recover_file(&bad, &out);
+            let kept = read_messages(&out);
             fs::remove_file(&out).unwrap();
-            assert_eq!(found.integrity.damaged, 1);
+            assert_eq!(found.integrity.damaged_records, 1);
             let tables = scratch.path().join("tables");
             let error = export(&bad, &tables, false).unwrap_err().to_string();
             assert!(hurt == 0 || error.contains("damaged chunks or other records: 1"), "{error}");
@@ -232,7 +233,7 @@ fn lost_seconds_are_the_gaps_between_valid_records() {
                 assert!(export(&bad, &tables, true).is_ok());
                 fs::remove_dir_all(&tables).unwrap();
             }
-            assert!(found.is_damaged() && found.integrity.cut_bytes == 0, "{found:?}");
+            assert!(found.is_damaged() && found.integrity.truncated_bytes == 0, "{found:?}");
             // The channels are defined in the first chunk.
             if hurt > 0 {
                 // Events are written last, with early stamps.
@@ -241,14 +242,14 @@ fn lost_seconds_are_the_gaps_between_valid_records() {
                 };
                 let lost: Vec<_> = all.iter().filter(is_lost).collect();
                 if lost.is_empty() {
-                    assert_eq!((found.integrity.lost_ns, kept.len()), (0, all.len()));
+                    assert_eq!((found.integrity.lost_time_ns, kept.len()), (0, all.len()));
                     continue;
                 }
                 let before = kept.iter().map(stamp_ns).filter(|&ns| ns < stamp_ns(lost[0])).max();
                 let last_ns = stamp_ns(lost.last().unwrap());
                 let behind = kept.iter().map(stamp_ns).find(|&ns| ns > last_ns).unwrap_or(last_ns);
                 let between = behind - before.unwrap();
-                let lost_ns = found.integrity.lost_ns;
+                let lost_ns = found.integrity.lost_time_ns;
                 assert!(lost_ns > 0 && lost_ns <= between, "{hurt}: {lost_ns} of {between}");
                 assert!(lost_ns + 2 * STEP_NS >= between, "{hurt}: {lost_ns} of {between}");
             }
@@ -263,7 +264,7 @@ fn noise_and_empty_files_are_not_recovered_nor_overwritten() {
     for (name, content) in [("empty", &b""[..]), ("noise", b"noise, and no recording at all")] {
         fs::write(at(name), content).unwrap();
         let error = recover(&at(name), &at("out")).unwrap_err();
-        assert!(matches!(error, RecoverError::Nothing(_)), "{name}: {error}");
+        assert!(matches!(error, RecoverError::NoValidRecord(_)), "{name}: {error}");
         assert!(error.to_string().contains(name), "{error}");
     }
     let error = recover(&at("missing"), &at("out")).unwrap_err().to_string();
@@ -281,10 +282,10 @@ fn noise_and_empty_files_are_not_recovered_nor_overwritten() {
 /// Asserts that a recording in progress with newest instant `k` is complete except for the last half second.
 fn assert_complete_to_half_a_second(path: &Path, k: u64) {
     let out = path.with_extension("out");
-    let last_ns = recovered(path, &out).stamps_ns.map_or(0, |(_, last_ns)| last_ns);
+    let last_ns = recover_file(path, &out).stamps_ns.map_or(0, |(_, last_ns)| last_ns);
     fs::remove_file(&out).unwrap();
     let age_ns = (STARTED_UNIX_NS + k * STEP_NS).saturating_sub(last_ns);
-    let flush_ns = FLUSH_EVERY.as_nanos();
+    let flush_ns = FLUSH_INTERVAL.as_nanos();
     let young = u128::from(k * STEP_NS) < flush_ns || u128::from(age_ns) <= flush_ns;
     assert!(young, "{age_ns} ns are missing after {k} instants");
 }
@@ -299,10 +300,10 @@ proptest! {
         let scratch = tempfile::tempdir().unwrap();
         let at = |name: &str| scratch.path().join(name);
         let began = Instant::now();
-        let mut recorders = ["undisturbed", "looked at"].map(|name| begin(&at(name), true));
+        let mut recorders = ["undisturbed", "looked at"].map(|name| begin_recording(&at(name), true));
         for k in 0..200 {
             for recorder in &mut recorders {
-                record(recorder, k..k + 1);
+                record_instants(recorder, k..k + 1);
             }
             for (_, ms) in looks.iter().filter(|(at, _)| *at == k) {
                 recorders[1].flush_if_due(began + Duration::from_millis(*ms)).unwrap();
@@ -321,12 +322,12 @@ fn records_older_than_half_a_second_are_in_the_file() {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("run.mcap");
     let began = Instant::now();
-    let mut recorder = begin(&path, false);
-    recorder.flush_if_due(began + FLUSH_EVERY).unwrap();
+    let mut recorder = begin_recording(&path, false);
+    recorder.flush_if_due(began + FLUSH_INTERVAL).unwrap();
     // One sample each 10 ms, followed by a flush request.
     for k in 0..200 {
-        record(&mut recorder, k..k + 1);
-        let now = began + FLUSH_EVERY + Duration::from_nanos((k + 1) * STEP_NS);
+        record_instants(&mut recorder, k..k + 1);
+        let now = began + FLUSH_INTERVAL + Duration::from_nanos((k + 1) * STEP_NS);
         recorder.flush_if_due(now).unwrap();
         if k % 10 == 9 {
             assert_complete_to_half_a_second(&path, k);
@@ -335,7 +336,7 @@ fn records_older_than_half_a_second_are_in_the_file() {
 }
 
 /// Returns the rows of an exported table, without its header.
-fn rows(out: &Path, table: &str) -> Vec<Vec<String>> {
+fn read_rows(out: &Path, table: &str) -> Vec<Vec<String>> {
     let text = fs::read_to_string(out.join(table)).unwrap();
     let rows = text.lines().skip(1);
     rows.map(|row| row.split(',').map(str::to_owned).collect()).collect()
@@ -345,52 +346,74 @@ fn rows(out: &Path, table: &str) -> Vec<Vec<String>> {
 fn export_has_every_value_of_the_run() {
     let (scratch, path) = write_recording(5);
     let out = scratch.path().join("tables");
-    let Exported { tables, integrity } = export(&path, &out, false).unwrap();
+    let ExportResult { tables, integrity } = export(&path, &out, false).unwrap();
     assert!(integrity.is_complete() && integrity.has_checksums);
     let counts: Vec<u64> = tables.iter().map(|(_, rows)| *rows).collect();
     assert_eq!(counts, [10, 10, 10, 5, 2]);
-    for (i, row) in rows(&out, "poses.csv").iter().enumerate() {
+    for (i, row) in read_rows(&out, "poses.csv").iter().enumerate() {
         let (k, robot) = (i as u64 / 2, i as u64 % 2);
-        let (expected, _) = state(k, robot);
+        let (expected, _) = incompressible_state(k, robot);
         assert_eq!(row[0].parse(), Ok(k as f64 / 100.0));
         assert_eq!(row[1], ["r-1", "r2"][robot as usize]);
         assert_eq!((row[2].parse(), row[3].parse()), (Ok(expected.x_m), Ok(expected.y_m)));
         assert!((row[4].parse::<f64>().unwrap() - expected.heading_rad).abs() < 1e-14);
     }
-    let command = &rows(&out, "commands.csv")[3];
-    let (_, twist) = state(1, 1);
+    let command = &read_rows(&out, "commands.csv")[3];
+    let (_, twist) = incompressible_state(1, 1);
     let expected = [twist.v_m_s, twist.w_rad_s, twist.side_m_s];
     assert_eq!([2, 3, 4].map(|column| command[column].parse()), expected.map(Ok));
-    assert_eq!(rows(&out, "errors.csv")[6], ["0.03", "r-1", "", "1", "0.25", "", ""]);
-    assert_eq!(rows(&out, "errors.csv")[7], ["0.03", "r2", "0.5", "0", "", "-0.3", "0.4"]);
-    assert_eq!(rows(&out, "distances.csv")[4], ["0.04", "r-1", "r2", "4.25"]);
+    assert_eq!(read_rows(&out, "errors.csv")[6], ["0.03", "r-1", "", "1", "0.25", "", ""]);
+    assert_eq!(read_rows(&out, "errors.csv")[7], ["0.03", "r2", "0.5", "0", "", "-0.3", "0.4"]);
+    assert_eq!(read_rows(&out, "distances.csv")[4], ["0.04", "r-1", "r2", "4.25"]);
     let events = fs::read_to_string(out.join("events.csv")).unwrap();
     assert!(events.contains("0.01,kill,r2,30,\"SIGKILL, as planned\"\n"), "{events}");
     assert!(events.contains("0.02,load,,30,2 processes\n"), "{events}");
 }
 
+/// Returns a message of r2 with arrays, and one without a structure.
+fn law_messages() -> [RecordedMessage; 2] {
+    let array = |name: &'static str, shape: &'static [usize]| MessageArray {
+        name: name.into(),
+        shape: shape.into(),
+    };
+    let arrays = MessageFormat::with_arrays(vec![array("bid", &[]), array("plan_m", &[2])]);
+    let bytes = arrays.encode(&[("bid", &[0.5]), ("plan_m", &[0.1, -2.5])]).unwrap();
+    let message = |t_ns, format: MessageFormat, bytes: &[u8]| RecordedMessage {
+        robot: "r2".to_owned(),
+        t_ns,
+        format: Box::leak(Box::new(format)),
+        message: bytes.to_vec(),
+    };
+    [
+        message(12_500_000, arrays, &bytes),
+        message(25_000_000, MessageFormat::with_bytes(4), &[0, 255]),
+    ]
+}
+
 #[test]
-fn signals_have_a_topic_and_a_table_of_their_own() {
+fn signals_and_messages_have_topics_and_tables() {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("run.mcap");
     let robots = ["r-1".to_owned(), "r2".to_owned()];
     let run = RunDescription {
         started_unix_ns: STARTED_UNIX_NS,
-        reproducible: true,
+        is_reproducible: true,
         robots: &robots,
-        with_signals: vec![false, true],
+        law_topics: LawTopic::ALL.map(|topic| (topic, vec![false, true])),
         walls: &[],
-        facts: BTreeMap::new(),
+        metadata: BTreeMap::new(),
         attachments: &[],
     };
     let mut recorder = Recorder::create(&path, &run).unwrap();
-    record(&mut recorder, 0..1);
+    record_instants(&mut recorder, 0..1);
     let line = |signal: &str, value| {
         let (t_s, robot, signal) = (0.0125, "r2".to_owned(), signal.to_owned());
         SignalLine { t_s, robot, signal, value }
     };
     recorder.record_signals(STEP_NS, &[line("cost_m2", 0.1), line("gap_m", -2.5)]).unwrap();
     recorder.record_signals(2 * STEP_NS, &[]).unwrap();
+    let messages = law_messages();
+    recorder.record_law_messages(STEP_NS, &messages).unwrap();
     recorder.finish().unwrap();
     let bytes = fs::read(&path).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
@@ -398,10 +421,19 @@ fn signals_have_a_topic_and_a_table_of_their_own() {
         summary.channels.values().map(|channel| channel.topic.as_str()).collect();
     assert!(topics.contains(&"/r2/signals") && !topics.contains(&"/r_1/signals"), "{topics:?}");
     let out = scratch.path().join("tables");
-    let Exported { tables, .. } = export(&path, &out, false).unwrap();
-    assert_eq!(tables.last(), Some(&("signals.csv", 2)));
+    let ExportResult { tables, .. } = export(&path, &out, false).unwrap();
+    assert_eq!(tables[tables.len() - 2..], [("signals.csv", 2), ("messages.csv", 4)]);
+    let expected = [
+        ["0.0125", "r2", "bid", "0", "0.5", ""],
+        ["0.0125", "r2", "plan_m", "0", "0.1", ""],
+        ["0.0125", "r2", "plan_m", "1", "-2.5", ""],
+        ["0.025", "r2", "", "0", "", "00ff"],
+    ];
+    assert_eq!(read_rows(&out, "messages.csv"), expected);
+    let lines: Vec<MessageLine> = messages.iter().flat_map(RecordedMessage::lines).collect();
+    assert_eq!(lines.len(), expected.len());
     let expected = [["0.0125", "r2", "cost_m2", "0.1"], ["0.0125", "r2", "gap_m", "-2.5"]];
-    assert_eq!(rows(&out, "signals.csv"), expected);
+    assert_eq!(read_rows(&out, "signals.csv"), expected);
 }
 
 #[test]
@@ -413,7 +445,7 @@ fn export_refuses_existing_output_and_other_files() {
     assert!(matches!(error, ExportError::Exists(_)), "{error}");
     fs::write(at("noise"), "noise").unwrap();
     let error = export(&at("noise"), &at("out"), false).unwrap_err();
-    assert!(matches!(error, ExportError::Foreign(_)), "{error}");
+    assert!(matches!(error, ExportError::NotARecording(_)), "{error}");
     // A complete recording of a run, except that the message on the event topic is not an event.
     let facts =
         RecordReader::open(&path).unwrap().map(Result::unwrap).find_map(|record| match record {
@@ -427,7 +459,7 @@ fn export_refuses_existing_output_and_other_files() {
     writer.write_to_known_channel(&header, b"?").unwrap();
     writer.finish().unwrap();
     let error = export(&at("odd"), &at("out"), false).unwrap_err();
-    assert!(matches!(error, ExportError::Message(..)), "{error}");
+    assert!(matches!(error, ExportError::MalformedMessage(..)), "{error}");
     assert!(!at("out").exists());
 }
 
@@ -443,7 +475,7 @@ fn single_bit_flip_is_detected_and_not_exported_by_default() {
         flipped[place] ^= 1 << (place % 8);
         fs::write(at("bad.mcap"), &flipped).unwrap();
         match recover(&at("bad.mcap"), &at("out.mcap")) {
-            Err(RecoverError::Nothing(_)) => {}
+            Err(RecoverError::NoValidRecord(_)) => {}
             Ok(RecoverOutcome::Recovered(found)) => {
                 assert!(!found.integrity.is_complete(), "byte {place}: {found:?}");
                 assert_ne!(found.integrity.to_string(), "", "byte {place}");
@@ -452,7 +484,8 @@ fn single_bit_flip_is_detected_and_not_exported_by_default() {
             other => panic!("byte {place} of {}: {other:?}", bytes.len()),
         }
         let error = export(&at("bad.mcap"), &at("tables"), false).unwrap_err();
-        let refused = matches!(error, ExportError::Damaged(..) | ExportError::Foreign(_));
+        let refused =
+            matches!(error, ExportError::DamagedRecording(..) | ExportError::NotARecording(_));
         assert!(refused && !at("tables").exists(), "byte {place}: {error}");
     }
 }
@@ -467,7 +500,7 @@ fn recording_without_a_file_checksum_is_valid_by_its_chunks() {
     writer.add_channel(0, "/tf", "cdr", &BTreeMap::new()).unwrap();
     writer.finish().unwrap();
     let outcome = recover(&path, &scratch.path().join("out.mcap")).unwrap();
-    assert_eq!(outcome, RecoverOutcome::Complete { checked: false });
+    assert_eq!(outcome, RecoverOutcome::Complete { is_checked: false });
 }
 
 proptest! {
@@ -488,7 +521,7 @@ proptest! {
         fs::write(&bad, &bytes).unwrap();
         let out = scratch.path().join("out.mcap");
         if let Ok(RecoverOutcome::Recovered(found)) = recover(&bad, &out) {
-            prop_assert_eq!(messages(&out).len() as u64, found.messages);
+            prop_assert_eq!(read_messages(&out).len() as u64, found.message_count);
         }
         let _ = export(&bad, &scratch.path().join("tables"), true);
     }

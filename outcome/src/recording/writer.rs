@@ -19,75 +19,84 @@ use mcap::records::{
 };
 
 use crate::recording::chunk::Chunk;
-use crate::recording::records::{bytes, record};
+use crate::recording::records::{append_record, encode_content};
 
 /// MCAP file in progress. If it is dropped without [`Writer::finish`], the summary is written then.
-pub(crate) struct Writer {
-    file: Output,
+pub(crate) struct RecordingWriter {
+    file: OutputFile,
     chunk: Chunk,
     schemas: Vec<u8>,
     channels: Vec<u8>,
     /// Number of messages per channel.
-    messages: Vec<u64>,
+    message_counts: Vec<u64>,
     statistics: Statistics,
     chunk_indexes: Vec<u8>,
     attachment_indexes: Vec<u8>,
     metadata_indexes: Vec<u8>,
-    finished: bool,
+    is_finished: bool,
 }
 
 /// The file and its valid length.
-struct Output {
+struct OutputFile {
     file: File,
-    end: u64,
+    valid_length: u64,
     /// CRC-32 of all bytes written in the current section.
     crc: crc32fast::Hasher,
 }
 
-impl Output {
+impl OutputFile {
     /// Writes `bytes` at the end of the valid data. Returns their offset.
     fn append(&mut self, bytes: &[u8]) -> io::Result<u64> {
-        let begin = self.end;
+        let begin = self.valid_length;
         self.file.write_all_at(bytes, begin)?;
-        self.end += bytes.len() as u64;
+        self.valid_length += bytes.len() as u64;
         self.crc.update(bytes);
         Ok(begin)
     }
 }
 
-impl Writer {
+impl RecordingWriter {
     /// Creates a file, which must not exist.
-    pub(crate) fn create(path: &Path, profile: &str) -> io::Result<Writer> {
+    pub(crate) fn create(path: &Path, profile: &str) -> io::Result<RecordingWriter> {
         let crc = crc32fast::Hasher::new();
-        let mut file = Output { file: File::create_new(path)?, end: 0, crc };
+        let mut file = OutputFile { file: File::create_new(path)?, valid_length: 0, crc };
         let library = concat!("phalanx ", env!("CARGO_PKG_VERSION")).to_owned();
         let mut begin = MAGIC.to_vec();
-        record(&mut begin, op::HEADER, &[&bytes(&Header { profile: profile.into(), library })]);
+        append_record(
+            &mut begin,
+            op::HEADER,
+            &[&encode_content(&Header { profile: profile.into(), library })],
+        );
         file.append(&begin)?;
-        Ok(Writer {
+        Ok(RecordingWriter {
             file,
             chunk: Chunk::new(),
             schemas: Vec::new(),
             channels: Vec::new(),
-            messages: Vec::new(),
+            message_counts: Vec::new(),
             statistics: Statistics::default(),
             chunk_indexes: Vec::new(),
             attachment_indexes: Vec::new(),
             metadata_indexes: Vec::new(),
-            finished: false,
+            is_finished: false,
         })
     }
 
     /// Registers a message schema and returns its ID.
-    pub(crate) fn schema(&mut self, name: &str, encoding: &str, data: &[u8]) -> io::Result<u16> {
+    pub(crate) fn register_schema(
+        &mut self,
+        name: &str,
+        encoding: &str,
+        data: &[u8],
+    ) -> io::Result<u16> {
         let id = self.statistics.schema_count + 1;
         let header = SchemaHeader { id, name: name.into(), encoding: encoding.into() };
         let length = (data.len() as u32).to_le_bytes();
         let begin = self.schemas.len();
-        record(&mut self.schemas, op::SCHEMA, &[&bytes(&header), &length, data]);
+        append_record(&mut self.schemas, op::SCHEMA, &[&encode_content(&header), &length, data]);
         self.statistics.schema_count = id;
         self.ensure_space(self.schemas.len() - begin)?;
-        self.chunk.add(&self.schemas[begin..]);
+        self.chunk.add_record(&self.schemas[begin..]);
         Ok(id)
     }
 
@@ -96,26 +105,26 @@ impl Writer {
     /// # Errors
     ///
     /// The file has 65536 channels already, or cannot be written.
-    pub(crate) fn channel(
+    pub(crate) fn register_channel(
         &mut self,
         schema_id: u16,
         topic: &str,
         metadata: BTreeMap<String, String>,
     ) -> io::Result<u16> {
         let too_many = |_| io::Error::other("it has more than the 65536 channels of an MCAP file");
-        let id = u16::try_from(self.messages.len()).map_err(too_many)?;
+        let id = u16::try_from(self.message_counts.len()).map_err(too_many)?;
         let (topic, message_encoding) = (topic.to_owned(), "cdr".to_owned());
         let channel = Channel { id, schema_id, topic, message_encoding, metadata };
         let begin = self.channels.len();
-        record(&mut self.channels, op::CHANNEL, &[&bytes(&channel)]);
-        self.messages.push(0);
+        append_record(&mut self.channels, op::CHANNEL, &[&encode_content(&channel)]);
+        self.message_counts.push(0);
         self.ensure_space(self.channels.len() - begin)?;
-        self.chunk.add(&self.channels[begin..]);
+        self.chunk.add_record(&self.channels[begin..]);
         Ok(id)
     }
 
     /// Adds a message with its sequence number to a registered channel.
-    pub(crate) fn message(
+    pub(crate) fn add_message(
         &mut self,
         channel: u16,
         sequence: u32,
@@ -123,14 +132,18 @@ impl Writer {
         data: &[u8],
     ) -> io::Result<()> {
         self.ensure_space(data.len())?;
-        self.messages[usize::from(channel)] += 1;
+        self.message_counts[usize::from(channel)] += 1;
         self.chunk.add_message(channel, sequence, stamp_ns, data);
         Ok(())
     }
 
     /// Flushes and appends an attachment.
-    pub(crate) fn attachment(&mut self, header: AttachmentHeader, data: &[u8]) -> io::Result<()> {
-        let mut content = bytes(&header);
+    pub(crate) fn append_attachment(
+        &mut self,
+        header: AttachmentHeader,
+        data: &[u8],
+    ) -> io::Result<()> {
+        let mut content = encode_content(&header);
         content.extend((data.len() as u64).to_le_bytes());
         content.extend_from_slice(data);
         let crc = crc32fast::hash(&content).to_le_bytes();
@@ -139,16 +152,20 @@ impl Writer {
         let data_size = data.len() as u64;
         let index =
             AttachmentIndex { offset, length, log_time, create_time, data_size, name, media_type };
-        record(&mut self.attachment_indexes, op::ATTACHMENT_INDEX, &[&bytes(&index)]);
+        append_record(
+            &mut self.attachment_indexes,
+            op::ATTACHMENT_INDEX,
+            &[&encode_content(&index)],
+        );
         self.statistics.attachment_count += 1;
         Ok(())
     }
 
     /// Flushes and appends named metadata.
-    pub(crate) fn metadata(&mut self, metadata: &Metadata) -> io::Result<()> {
-        let (offset, length) = self.append_record(op::METADATA, &[&bytes(metadata)])?;
+    pub(crate) fn append_metadata(&mut self, metadata: &Metadata) -> io::Result<()> {
+        let (offset, length) = self.append_record(op::METADATA, &[&encode_content(metadata)])?;
         let index = MetadataIndex { offset, length, name: metadata.name.clone() };
-        record(&mut self.metadata_indexes, op::METADATA_INDEX, &[&bytes(&index)]);
+        append_record(&mut self.metadata_indexes, op::METADATA_INDEX, &[&encode_content(&index)]);
         self.statistics.metadata_count += 1;
         Ok(())
     }
@@ -157,7 +174,7 @@ impl Writer {
     fn append_record(&mut self, opcode: u8, parts: &[&[u8]]) -> io::Result<(u64, u64)> {
         self.flush()?;
         let mut out = Vec::new();
-        record(&mut out, opcode, parts);
+        append_record(&mut out, opcode, parts);
         Ok((self.file.append(&out)?, out.len() as u64))
     }
 
@@ -171,9 +188,9 @@ impl Writer {
         if self.chunk.is_empty() {
             return Ok(());
         }
-        let (piece, index) = self.chunk.close(self.file.end);
+        let (piece, index) = self.chunk.close(self.file.valid_length);
         self.file.append(piece)?;
-        record(&mut self.chunk_indexes, op::CHUNK_INDEX, &[&bytes(&index)]);
+        append_record(&mut self.chunk_indexes, op::CHUNK_INDEX, &[&encode_content(&index)]);
         let statistics = &mut self.statistics;
         statistics.chunk_count += 1;
         if let Some((first_ns, last_ns)) = self.chunk.stamps_ns() {
@@ -188,23 +205,23 @@ impl Writer {
 
     /// Writes the summary, which completes the file.
     pub(crate) fn finish(mut self) -> io::Result<()> {
-        self.end()
+        self.write_end()
     }
 
-    fn end(&mut self) -> io::Result<()> {
-        self.finished = true;
+    fn write_end(&mut self) -> io::Result<()> {
+        self.is_finished = true;
         self.flush()?;
         let data_section_crc = self.file.crc.clone().finalize();
-        self.append_record(op::DATA_END, &[&bytes(&DataEnd { data_section_crc })])?;
+        self.append_record(op::DATA_END, &[&encode_content(&DataEnd { data_section_crc })])?;
 
-        let summary = self.file.end;
+        let summary = self.file.valid_length;
         self.file.crc = crc32fast::Hasher::new();
-        let counts = (0..).zip(self.messages.iter().copied()).filter(|&(_, count)| count > 0);
+        let counts = (0..).zip(self.message_counts.iter().copied()).filter(|&(_, count)| count > 0);
         self.statistics.channel_message_counts = counts.collect();
-        self.statistics.message_count = self.messages.iter().sum();
-        self.statistics.channel_count = self.messages.len() as u32;
+        self.statistics.message_count = self.message_counts.iter().sum();
+        self.statistics.channel_count = self.message_counts.len() as u32;
         let (mut statistics, mut offsets) = (Vec::new(), Vec::new());
-        record(&mut statistics, op::STATISTICS, &[&bytes(&self.statistics)]);
+        append_record(&mut statistics, op::STATISTICS, &[&encode_content(&self.statistics)]);
         for (group_opcode, group) in [
             (op::SCHEMA, &self.schemas),
             (op::CHANNEL, &self.channels),
@@ -216,14 +233,14 @@ impl Writer {
             if !group.is_empty() {
                 let (group_start, group_length) = (self.file.append(group)?, group.len() as u64);
                 let offset = SummaryOffset { group_opcode, group_start, group_length };
-                record(&mut offsets, op::SUMMARY_OFFSET, &[&bytes(&offset)]);
+                append_record(&mut offsets, op::SUMMARY_OFFSET, &[&encode_content(&offset)]);
             }
         }
 
         // The checksum covers everything before it, including a part of its own record.
         let mut end = offsets;
-        let starts = [summary.to_le_bytes(), self.file.end.to_le_bytes()].concat();
-        record(&mut end, op::FOOTER, &[&starts, &[0; 4]]);
+        let starts = [summary.to_le_bytes(), self.file.valid_length.to_le_bytes()].concat();
+        append_record(&mut end, op::FOOTER, &[&starts, &[0; 4]]);
         end.truncate(end.len() - 4);
         self.file.append(&end)?;
         let crc = self.file.crc.clone().finalize().to_le_bytes();
@@ -231,11 +248,11 @@ impl Writer {
     }
 }
 
-impl Drop for Writer {
+impl Drop for RecordingWriter {
     fn drop(&mut self) {
-        if !self.finished {
+        if !self.is_finished {
             // An error was reported by an earlier call, if there was one.
-            let _ = self.end();
+            let _ = self.write_end();
         }
     }
 }

@@ -13,12 +13,14 @@ use formation::pose::Pose;
 
 use crate::report::axis::{Axis, round_up_to_nice_step};
 use crate::report::chart::Rect;
-use crate::report::figures::{BOUND, over_time};
-use crate::report::palette::{BLACK, BLUE, Color, GRAY, Line, ORANGE, VERMILION, WHITE, color};
-use crate::report::run::Run;
-use crate::report::scene::{EdgeState, Frame, RobotState};
+use crate::report::figures::{BOUND_LINE, panel_over_time};
+use crate::report::palette::{
+    BLACK, BLUE, Color, GRAY, LineStyle, ORANGE, VERMILION, WHITE, robot_color,
+};
+use crate::report::run::LoadedRun;
+use crate::report::scene::{EdgeState, RobotState, SceneFrame};
 use crate::report::simplify::{CanvasPoint, simplify_curve};
-use crate::report::svg::{Anchor, Element, path_data, px};
+use crate::report::svg::{Anchor, SvgElement, format_px, path_data};
 use protocol::number::format_short;
 
 /// Width of the picture, px.
@@ -28,60 +30,67 @@ const HEIGHT: f64 = 520.0;
 /// Width of the plane, px.
 const PLANE_WIDTH: f64 = 560.0;
 /// Top and height of the plane, px.
-const PLANE: (f64, f64) = (38.0, 472.0);
+const PLANE_TOP_AND_HEIGHT: (f64, f64) = (38.0, 472.0);
 /// Upper of the two panels next to the plane.
-const PANELS: Rect = Rect { x: 552.0, y: 40.0, width: 346.0, height: 175.0 };
+const UPPER_PANEL: Rect = Rect { x: 552.0, y: 40.0, width: 346.0, height: 175.0 };
 /// Start of the legend below the panels, px.
-const LEGEND: CanvasPoint = (584.0, 412.0);
+const LEGEND_POSITION: CanvasPoint = (584.0, 412.0);
 /// Maximum duration of the animation, s. A longer run is shown faster.
-const LASTS_S_MAX: f64 = 20.0;
+const DURATION_S_MAX: f64 = 20.0;
 /// Number of instants per second of the animation.
-const INSTANTS_HZ: f64 = 12.0;
+const FRAME_RATE_HZ: f64 = 12.0;
 /// Maximum size of all instants, bytes. A larger animation has fewer instants.
-const BYTES_MAX: usize = 800_000;
+const ANIMATION_BYTES_MAX: usize = 800_000;
 /// Minimum width and height of the visible area, m, so that a single robot at rest is visible.
-const ROOM_M_MIN: f64 = 1e-6;
+const VIEW_SIZE_M_MIN: f64 = 1e-6;
 /// Length of trails, px.
-const TRAIL: f64 = 90.0;
+const TRAIL_LENGTH: f64 = 90.0;
 /// Maximum number of robots with names.
-const NAMES_MAX: usize = 24;
+const NAMED_ROBOTS_MAX: usize = 24;
 /// Color of text next to the picture.
 const SECONDARY_TEXT_COLOR: Color = Color(0x57, 0x60, 0x6a);
 /// Color of borders and walls.
 const BORDER_COLOR: Color = Color(0xd0, 0xd7, 0xde);
 
 /// Returns the animation of a run; `None` if fewer than two instants were recorded.
-pub fn animation(run: &Run) -> Option<String> {
-    let frames = instants(run);
+pub fn draw_animation(run: &LoadedRun) -> Option<String> {
+    let frames = animation_frames(run);
     if frames.len() < 2 {
         return None;
     }
-    let lasts_s = (frames[frames.len() - 1].t_s - frames[0].t_s).clamp(1.0, LASTS_S_MAX);
-    let animation = Animation { run, view: View::fit_view(run, &frames)?, frames, lasts_s };
-    let rim = Element::rect([0.5, 0.5, WIDTH - 1.0, HEIGHT - 1.0]).with_attribute("rx", 8);
-    let mut svg = Element::file(WIDTH, HEIGHT, "system-ui, sans-serif")
+    let lasts_s = (frames[frames.len() - 1].t_s - frames[0].t_s).clamp(1.0, DURATION_S_MAX);
+    let animation = Animation {
+        run,
+        view: PlaneProjection::fit_view(run, &frames)?,
+        frames,
+        duration_s: lasts_s,
+    };
+    let rim = SvgElement::rect([0.5, 0.5, WIDTH - 1.0, HEIGHT - 1.0]).with_attribute("rx", 8);
+    let mut svg = SvgElement::root(WIDTH, HEIGHT, "system-ui, sans-serif")
         .with_attribute("font-size", 13)
-        .with_child(Element::new("title").with_text(&run.scene.name))
-        .with_child(Element::new("defs").with_child(arrowhead()))
-        .with_child(rim.filled(WHITE, 1.0).with_attribute("stroke", BORDER_COLOR));
-    svg.extend(animation.heading());
-    let mut plane = Element::clip([0.0, PLANE.0, PLANE_WIDTH, PLANE.1]);
-    plane.extend(animation.ground());
-    plane.extend(animation.walls());
-    plane.extend(animation.trails());
-    plane.extend(animation.hull());
-    plane.extend(animation.edges());
-    plane.extend(animation.robots());
+        .with_child(SvgElement::new("title").with_text(&run.scene.name))
+        .with_child(SvgElement::new("defs").with_child(arrowhead()))
+        .with_child(rim.with_fill(WHITE, 1.0).with_attribute("stroke", BORDER_COLOR));
+    svg.extend(animation.draw_heading());
+    let mut plane =
+        SvgElement::clip([0.0, PLANE_TOP_AND_HEIGHT.0, PLANE_WIDTH, PLANE_TOP_AND_HEIGHT.1]);
+    plane.extend(animation.draw_ground());
+    plane.extend(animation.draw_walls());
+    plane.extend(animation.draw_trails());
+    plane.extend(animation.draw_hull());
+    plane.extend(animation.draw_edges());
+    plane.extend(animation.draw_robots());
     svg.push(plane);
-    svg.push(animation.panels());
-    svg.extend(legend(run));
+    svg.push(animation.draw_panels());
+    svg.extend(draw_legend(run));
     Some(format!("{svg}\n"))
 }
 
-fn arrowhead() -> Element {
-    let head = Element::path("M3 0L-5 3.5V-3.5Z").with_attribute("fill", "context-stroke");
-    let marker =
-        Element::new("marker").with_attribute("id", "way").with_attribute("viewBox", "-5 -4 8 8");
+fn arrowhead() -> SvgElement {
+    let head = SvgElement::path("M3 0L-5 3.5V-3.5Z").with_attribute("fill", "context-stroke");
+    let marker = SvgElement::new("marker")
+        .with_attribute("id", "way")
+        .with_attribute("viewBox", "-5 -4 8 8");
     let marker = marker
         .with_attribute("markerWidth", 7)
         .with_attribute("markerHeight", 7)
@@ -90,7 +99,7 @@ fn arrowhead() -> Element {
 }
 
 /// Returns equally spaced frames of the replay.
-fn instants(run: &Run) -> Vec<Frame> {
+fn animation_frames(run: &LoadedRun) -> Vec<SceneFrame> {
     let mut frames = run.frames();
     // The last frame is at the end of the run and breaks the spacing.
     if frames.len() > 2 {
@@ -98,40 +107,44 @@ fn instants(run: &Run) -> Vec<Frame> {
     }
     let (robots, edges) = (run.scene.robots.len(), run.scene.edges.len());
     let bytes = 50 * robots + 38 * edges + 20;
-    let lasts_s = run.end_s().min(LASTS_S_MAX);
-    let most = ((lasts_s * INSTANTS_HZ) as usize).min(BYTES_MAX / bytes).max(2);
+    let lasts_s = run.end_s().min(DURATION_S_MAX);
+    let most = ((lasts_s * FRAME_RATE_HZ) as usize).min(ANIMATION_BYTES_MAX / bytes).max(2);
     let every = frames.len().div_ceil(most);
     frames.into_iter().step_by(every).collect()
 }
 
 /// Mapping from the plane to the picture.
-struct View {
+struct PlaneProjection {
     /// Position of the center, m.
-    middle: Vec2,
+    center_m: Vec2,
     /// Scale, px per m.
-    scale: f64,
+    scale_px_per_m: f64,
 }
 
-impl View {
-    fn fit_view(run: &Run, frames: &[Frame]) -> Option<View> {
-        let places = frames.iter().flat_map(|frame| fronts(run, frame)).filter(|at| is_finite(*at));
+impl PlaneProjection {
+    fn fit_view(run: &LoadedRun, frames: &[SceneFrame]) -> Option<PlaneProjection> {
+        let places =
+            frames.iter().flat_map(|frame| front_points(run, frame)).filter(|at| is_finite(*at));
         let reach = places.map(|at| (at, at));
         let (low, high) = reach.reduce(|(low, high), (at, _)| (low.inf(&at), high.sup(&at)))?;
         let d_m = run.scene.distance_min_m;
         let room = high - low + Vec2::repeat(1.6 * d_m + (0.5 * d_m).min(0.1));
-        let room = room.sup(&Vec2::repeat(ROOM_M_MIN));
-        let scale = (PLANE_WIDTH / room.x).min(PLANE.1 / room.y);
-        Some(View { middle: (low + high) / 2.0, scale })
+        let room = room.sup(&Vec2::repeat(VIEW_SIZE_M_MIN));
+        let scale = (PLANE_WIDTH / room.x).min(PLANE_TOP_AND_HEIGHT.1 / room.y);
+        Some(PlaneProjection { center_m: (low + high) / 2.0, scale_px_per_m: scale })
     }
 
     fn project(&self, place: Vec2) -> CanvasPoint {
-        let from_middle = (place - self.middle) * self.scale;
-        (PLANE_WIDTH / 2.0 + from_middle.x, PLANE.0 + PLANE.1 / 2.0 - from_middle.y)
+        let from_middle = (place - self.center_m) * self.scale_px_per_m;
+        (
+            PLANE_WIDTH / 2.0 + from_middle.x,
+            PLANE_TOP_AND_HEIGHT.0 + PLANE_TOP_AND_HEIGHT.1 / 2.0 - from_middle.y,
+        )
     }
 }
 
 /// Returns the front points at an instant, m.
-fn fronts<'a>(run: &'a Run, frame: &'a Frame) -> impl Iterator<Item = Vec2> + 'a {
+fn front_points<'a>(run: &'a LoadedRun, frame: &'a SceneFrame) -> impl Iterator<Item = Vec2> + 'a {
     frame.robots.iter().zip(&run.scene.robots).map(|(at, robot)| {
         let pose = Pose { x_m: at.x_m, y_m: at.y_m, heading_rad: at.heading_rad };
         front_point(pose, robot.front_point_m)
@@ -144,29 +157,34 @@ fn is_finite(at: Vec2) -> bool {
 
 /// The animation during drawing.
 struct Animation<'r> {
-    run: &'r Run,
-    frames: Vec<Frame>,
-    view: View,
+    run: &'r LoadedRun,
+    frames: Vec<SceneFrame>,
+    view: PlaneProjection,
     /// Duration of the animation, s.
-    lasts_s: f64,
+    duration_s: f64,
 }
 
 impl Animation<'_> {
     /// Maps each frame to a value.
-    fn map_frames<T>(&self, value: impl FnMut(&Frame) -> T) -> Vec<T> {
+    fn map_frames<T>(&self, value: impl FnMut(&SceneFrame) -> T) -> Vec<T> {
         self.frames.iter().map(value).collect()
     }
 
-    fn animate_values(&self, name: &'static str, attribute: &str, values: &[String]) -> Element {
-        let animation = Element::new(name).with_attribute("attributeName", attribute);
-        let animation = animation.with_attribute("dur", format!("{}s", self.lasts_s));
+    fn animate_values(&self, name: &'static str, attribute: &str, values: &[String]) -> SvgElement {
+        let animation = SvgElement::new(name).with_attribute("attributeName", attribute);
+        let animation = animation.with_attribute("dur", format!("{}s", self.duration_s));
         animation
             .with_attribute("repeatCount", "indefinite")
             .with_attribute("values", values.join(";"))
     }
 
     /// Returns an element whose attribute is animated through these values.
-    fn animated(&self, element: Element, attribute: &str, values: &[String]) -> Element {
+    fn animate_attribute(
+        &self,
+        element: SvgElement,
+        attribute: &str,
+        values: &[String],
+    ) -> SvgElement {
         let element = element.with_attribute(attribute, &values[0]);
         match values.iter().all(|value| *value == values[0]) {
             true => element,
@@ -175,7 +193,12 @@ impl Animation<'_> {
     }
 
     /// Returns an element whose attribute switches where its value changes.
-    fn animate_switches(&self, element: Element, attribute: &str, values: &[String]) -> Element {
+    fn animate_switches(
+        &self,
+        element: SvgElement,
+        attribute: &str,
+        values: &[String],
+    ) -> SvgElement {
         let element = element.with_attribute(attribute, &values[0]);
         let last = (values.len() - 1).max(1) as f64;
         let changes = (0..values.len()).filter(|&i| i == 0 || values[i - 1] != values[i]);
@@ -193,7 +216,7 @@ impl Animation<'_> {
     }
 
     /// Returns an element that is animated by a transform (`translate` or `rotate`).
-    fn transformed(&self, element: Element, kind: &str, values: &[String]) -> Element {
+    fn animate_transform(&self, element: SvgElement, kind: &str, values: &[String]) -> SvgElement {
         let animation = self
             .animate_values("animateTransform", "transform", values)
             .with_attribute("type", kind);
@@ -201,9 +224,9 @@ impl Animation<'_> {
     }
 
     /// Returns the scenario's name, and the newest active fault.
-    fn heading(&self) -> Vec<Element> {
+    fn draw_heading(&self) -> Vec<SvgElement> {
         let words = |words: &str, x: f64, anchor| {
-            let text = Element::text(words, (x, 25.0), anchor);
+            let text = SvgElement::text(words, (x, 25.0), anchor);
             text.with_attribute("font-size", 15).with_attribute("font-weight", 600)
         };
         let faults = &self.run.scene.faults;
@@ -219,7 +242,7 @@ impl Animation<'_> {
             let shown = at_each.iter().map(|at| u8::from(*at == Some(place)).to_string());
             let shown: Vec<String> = shown.collect();
             let what = &faults[place].what;
-            let text = words(what, WIDTH - 16.0, Anchor::End).filled(VERMILION, 1.0);
+            let text = words(what, WIDTH - 16.0, Anchor::End).with_fill(VERMILION, 1.0);
             self.animate_switches(text, "opacity", &shown)
         };
         let name = words(&self.run.scene.name, 16.0, Anchor::Start);
@@ -227,48 +250,55 @@ impl Animation<'_> {
     }
 
     /// Returns a grid in meters, and the leader's trajectory.
-    fn ground(&self) -> Vec<Element> {
-        let (view, bottom) = (&self.view, PLANE.0 + PLANE.1);
-        let step_m = round_up_to_nice_step(40.0 / view.scale);
-        let half = Vec2::new(PLANE_WIDTH, PLANE.1) / 2.0 / view.scale;
+    fn draw_ground(&self) -> Vec<SvgElement> {
+        let (view, bottom) = (&self.view, PLANE_TOP_AND_HEIGHT.0 + PLANE_TOP_AND_HEIGHT.1);
+        let step_m = round_up_to_nice_step(40.0 / view.scale_px_per_m);
+        let half = Vec2::new(PLANE_WIDTH, PLANE_TOP_AND_HEIGHT.1) / 2.0 / view.scale_px_per_m;
         let lines = |axis: usize| {
-            let (low, high) = (view.middle[axis] - half[axis], view.middle[axis] + half[axis]);
+            let (low, high) = (view.center_m[axis] - half[axis], view.center_m[axis] + half[axis]);
             let first = (low / step_m).ceil() as i64;
             (first..).map(move |n| n as f64 * step_m).take_while(move |&at| at <= high)
         };
         let upright = lines(0).map(|x| view.project(Vec2::new(x, 0.0)).0);
         let level = lines(1).map(|y| view.project(Vec2::new(0.0, y)).1);
-        let upright = upright.map(|x| format!("M{} {}v{}", px(x), PLANE.0, PLANE.1));
-        let level = level.map(|y| format!("M0 {}h{PLANE_WIDTH}", px(y)));
+        let upright = upright.map(|x| {
+            format!("M{} {}v{}", format_px(x), PLANE_TOP_AND_HEIGHT.0, PLANE_TOP_AND_HEIGHT.1)
+        });
+        let level = level.map(|y| format!("M0 {}h{PLANE_WIDTH}", format_px(y)));
         let grid: String = upright.chain(level).collect();
-        let mut drawn = vec![Element::path(&grid).stroked(Line::solid(Color(0xec, 0xef, 0xf2)))];
-        let lead = self.run.lead_m.iter().map(|&[x, y]| view.project(Vec2::new(x, y)));
+        let mut drawn =
+            vec![SvgElement::path(&grid).with_stroke(LineStyle::solid(Color(0xec, 0xef, 0xf2)))];
+        let lead = self.run.leader_reference_m.iter().map(|&[x, y]| view.project(Vec2::new(x, y)));
         let lead: Vec<CanvasPoint> = lead.collect();
         if lead.len() > 1 {
-            let dots = Element::path(&path_data(simplify_curve(&lead, 0.4)));
-            let dots = dots.stroked(Line::solid(GRAY).width(2.0).opacity(0.5));
+            let dots = SvgElement::path(&path_data(simplify_curve(&lead, 0.4)));
+            let dots = dots.with_stroke(LineStyle::solid(GRAY).with_width(2.0).with_opacity(0.5));
             drawn.push(
                 dots.with_attribute("stroke-dasharray", "1 5")
                     .with_attribute("stroke-linecap", "round"),
             );
         }
-        let (step, ends) = (step_m * view.scale, (22.0 + step_m * view.scale, bottom - 8.0));
+        let (step, ends) =
+            (step_m * view.scale_px_per_m, (22.0 + step_m * view.scale_px_per_m, bottom - 8.0));
         let scale =
-            Element::path(&path_data([(16.0, bottom - 12.0), (16.0 + step, bottom - 12.0)]));
-        let meters = Element::text(&format!("{} m", format_short(step_m)), ends, Anchor::Start);
-        drawn.push(scale.stroked(Line::solid(SECONDARY_TEXT_COLOR).width(2.0)));
-        drawn.push(meters.filled(SECONDARY_TEXT_COLOR, 1.0));
+            SvgElement::path(&path_data([(16.0, bottom - 12.0), (16.0 + step, bottom - 12.0)]));
+        let meters = SvgElement::text(&format!("{} m", format_short(step_m)), ends, Anchor::Start);
+        drawn.push(scale.with_stroke(LineStyle::solid(SECONDARY_TEXT_COLOR).with_width(2.0)));
+        drawn.push(meters.with_fill(SECONDARY_TEXT_COLOR, 1.0));
         drawn
     }
 
     /// Returns the walls and obstacles.
-    fn walls(&self) -> Option<Element> {
+    fn draw_walls(&self) -> Option<SvgElement> {
         let shape = |wall: &Obstacle| match wall {
             Obstacle::Disc { center_m, radius_m } => {
                 let ((x, y), r) =
-                    (self.view.project(Vec2::from(*center_m)), radius_m * self.view.scale);
-                let (left, across, r) = (px(x - r), px(2.0 * r), px(r));
-                format!("M{left} {}a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0Z", px(y))
+                    (self.view.project(Vec2::from(*center_m)), radius_m * self.view.scale_px_per_m);
+                let (left, across, r) = (format_px(x - r), format_px(2.0 * r), format_px(r));
+                format!(
+                    "M{left} {}a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0Z",
+                    format_px(y)
+                )
             }
             polygon => {
                 path_data(polygon.outline().into_iter().map(|corner| self.view.project(corner)))
@@ -276,8 +306,8 @@ impl Animation<'_> {
             }
         };
         let shapes: String = self.run.scene.walls.iter().map(shape).collect();
-        let drawn = Element::path(&shapes)
-            .filled(BORDER_COLOR, 1.0)
+        let drawn = SvgElement::path(&shapes)
+            .with_fill(BORDER_COLOR, 1.0)
             .with_attribute("stroke", SECONDARY_TEXT_COLOR);
         let drawn =
             drawn.with_attribute("stroke-width", 2.5).with_attribute("stroke-linejoin", "round");
@@ -285,42 +315,45 @@ impl Animation<'_> {
     }
 
     /// Returns the recent path of each robot: a dash that moves along its path.
-    fn trails(&self) -> Vec<Element> {
+    fn draw_trails(&self) -> Vec<SvgElement> {
         let trail = |robot: usize| {
-            let places = self.path(robot);
+            let places = self.robot_path(robot);
             let mut lengths = vec![0.0];
             for pair in places.windows(2) {
                 let step = portable_math::hypot(pair[1].0 - pair[0].0, pair[1].1 - pair[0].1);
                 lengths.push(lengths[lengths.len() - 1] + step);
             }
             let whole = lengths[lengths.len() - 1];
-            let offsets: Vec<String> = lengths.iter().map(|length| px(TRAIL - length)).collect();
-            let line = Line::solid(color(robot)).width(2.5).opacity(0.45);
-            let path = Element::path(&path_data(places))
-                .stroked(line)
+            let offsets: Vec<String> =
+                lengths.iter().map(|length| format_px(TRAIL_LENGTH - length)).collect();
+            let line = LineStyle::solid(robot_color(robot)).with_width(2.5).with_opacity(0.45);
+            let path = SvgElement::path(&path_data(places))
+                .with_stroke(line)
                 .with_attribute("stroke-linejoin", "round");
-            let path =
-                path.with_attribute("stroke-dasharray", format!("{TRAIL} {}", px(whole + TRAIL)));
-            (whole >= 1.0).then(|| self.animated(path, "stroke-dashoffset", &offsets))
+            let path = path.with_attribute(
+                "stroke-dasharray",
+                format!("{TRAIL_LENGTH} {}", format_px(whole + TRAIL_LENGTH)),
+            );
+            (whole >= 1.0).then(|| self.animate_attribute(path, "stroke-dashoffset", &offsets))
         };
         (0..self.run.scene.robots.len()).filter_map(trail).collect()
     }
 
     /// Returns the position of a robot at each instant, or the last known position.
-    fn path(&self, robot: usize) -> Vec<CanvasPoint> {
-        let mut last = self.view.middle;
+    fn robot_path(&self, robot: usize) -> Vec<CanvasPoint> {
+        let mut last = self.view.center_m;
         self.map_frames(|frame| {
-            let at = fronts(self.run, frame).nth(robot).expect("each frame has every robot");
+            let at = front_points(self.run, frame).nth(robot).expect("each frame has every robot");
             last = if is_finite(at) { at } else { last };
             self.view.project(last)
         })
     }
 
     /// Returns the convex hull of the leaders, in which the followers must be.
-    fn hull(&self) -> Option<Element> {
-        let (_, leaders) = self.run.containment()?;
+    fn draw_hull(&self) -> Option<SvgElement> {
+        let (_, leaders) = self.run.followers_and_leaders()?;
         let shapes = self.map_frames(|frame| {
-            let places: Vec<Vec2> = fronts(self.run, frame).collect();
+            let places: Vec<Vec2> = front_points(self.run, frame).collect();
             let leaders: Vec<Vec2> = leaders.iter().map(|&robot| places[robot]).collect();
             let mut corners = formation::hull::convex_hull(&leaders);
             // The number of corners is constant and begins with the first leader, so that the shape can be
@@ -330,15 +363,15 @@ impl Animation<'_> {
             corners.resize(leaders.len(), corners.last().copied().unwrap_or(leaders[0]));
             path_data(corners.into_iter().map(|corner| self.view.project(corner))) + "Z"
         });
-        let hull = Element::new("path").filled(ORANGE, 0.18).with_attribute("stroke", ORANGE);
-        Some(self.animated(hull.with_attribute("stroke-linejoin", "round"), "d", &shapes))
+        let hull = SvgElement::new("path").with_fill(ORANGE, 0.18).with_attribute("stroke", ORANGE);
+        Some(self.animate_attribute(hull.with_attribute("stroke-linejoin", "round"), "d", &shapes))
     }
 
     /// Returns the edges: arrows from sender to receiver, dashed while no beacon passes.
-    fn edges(&self) -> Vec<Element> {
+    fn draw_edges(&self) -> Vec<SvgElement> {
         let edge = |place: usize| {
             let edge = self.run.scene.edges[place];
-            let ends = self.path(edge.from).into_iter().zip(self.path(edge.to));
+            let ends = self.robot_path(edge.from).into_iter().zip(self.robot_path(edge.to));
             let shapes = ends.map(|((x, y), (u, v))| {
                 path_data([(x, y), (x + 0.66 * (u - x), y + 0.66 * (v - y)), (u, v)])
             });
@@ -354,23 +387,27 @@ impl Animation<'_> {
                 })
                 .into_iter()
                 .unzip();
-            let path = Element::new("path")
+            let path = SvgElement::new("path")
                 .with_attribute("fill", "none")
                 .with_attribute("stroke-width", 1.3);
             let path = path.with_attribute("marker-mid", "url(#way)");
-            let path = self.animated(path, "d", &shapes.collect::<Vec<_>>());
+            let path = self.animate_attribute(path, "d", &shapes.collect::<Vec<_>>());
             let path = self.animate_switches(path, "stroke", &colors);
             self.animate_switches(path, "stroke-dasharray", &dashes)
         };
         (0..self.run.scene.edges.len()).map(edge).collect()
     }
 
-    /// Returns the robots, each with a circle of radius d/2 around its front point.
-    fn robots(&self) -> Vec<Element> {
+    /// Returns the robots, each with a circle of radius d/2, or of its size, around its front point.
+    fn draw_robots(&self) -> Vec<SvgElement> {
         let scene = &self.run.scene;
-        let reach = scene.distance_min_m / 2.0 * self.view.scale;
         let robot = |i: usize| {
-            let places = self.path(i).into_iter().map(|(x, y)| format!("{},{}", px(x), px(y)));
+            let size_m = scene.robots[i].keep_m.unwrap_or(scene.distance_min_m / 2.0);
+            let reach = size_m * self.view.scale_px_per_m;
+            let places = self
+                .robot_path(i)
+                .into_iter()
+                .map(|(x, y)| format!("{},{}", format_px(x), format_px(y)));
             let mut heading_rad = 0.0;
             let headings = self.map_frames(|frame| {
                 let turn: f64 = frame.robots[i].heading_rad - heading_rad;
@@ -378,54 +415,55 @@ impl Animation<'_> {
                     heading_rad +=
                         portable_math::atan2(portable_math::sin(turn), portable_math::cos(turn));
                 }
-                px(-heading_rad.to_degrees())
+                format_px(-heading_rad.to_degrees())
             });
             let colors = self.map_frames(|frame| match frame.robots[i].state.can_move() {
-                true => color(i).to_string(),
+                true => robot_color(i).to_string(),
                 false => GRAY.to_string(),
             });
-            let dead = |frame: &Frame| frame.robots[i].state == RobotState::Dead;
+            let dead = |frame: &SceneFrame| frame.robots[i].state == RobotState::Dead;
             let crossed = self.map_frames(|frame| u8::from(dead(frame)).to_string());
-            let length = (scene.robots[i].front_point_m * self.view.scale).max(9.0);
+            let length = (scene.robots[i].front_point_m * self.view.scale_px_per_m).max(9.0);
             let corners = [(0.35, 0.0), (-1.35, 0.75), (-0.9, 0.0), (-1.35, -0.75)];
             let body = corners.map(|(x, y)| (x * length, y * length));
-            let body = Element::path(&(path_data(body) + "Z")).with_attribute("stroke", WHITE);
+            let body = SvgElement::path(&(path_data(body) + "Z")).with_attribute("stroke", WHITE);
             let arm = 1.1 * length;
             let cross =
                 path_data([(-arm, -arm), (arm, arm)]) + &path_data([(arm, -arm), (-arm, arm)]);
-            let cross = Element::path(&cross).stroked(Line::solid(VERMILION).width(3.0));
-            let circle = Element::new("circle")
-                .with_attribute("r", px(reach))
+            let cross =
+                SvgElement::path(&cross).with_stroke(LineStyle::solid(VERMILION).with_width(3.0));
+            let circle = SvgElement::new("circle")
+                .with_attribute("r", format_px(reach))
                 .with_attribute("fill-opacity", 0.1);
             let mut group = self
-                .animate_switches(Element::new("g"), "fill", &colors)
+                .animate_switches(SvgElement::new("g"), "fill", &colors)
                 .with_child(
                     circle
                         .with_attribute("stroke", SECONDARY_TEXT_COLOR)
                         .with_attribute("stroke-opacity", 0.35),
                 )
-                .with_child(self.transformed(
-                    Element::new("g").with_child(body),
+                .with_child(self.animate_transform(
+                    SvgElement::new("g").with_child(body),
                     "rotate",
                     &headings,
                 ))
                 .with_child(self.animate_switches(cross, "opacity", &crossed));
-            if scene.robots.len() <= NAMES_MAX {
+            if scene.robots.len() <= NAMED_ROBOTS_MAX {
                 let above = (0.0, -length.max(reach) - 4.0);
-                let name = Element::text(&scene.robots[i].name, above, Anchor::Middle);
+                let name = SvgElement::text(&scene.robots[i].name, above, Anchor::Middle);
                 let name =
-                    name.filled(Color(0x24, 0x29, 0x2f), 1.0).with_attribute("stroke", WHITE);
+                    name.with_fill(Color(0x24, 0x29, 0x2f), 1.0).with_attribute("stroke", WHITE);
                 group.push(
                     name.with_attribute("stroke-width", 3).with_attribute("paint-order", "stroke"),
                 );
             }
-            self.transformed(group, "translate", &places.collect::<Vec<_>>())
+            self.animate_transform(group, "translate", &places.collect::<Vec<_>>())
         };
         (0..scene.robots.len()).map(robot).collect()
     }
 
     /// Returns the largest error and the smallest distance over time, with a moving cursor.
-    fn panels(&self) -> Element {
+    fn draw_panels(&self) -> SvgElement {
         let all = self.run.frames();
         let errors = all.iter().map(|frame| {
             let living = frame.robots.iter().filter(|robot| robot.state.can_move());
@@ -438,50 +476,59 @@ impl Animation<'_> {
             Axis::linear(label, 0.0, known.fold(least, f64::max))
         };
         let d = self.run.scene.distance_min_m;
-        let mut error = over_time(self.run, axis("largest error (m)", &errors, 1e-9));
-        error.add_curve(errors, Line::solid(BLACK));
+        let mut error = panel_over_time(self.run, axis("largest error (m)", &errors, 1e-9));
+        error.add_curve(errors, LineStyle::solid(BLACK));
         let distance = axis("smallest distance (m)", &distances, d);
-        let mut distance = over_time(self.run, distance).with_nameless_bands();
-        distance.add_curve(distances, Line::solid(BLUE));
+        let mut distance = panel_over_time(self.run, distance).without_band_labels();
+        distance.add_curve(distances, LineStyle::solid(BLUE));
         distance.add_horizontal_line(
             d,
             (0.0, self.run.end_s()),
             format!("d = {} m", format_short(d)),
-            BOUND,
+            BOUND_LINE,
         );
-        let below = Rect { y: PANELS.y + PANELS.height, ..PANELS };
-        let (top, bottom) = (PANELS.plot_area(&error.bands), below.plot_area(&distance.bands));
+        let below = Rect { y: UPPER_PANEL.y + UPPER_PANEL.height, ..UPPER_PANEL };
+        let (top, bottom) = (UPPER_PANEL.plot_area(&error.bands), below.plot_area(&distance.bands));
         let (first_s, last_s) = (self.frames[0].t_s, self.frames[self.frames.len() - 1].t_s);
-        let places = [first_s, last_s].map(|t_s| top.x + error.x.fraction(t_s) * top.width);
+        let places = [first_s, last_s].map(|t_s| top.x + error.x_axis.fraction(t_s) * top.width);
         let line = path_data([(0.0, top.y), (0.0, bottom.y + bottom.height)]);
-        let line = Element::path(&line).stroked(Line::solid(BLACK));
-        let places = places.map(|x| format!("{},0", px(x)));
-        Element::new("g")
+        let line = SvgElement::path(&line).with_stroke(LineStyle::solid(BLACK));
+        let places = places.map(|x| format!("{},0", format_px(x)));
+        SvgElement::new("g")
             .with_attribute("font-size", 12)
-            .with_child(error.draw(PANELS))
+            .with_child(error.draw(UPPER_PANEL))
             .with_child(distance.draw(below))
-            .with_child(self.transformed(line, "translate", &places))
+            .with_child(self.animate_transform(line, "translate", &places))
     }
 }
 
 /// Returns the legend.
-fn legend(run: &Run) -> Vec<Element> {
+fn draw_legend(run: &LoadedRun) -> Vec<SvgElement> {
+    let has_sizes = run.scene.robots.iter().any(|robot| robot.keep_m.is_some());
     let mut lines = vec![
         "Arrows: from sender to receiver.".to_owned(),
         "Orange: stale. Dashed: no beacon arrives.".to_owned(),
-        format!("Circles: radius d/2, d = {} m.", format_short(run.scene.distance_min_m)),
-        "If none overlap, no pair is nearer than d.".to_owned(),
+        match has_sizes {
+            false => {
+                format!("Circles: radius d/2, d = {} m.", format_short(run.scene.distance_min_m))
+            }
+            true => "Circles: radius `keep_m` of each robot.".to_owned(),
+        },
+        match has_sizes {
+            false => "If none overlap, no pair is nearer than d.".to_owned(),
+            true => "If none overlap, all distances are kept.".to_owned(),
+        },
     ];
-    if !run.repairs.is_empty() {
+    if !run.repair_events.is_empty() {
         lines.insert(2, "Blue arrows: from backup neighbors.".to_owned());
     }
-    if !run.lead_m.is_empty() {
+    if !run.leader_reference_m.is_empty() {
         lines.push("Gray dots: reference of the leader.".to_owned());
     }
     let step = (105.0 / lines.len() as f64).min(21.0);
     let line = |(i, line): (usize, &String)| {
-        let at = (LEGEND.0, LEGEND.1 + step * i as f64);
-        Element::text(line, at, Anchor::Start).filled(SECONDARY_TEXT_COLOR, 1.0)
+        let at = (LEGEND_POSITION.0, LEGEND_POSITION.1 + step * i as f64);
+        SvgElement::text(line, at, Anchor::Start).with_fill(SECONDARY_TEXT_COLOR, 1.0)
     };
     lines.iter().enumerate().map(line).collect()
 }

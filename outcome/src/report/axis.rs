@@ -4,7 +4,7 @@ use formation::portable_math;
 
 /// Threshold of the distance of ticks from 0, in distances between two ticks. Ticks farther out are labeled
 /// relative to an offset.
-const OFFSET_FROM: f64 = 1e4;
+const LABEL_OFFSET_MIN: f64 = 1e4;
 
 /// Smallest value on a logarithmic axis. Smaller values are drawn there.
 const LOG_AXIS_MIN: f64 = 1e-30;
@@ -14,9 +14,9 @@ const LOG_AXIS_MIN: f64 = 1e-30;
 pub struct Axis {
     /// Label with the unit.
     pub label: String,
-    logarithmic: bool,
+    is_logarithmic: bool,
     /// Whether ticks are integers only.
-    whole: bool,
+    has_integer_ticks: bool,
     low: f64,
     high: f64,
 }
@@ -25,20 +25,20 @@ impl Axis {
     /// Creates a linear axis that ends exactly at `low` and `high`.
     pub fn exact(label: &str, low: f64, high: f64) -> Axis {
         let (low, high) = finite_bounds(low, high);
-        Axis { label: label.into(), logarithmic: false, whole: false, low, high }
+        Axis { label: label.into(), is_logarithmic: false, has_integer_ticks: false, low, high }
     }
 
     /// Creates an axis of item numbers from 1 to `most`.
-    pub fn numbers(label: &str, most: usize) -> Axis {
-        Axis { whole: true, ..Axis::exact(label, 0.5, most as f64 + 0.5) }
+    pub fn for_item_numbers(label: &str, most: usize) -> Axis {
+        Axis { has_integer_ticks: true, ..Axis::exact(label, 0.5, most as f64 + 0.5) }
     }
 
     /// Creates a linear axis from `low` to `high`, extended to the next ticks.
     pub fn linear(label: &str, low: f64, high: f64) -> Axis {
         let (low, high) = finite_bounds(low, high);
-        let step = step(high - low, 6);
+        let step = tick_step(high - low, 6);
         let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
-        Axis { label: label.into(), logarithmic: false, whole: false, low, high }
+        Axis { label: label.into(), is_logarithmic: false, has_integer_ticks: false, low, high }
     }
 
     /// Creates a logarithmic axis over the decades that contain both values, which must be above 0.
@@ -49,12 +49,12 @@ impl Axis {
         // The tolerance absorbs rounding at the border of a decade.
         let (low, high) = ((low + 1e-9).floor(), (high - 1e-9).ceil());
         let high = if high > low { high } else { low + 1.0 };
-        Axis { label: label.into(), logarithmic: true, whole: false, low, high }
+        Axis { label: label.into(), is_logarithmic: true, has_integer_ticks: false, low, high }
     }
 
     /// Returns the smallest and the largest value on the axis.
     pub fn value_range(&self) -> (f64, f64) {
-        if self.logarithmic {
+        if self.is_logarithmic {
             (portable_math::pow(10.0, self.low), portable_math::pow(10.0, self.high))
         } else {
             (self.low, self.high)
@@ -65,41 +65,42 @@ impl Axis {
     pub fn fraction(&self, value: f64) -> f64 {
         // Values too small for a logarithm are far below the axis.
         let value =
-            if self.logarithmic { portable_math::log10(value.max(LOG_AXIS_MIN)) } else { value };
+            if self.is_logarithmic { portable_math::log10(value.max(LOG_AXIS_MIN)) } else { value };
         (value - self.low) / (self.high - self.low)
     }
 
     /// Returns the value at a position from 0 to 1.
     pub fn value_at(&self, share: f64) -> f64 {
         let value = self.low + share * (self.high - self.low);
-        if self.logarithmic { portable_math::pow(10.0, value) } else { value }
+        if self.is_logarithmic { portable_math::pow(10.0, value) } else { value }
     }
 
     /// Returns the ticks with their labels, at most about `many`, and the label of the axis. Labels differ, and
     /// each equals its tick up to a small fraction of the distance between two ticks. Far from 0 the ticks are
     /// labeled relative to an offset, which is then part of the label of the axis: `x \u{2212} 500000 (m)`.
-    pub(super) fn labels(&self, many: usize) -> (Vec<(f64, String)>, String) {
+    pub(super) fn tick_labels(&self, many: usize) -> (Vec<(f64, String)>, String) {
         let ticks = self.ticks(many);
-        let plain = |ticks: Vec<f64>| ticks.into_iter().map(|tick| (tick, label(tick))).collect();
-        let ([first, second, ..], false) = (&ticks[..], self.logarithmic) else {
+        let plain =
+            |ticks: Vec<f64>| ticks.into_iter().map(|tick| (tick, format_tick(tick))).collect();
+        let ([first, second, ..], false) = (&ticks[..], self.is_logarithmic) else {
             return (plain(ticks), self.label.clone());
         };
         let (step, span) = (second - first, ticks[ticks.len() - 1] - first);
         let largest = ticks.iter().fold(0.0, |most: f64, tick| most.max(tick.abs()));
-        if largest / step > OFFSET_FROM {
-            let round = power(portable_math::log10(span).ceil() as i32);
+        if largest / step > LABEL_OFFSET_MIN {
+            let round = power_of_ten(portable_math::log10(span).ceil() as i32);
             let offset = ((first + 0.5 * span) / round).round() * round;
-            let digits = digits(round);
+            let digits = decimal_count(round);
             let relative = ticks.iter().map(|&tick| {
                 let from_offset = ((tick - offset) / step).round() * step;
-                (tick, label(from_offset))
+                (tick, format_tick(from_offset))
             });
             return (relative.collect(), label_with_offset(&self.label, offset, digits));
         }
         // Two decimals of a power of ten cannot distinguish such ticks.
         if largest >= 1e5 && largest / step > 50.0 {
-            let digits = digits(step);
-            let whole = |tick: f64| (tick, minus(&format!("{tick:.digits$}")));
+            let digits = decimal_count(step);
+            let whole = |tick: f64| (tick, with_minus_sign(&format!("{tick:.digits$}")));
             return (ticks.into_iter().map(whole).collect(), self.label.clone());
         }
         (plain(ticks), self.label.clone())
@@ -107,9 +108,9 @@ impl Axis {
 
     /// Returns the values of the ticks: at most about `many`.
     pub(super) fn ticks(&self, many: usize) -> Vec<f64> {
-        if !self.logarithmic {
-            let step = step(self.high - self.low, many);
-            let step = if self.whole { step.max(1.0) } else { step };
+        if !self.is_logarithmic {
+            let step = tick_step(self.high - self.low, many);
+            let step = if self.has_integer_ticks { step.max(1.0) } else { step };
             let (first, last) =
                 ((self.low / step - 1e-9).ceil(), (self.high / step + 1e-9).floor());
             return (first as i64..=last as i64).map(|tick| tick as f64 * step).collect();
@@ -119,13 +120,14 @@ impl Axis {
         let whole = (self.low as i32..=self.high as i32).step_by(every);
         let mantissas: &[f64] = if decades < 3 { &[1.0, 2.0, 5.0] } else { &[1.0] };
         let high = self.value_range().1;
-        let of_decade = |decade| mantissas.iter().map(move |mantissa| mantissa * power(decade));
+        let of_decade =
+            |decade| mantissas.iter().map(move |mantissa| mantissa * power_of_ten(decade));
         whole.flat_map(of_decade).filter(|&tick| tick <= high * 1.000_001).collect()
     }
 }
 
 /// Returns the number of decimals of 1, 2 or 5 times a power of ten.
-fn digits(step: f64) -> usize {
+fn decimal_count(step: f64) -> usize {
     (-(portable_math::log10(step) + 1e-9).floor()).clamp(0.0, 15.0) as usize
 }
 
@@ -139,7 +141,7 @@ fn label_with_offset(label: &str, offset: f64, digits: usize) -> String {
 }
 
 /// Returns 10^n rounded like a literal: 1e-3 and not 0.0010000000000000002.
-fn power(decade: i32) -> f64 {
+fn power_of_ten(decade: i32) -> f64 {
     format!("1e{decade}").parse().expect("a number")
 }
 
@@ -156,38 +158,38 @@ fn finite_bounds(low: f64, high: f64) -> (f64, f64) {
 }
 
 /// Returns 1, 2 or 5 times a power of ten, such that about `many` steps span `length`.
-fn step(length: f64, many: usize) -> f64 {
+fn tick_step(length: f64, many: usize) -> f64 {
     round_up_to_nice_step(length / many.max(1) as f64)
 }
 
 /// Returns 1, 2 or 5 times a power of ten: the smallest that is at least `least`, which must be above 0.
 pub(super) fn round_up_to_nice_step(least: f64) -> f64 {
-    let decade = power(portable_math::log10(least).floor() as i32);
+    let decade = power_of_ten(portable_math::log10(least).floor() as i32);
     let found =
         [1.0, 2.0, 5.0, 10.0].into_iter().find(|mantissa| mantissa * decade >= least * 0.999);
     found.unwrap_or(10.0) * decade
 }
 
 /// Formats a tick: with a power of ten below 0.01 and from 100,000 on.
-pub(super) fn label(value: f64) -> String {
+pub(super) fn format_tick(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }
     let decade = portable_math::log10(value.abs()).floor() as i32;
     if (-2..5).contains(&decade) {
         let text = format!("{value:.6}");
-        return minus(text.trim_end_matches('0').trim_end_matches('.'));
+        return with_minus_sign(text.trim_end_matches('0').trim_end_matches('.'));
     }
-    let mantissa = (value / power(decade) * 100.0).round() / 100.0;
+    let mantissa = (value / power_of_ten(decade) * 100.0).round() / 100.0;
     let raised: String = decade.to_string().chars().map(superscript).collect();
     if mantissa == 1.0 {
         format!("10{raised}")
     } else {
-        minus(&format!("{mantissa}\u{b7}10{raised}"))
+        with_minus_sign(&format!("{mantissa}\u{b7}10{raised}"))
     }
 }
 
-fn minus(number: &str) -> String {
+fn with_minus_sign(number: &str) -> String {
     number.replace('-', "\u{2212}")
 }
 
@@ -207,7 +209,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn labels(axis: &Axis, many: usize) -> Vec<String> {
-        axis.ticks(many).into_iter().map(label).collect()
+        axis.ticks(many).into_iter().map(format_tick).collect()
     }
 
     #[test]
@@ -224,14 +226,14 @@ mod tests {
             ["10\u{207b}\u{2076}", "10\u{207b}\u{2075}", "10\u{207b}\u{2074}"]
         );
         assert_eq!(decades.last().unwrap(), "10");
-        assert_eq!(labels(&Axis::numbers("point", 3), 9), ["1", "2", "3"]);
+        assert_eq!(labels(&Axis::for_item_numbers("point", 3), 9), ["1", "2", "3"]);
         assert_eq!(labels(&Axis::log("age (ms)", 5.0, 5.0), 9), ["1", "2", "5", "10"]);
     }
 
     #[test]
     fn tick_labels_far_from_zero_are_relative_to_an_offset() {
         let texts = |axis: &Axis| {
-            let (ticks, label) = axis.labels(6);
+            let (ticks, label) = axis.tick_labels(6);
             (ticks.into_iter().map(|(_, text)| text).collect::<Vec<_>>().join(" "), label)
         };
         let told = |low, high| texts(&Axis::exact("x (m)", low, high));
@@ -265,7 +267,7 @@ mod tests {
             low in -6.0..6.0f64, sign in any::<bool>(), length in -4.0..6.0f64, many in 2..12_usize,
         ) {
             let low = 10f64.powf(low) * if sign { 1.0 } else { -1.0 };
-            let (ticks, label) = Axis::exact("x (m)", low, low + 10f64.powf(length)).labels(many);
+            let (ticks, label) = Axis::exact("x (m)", low, low + 10f64.powf(length)).tick_labels(many);
             let different: std::collections::BTreeSet<_> = ticks.iter().map(|(_, text)| text).collect();
             prop_assert_eq!(different.len(), ticks.len(), "{:?} {}", &ticks, label);
             prop_assert!(ticks.iter().all(|(_, text)| text.chars().count() <= 12), "{:?}", &ticks);

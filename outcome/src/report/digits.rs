@@ -3,7 +3,7 @@
 use formation::portable_math;
 
 /// Formats a number with four significant digits.
-pub fn digits(value: f64) -> String {
+pub fn format_four_digits(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),
         size if !size.is_finite() => value.to_string(),

@@ -6,27 +6,27 @@ use crate::metrics::expect::Verdict;
 use crate::metrics::summary::{InformationAge, StageLatency, Summary};
 
 use crate::report::chart::Figure;
-use crate::report::digits::digits;
-use crate::report::markup::escaped;
+use crate::report::digits::format_four_digits;
+use crate::report::markup::escape_markup;
 use crate::report::page;
-use crate::report::rows::{self, ROWS_SHOWN};
-use crate::report::run::Run;
+use crate::report::rows::{self, SHOWN_ROWS_MAX};
+use crate::report::run::LoadedRun;
 use protocol::number::format_short;
 
 const STYLE: &str = include_str!("../../assets/report.css");
 /// Notice for a run without a summary.
-pub const CUT_SHORT: &str =
+pub const CUT_SHORT_NOTE: &str =
     "cut short: the run ended without a summary; the recorded part is shown";
 
 /// Returns the content of `report.html`.
-pub fn report(run: &Run, figures: &[Figure]) -> String {
+pub fn report_html(run: &LoadedRun, figures: &[Figure]) -> String {
     let name = &run.scene.name;
-    page_html(name, &format!("{name}: report of a run"), &head(run), sections(run, figures))
+    page_html(name, &format!("{name}: report of a run"), &header_html(run), sections(run, figures))
 }
 
 /// Returns a self-contained page: heading, title, HTML below the heading, and sections.
 pub fn page_html(heading: &str, title: &str, head: &str, sections: Vec<Section>) -> String {
-    let (heading, title) = (escaped(heading), escaped(title));
+    let (heading, title) = (escape_markup(heading), escape_markup(title));
     let policy = page::content_security_policy();
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -61,20 +61,20 @@ pub struct Section {
 }
 
 /// Returns all sections with content, in order.
-fn sections(run: &Run, figures: &[Figure]) -> Vec<Section> {
+fn sections(run: &LoadedRun, figures: &[Figure]) -> Vec<Section> {
     let of =
         |content: fn(&Summary) -> String| run.summary.as_ref().map(content).unwrap_or_default();
-    let replay = page::replay(&run.scene, &run.frames());
+    let replay = page::replay_html(&run.scene, &run.frames());
     let all = [
         ("replay", "Replay", replay),
-        ("summary", "Summary", of(summary)),
-        ("expectations", "Expectations", of(expectations)),
-        ("faults", "Faults", of(faults)),
-        ("repairs", "Repairs", repairs(run)),
+        ("summary", "Summary", of(summary_html)),
+        ("expectations", "Expectations", of(expectations_html)),
+        ("faults", "Faults", of(faults_html)),
+        ("repairs", "Repairs", repairs_html(run)),
         ("figures", "Figures", figures_html(figures)),
-        ("latency", "Latency", of(latency)),
-        ("robots", "Robots and processes", of(robots)),
-        ("machine", "Machine and manifest", manifest_list(&run.manifest)),
+        ("latency", "Latency", of(latency_html)),
+        ("robots", "Robots and processes", of(robots_html)),
+        ("machine", "Machine and manifest", manifest_html(&run.manifest)),
     ];
     all.into_iter()
         .filter(|(_, _, content)| !content.is_empty())
@@ -83,123 +83,130 @@ fn sections(run: &Run, figures: &[Figure]) -> Vec<Section> {
 }
 
 /// Returns the description of the run and its verdict.
-fn head(run: &Run) -> String {
-    let pace = escaped(&run.scene.pace);
+fn header_html(run: &LoadedRun) -> String {
+    let pace = escape_markup(&run.scene.pace);
     let robots = run.scene.robots.len();
     let edges = run.scene.edges.iter().filter(|edge| !edge.spare).count();
-    let about = run.about.as_ref().map(|about| format!("<p>{}</p>\n", escaped(about)));
+    let about = run.introduction.as_ref().map(|about| format!("<p>{}</p>\n", escape_markup(about)));
     let mut text = about.unwrap_or_default();
     let _ = writeln!(
         text,
         "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>",
-        format_short(run.lasts_s())
+        format_short(run.duration_s())
     );
     let (verdict, worst) = match &run.summary {
-        None => (CUT_SHORT, Some(Verdict::Missed)),
+        None => (CUT_SHORT_NOTE, Some(Verdict::Missed)),
         Some(summary) => rows::verdict(summary),
     };
     let class = worst.map_or("undeclared", Verdict::as_str);
     let _ = writeln!(text, "<p class=\"verdict {class}\">{verdict}</p>");
     if let Some(damage) = &run.damage {
-        let damage = escaped(damage);
+        let damage = escape_markup(damage);
         let _ = writeln!(text, "<p class=\"verdict missed\">results are unreliable: {damage}</p>");
     }
-    if let Some(why) = &run.unpromised {
-        let why = escaped(why);
+    if let Some(why) = &run.missing_guarantee {
+        let why = escape_markup(why);
         let _ =
             writeln!(text, "<p class=\"verdict undeclared\">no promise about distances: {why}</p>");
     }
-    if run.every > 1 {
+    if run.decimation > 1 {
         let _ = writeln!(
             text,
             "<p class=\"quiet\">The record is long: the figures and the replay use one of every {} \
              recorded instants.</p>",
-            run.every
+            run.decimation
         );
     }
     text
 }
 
-fn summary(summary: &Summary) -> String {
-    let facts = rows::facts(summary);
-    description_list(facts.iter().map(|(name, value)| (capitalized(name), value.as_str())))
+fn summary_html(summary: &Summary) -> String {
+    let facts = rows::fact_rows(summary);
+    description_list_html(facts.iter().map(|(name, value)| (capitalize(name), value.as_str())))
 }
 
 /// Capitalizes a column head of the screen for the page.
-fn capitalized(name: &str) -> String {
+fn capitalize(name: &str) -> String {
     let mut letters = name.chars();
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
-fn expectations(summary: &Summary) -> String {
+fn expectations_html(summary: &Summary) -> String {
     let reasons = summary.expectations.iter().any(|expectation| expectation.reason.is_some());
-    let rows = rows::expectations(summary).map(|expectation| {
+    let rows = rows::expectation_rows(summary).map(|expectation| {
         let mut row = vec![
             TableCell::Text(expectation.name.to_owned()),
-            TableCell::Number(expectation.measured),
-            TableCell::Number(expectation.required),
+            TableCell::Number(expectation.measured_value),
+            TableCell::Number(expectation.required_value),
             TableCell::Verdict(expectation.verdict),
         ];
         let reason = expectation.reason.unwrap_or_default().to_owned();
-        row.extend(reasons.then_some(TableCell::Long(reason)));
+        row.extend(reasons.then_some(TableCell::LongText(reason)));
         row
     });
     let heads = ["Expected", "#Measured", "#Required", "Verdict", "Why"];
-    table(&heads[..if reasons { 5 } else { 4 }], rows)
+    table_html(&heads[..if reasons { 5 } else { 4 }], rows)
 }
 
-fn faults(summary: &Summary) -> String {
+fn faults_html(summary: &Summary) -> String {
     let rows = summary.faults.iter().enumerate().map(|(place, fault)| {
-        let [t_s, what, numbers @ ..] = rows::fault(fault);
-        let [mut predicted, others @ ..] = rows::broken_robot_texts(fault);
+        let [t_s, what, numbers @ ..] = rows::format_fault_row(fault);
+        let [mut predicted, others @ ..] = rows::format_broken_robots(fault);
         if !fault.predicted_why.is_empty() {
             predicted = fault.predicted_why.join("; ");
         }
-        [TableCell::Number((place + 1).to_string()), TableCell::Number(t_s), TableCell::Word(what)]
-            .into_iter()
-            .chain(numbers.map(TableCell::Number))
-            .chain([TableCell::Long(predicted)])
-            .chain(others.map(TableCell::Text))
-            .collect()
+        [
+            TableCell::Number((place + 1).to_string()),
+            TableCell::Number(t_s),
+            TableCell::UnbrokenText(what),
+        ]
+        .into_iter()
+        .chain(numbers.map(TableCell::Number))
+        .chain([TableCell::LongText(predicted)])
+        .chain(others.map(TableCell::Text))
+        .collect()
     });
     let words = |place: usize| place == 1;
-    let heads = ["#No.".to_owned()].into_iter().chain(heads(&rows::FAULTS, words));
-    let heads: Vec<String> = heads.chain(rows::BROKEN.map(capitalized)).collect();
+    let heads = ["#No.".to_owned()].into_iter().chain(column_heads(&rows::FAULT_COLUMNS, words));
+    let heads: Vec<String> = heads.chain(rows::BROKEN_ROBOT_COLUMNS.map(capitalize)).collect();
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
     let Some(first) = summary.faults.first() else { return String::new() };
-    let means = escaped(&first.broken_means());
-    let left_out = left_out(summary.faults.len(), "summary.json");
-    format!("{}{left_out}<p class=\"quiet\">{means}</p>\n", table(&heads, rows.take(ROWS_SHOWN)))
+    let means = escape_markup(&first.describe_broken());
+    let left_out = omitted_rows_note(summary.faults.len(), "summary.json");
+    format!(
+        "{}{left_out}<p class=\"quiet\">{means}</p>\n",
+        table_html(&heads, rows.take(SHOWN_ROWS_MAX))
+    )
 }
 
 /// Returns a note below a table that shows only the first of `count` rows, and which file has all; empty if it has all.
-fn left_out(count: usize, file: &str) -> String {
-    match count > ROWS_SHOWN {
+fn omitted_rows_note(count: usize, file: &str) -> String {
+    match count > SHOWN_ROWS_MAX {
         true => format!(
-            "<p class=\"quiet\">These are the first {ROWS_SHOWN} of {count}; {file} has all.</p>\n"
+            "<p class=\"quiet\">These are the first {SHOWN_ROWS_MAX} of {count}; {file} has all.</p>\n"
         ),
         false => String::new(),
     }
 }
 
 /// Returns the table of repair events.
-fn repairs(run: &Run) -> String {
-    let rows = run.repairs.iter().map(|(t_s, robot, what)| {
+fn repairs_html(run: &LoadedRun) -> String {
+    let rows = run.repair_events.iter().map(|(t_s, robot, what)| {
         vec![
-            TableCell::Number(digits(*t_s)),
-            TableCell::Word(robot.clone()),
+            TableCell::Number(format_four_digits(*t_s)),
+            TableCell::UnbrokenText(robot.clone()),
             TableCell::Text(what.clone()),
         ]
     });
-    let left_out = left_out(run.repairs.len(), "events.csv");
-    table(&["#Time, s", "Robot", "Change"], rows.take(ROWS_SHOWN)) + &left_out
+    let left_out = omitted_rows_note(run.repair_events.len(), "events.csv");
+    table_html(&["#Time, s", "Robot", "Change"], rows.take(SHOWN_ROWS_MAX)) + &left_out
 }
 
 /// Converts column heads of the screen to heads of the page. Columns that are not text are numbers.
-fn heads(heads: &[(&str, usize)], words: impl Fn(usize) -> bool) -> Vec<String> {
+fn column_heads(heads: &[(&str, usize)], words: impl Fn(usize) -> bool) -> Vec<String> {
     let heads = heads.iter().enumerate().map(|(place, (head, _))| match words(place) {
-        true => capitalized(head),
-        false => format!("#{}", capitalized(head)),
+        true => capitalize(head),
+        false => format!("#{}", capitalize(head)),
     });
     heads.collect()
 }
@@ -209,8 +216,8 @@ pub fn figures_html(figures: &[Figure]) -> String {
     let mut text = String::new();
     for figure in figures {
         // Inline SVG needs no name space declaration.
-        let svg = figure.svg().replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1);
-        let (title, caption) = (escaped(&figure.title), escaped(&figure.caption));
+        let svg = figure.to_svg().replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1);
+        let (title, caption) = (escape_markup(&figure.title), escape_markup(&figure.caption));
         let _ = writeln!(
             text,
             "<figure id=\"{name}\">\n<div class=\"wide\" tabindex=\"0\" role=\"group\" aria-label=\"{title}\">\n{svg}</div>\n\
@@ -222,16 +229,16 @@ pub fn figures_html(figures: &[Figure]) -> String {
     text
 }
 
-fn latency(summary: &Summary) -> String {
+fn latency_html(summary: &Summary) -> String {
     let row = |line: &StageLatency| -> Vec<TableCell> {
-        let [stage, edge, numbers @ ..] = rows::latency(line);
+        let [stage, edge, numbers @ ..] = rows::format_latency_row(line);
         let words = [stage, edge].map(TableCell::Text);
         words.into_iter().chain(numbers.map(TableCell::Number)).collect()
     };
-    let heads = heads(&rows::LATENCY, |place| place < 2);
+    let heads = column_heads(&rows::LATENCY_COLUMNS, |place| place < 2);
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
-    let worst = table(&heads, summary.worst_latencies().into_iter().map(row));
-    let ages = ages(&summary.information_ages);
+    let worst = table_html(&heads, summary.worst_latencies().into_iter().map(row));
+    let ages = information_ages_html(&summary.information_ages);
     if worst.is_empty() {
         return ages;
     }
@@ -239,12 +246,12 @@ fn latency(summary: &Summary) -> String {
         "<p>For each stage, the robot or edge with the largest p99.9.</p>\n{worst}<details>\n\
          <summary>All {} robots, edges and stages</summary>\n{}</details>\n{ages}",
         summary.latencies().count(),
-        table(&heads, summary.latencies().map(row))
+        table_html(&heads, summary.latencies().map(row))
     )
 }
 
-fn ages(ages: &[InformationAge]) -> String {
-    let ms = |ns: f64| TableCell::Number(digits(ns / 1e6));
+fn information_ages_html(ages: &[InformationAge]) -> String {
+    let ms = |ns: f64| TableCell::Number(format_four_digits(ns / 1e6));
     let rows = ages.iter().map(|age| {
         vec![
             TableCell::Text(format!("{} \u{2192} {}", age.from, age.robot)),
@@ -253,7 +260,7 @@ fn ages(ages: &[InformationAge]) -> String {
             ms(age.peak_ns as f64),
         ]
     });
-    let all = table(&["Edge", "#Beacons received", "#Mean age, ms", "#Peak age, ms"], rows);
+    let all = table_html(&["Edge", "#Beacons received", "#Mean age, ms", "#Peak age, ms"], rows);
     if all.is_empty() {
         return all;
     }
@@ -263,10 +270,10 @@ fn ages(ages: &[InformationAge]) -> String {
     )
 }
 
-fn robots(summary: &Summary) -> String {
+fn robots_html(summary: &Summary) -> String {
     let of = |list: &[(String, Option<f64>)], name: &str| {
         let value = list.iter().find(|(robot, _)| robot == name).and_then(|(_, value)| *value);
-        TableCell::Number(value.map_or("\u{2013}".into(), digits))
+        TableCell::Number(value.map_or("\u{2013}".into(), format_four_digits))
     };
     let rows = summary.wall.processes.iter().map(|process| {
         vec![
@@ -274,7 +281,7 @@ fn robots(summary: &Summary) -> String {
             of(&summary.final_error_m, &process.name),
             of(&summary.integrated_error_m_s, &process.name),
             TableCell::Number(process.starts.to_string()),
-            TableCell::Number(digits(process.usage.user_s + process.usage.system_s)),
+            TableCell::Number(format_four_digits(process.usage.user_s + process.usage.system_s)),
             TableCell::Number(process.usage.involuntary_switches.to_string()),
             TableCell::Number(process.usage.major_faults.to_string()),
         ]
@@ -288,11 +295,11 @@ fn robots(summary: &Summary) -> String {
         "#Preempted",
         "#Pages read",
     ];
-    format!("{}{}", table(&heads, rows), about_processes(summary))
+    format!("{}{}", table_html(&heads, rows), processes_html(summary))
 }
 
 /// Returns explanations of the processes that are no robots.
-fn about_processes(summary: &Summary) -> String {
+fn processes_html(summary: &Summary) -> String {
     let words = [
         (
             "machine",
@@ -308,15 +315,17 @@ fn about_processes(summary: &Summary) -> String {
         .collect()
 }
 
-fn manifest_list(entries: &[(String, String)]) -> String {
-    description_list(entries.iter().map(|(name, value)| (name.as_str(), value.as_str())))
+fn manifest_html(entries: &[(String, String)]) -> String {
+    description_list_html(entries.iter().map(|(name, value)| (name.as_str(), value.as_str())))
 }
 
 /// Returns a description list of names and values.
-pub fn description_list<'a>(entries: impl Iterator<Item = (impl AsRef<str>, &'a str)>) -> String {
+pub fn description_list_html<'a>(
+    entries: impl Iterator<Item = (impl AsRef<str>, &'a str)>,
+) -> String {
     let entry = |(name, value): (_, &str)| {
         let name: &str = AsRef::as_ref(&name);
-        format!("<dt>{}</dt><dd>{}</dd>\n", escaped(name), escaped(value))
+        format!("<dt>{}</dt><dd>{}</dd>\n", escape_markup(name), escape_markup(value))
     };
     let entries: String = entries.map(entry).collect();
     if entries.is_empty() { entries } else { format!("<dl>\n{entries}</dl>\n") }
@@ -327,9 +336,9 @@ pub enum TableCell {
     /// Plain text.
     Text(String),
     /// A sentence, which must not be squeezed into a narrow column.
-    Long(String),
+    LongText(String),
     /// Text without line breaks.
-    Word(String),
+    UnbrokenText(String),
     /// Number, aligned to the right.
     Number(String),
     /// A verdict on an expectation.
@@ -338,17 +347,21 @@ pub enum TableCell {
 
 /// Returns a table that may be wider than the text and then scrolls. Heads of number columns begin with `#`.
 /// Returns an empty string without rows.
-pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<TableCell>>) -> String {
+pub fn table_html(heads: &[&str], rows: impl Iterator<Item = Vec<TableCell>>) -> String {
     let mut body = String::new();
     for row in rows {
         body.push_str("<tr>");
         for cell in row {
             let _ = match cell {
-                TableCell::Text(text) => write!(body, "<td>{}</td>", escaped(&text)),
-                TableCell::Long(text) => write!(body, "<td class=\"long\">{}</td>", escaped(&text)),
-                TableCell::Word(text) => write!(body, "<td class=\"word\">{}</td>", escaped(&text)),
+                TableCell::Text(text) => write!(body, "<td>{}</td>", escape_markup(&text)),
+                TableCell::LongText(text) => {
+                    write!(body, "<td class=\"long\">{}</td>", escape_markup(&text))
+                }
+                TableCell::UnbrokenText(text) => {
+                    write!(body, "<td class=\"word\">{}</td>", escape_markup(&text))
+                }
                 TableCell::Number(text) => {
-                    write!(body, "<td class=\"number\">{}</td>", escaped(&text))
+                    write!(body, "<td class=\"number\">{}</td>", escape_markup(&text))
                 }
                 TableCell::Verdict(verdict) => {
                     write!(
@@ -366,8 +379,8 @@ pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<TableCell>>) -> Stri
         return body;
     }
     let heads = heads.iter().map(|head| match head.strip_prefix('#') {
-        Some(head) => format!("<th scope=\"col\" class=\"number\">{}</th>", escaped(head)),
-        None => format!("<th scope=\"col\">{}</th>", escaped(head)),
+        Some(head) => format!("<th scope=\"col\" class=\"number\">{}</th>", escape_markup(head)),
+        None => format!("<th scope=\"col\">{}</th>", escape_markup(head)),
     });
     let heads: String = heads.collect();
     format!(

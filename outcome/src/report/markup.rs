@@ -2,7 +2,7 @@
 
 /// Escapes a text for elements and quoted attributes of HTML and XML. Characters that XML does not allow become
 /// spaces.
-pub(crate) fn escaped(text: &str) -> String {
+pub(crate) fn escape_markup(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for character in text.chars() {
         match character {

@@ -10,51 +10,59 @@ use base64::prelude::{BASE64_STANDARD, Engine as _};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use crate::report::markup::escaped;
-use crate::report::rows::ROWS_SHOWN;
-use crate::report::scene::{Frame, Scene};
+use crate::report::markup::escape_markup;
+use crate::report::rows::SHOWN_ROWS_MAX;
+use crate::report::scene::{Scene, SceneFrame};
 
 mod pack;
 
 const SCRIPT: &str = include_str!("../../assets/page.js");
 const STYLE: &str = include_str!("../../assets/page.css");
 /// HTML of the picture, its tools and the list of robots, with a placeholder for the time line.
-const PICTURE: &str = include_str!("../../assets/picture.html");
-const TIME_LINE: &str = "<!-- time line -->";
+const PICTURE_HTML: &str = include_str!("../../assets/picture.html");
+const TIME_LINE_PLACEHOLDER: &str = "<!-- time line -->";
 /// HTML of the time line of a finished run: play, pause, seek.
-const REPLAY: &str = include_str!("../../assets/replay.html");
+const REPLAY_HTML: &str = include_str!("../../assets/replay.html");
 /// HTML of the time line and connection state of a run in progress.
 const LIVE_HTML: &str = include_str!("../../assets/live.html");
 /// HTML of the parts that only a live page shows: events, latency, edges.
-const PANELS: &str = include_str!("../../assets/panels.html");
-const LEGEND: &str = include_str!("../../assets/legend.html");
+const PANELS_HTML: &str = include_str!("../../assets/panels.html");
+const LEGEND_HTML: &str = include_str!("../../assets/legend.html");
 
 /// Returns the animated replay: an HTML fragment with its own style and script, to be used once per document.
 ///
 /// All frames are included; 20 per second of run time are enough. Positions are rounded to millimeters, headings to
 /// milliradians.
-pub fn replay(scene: &Scene, frames: &[Frame]) -> String {
-    let blocks = [data("scene", &limit_rows(scene)), data("frames", &pack::pack(scene, frames))];
-    let mut html = picture("replay", "Replay of the run", REPLAY, "", &blocks);
+pub fn replay_html(scene: &Scene, frames: &[SceneFrame]) -> String {
+    let blocks = [
+        data_block("scene", &limit_fault_rows(scene)),
+        data_block("frames", &pack::pack_frames(scene, frames)),
+    ];
+    let mut html = picture_html("replay", "Replay of the run", REPLAY_HTML, "", &blocks);
     writeln!(html, "<script type=\"module\">{SCRIPT}</script>").expect("strings can be written");
     html
 }
 
-/// Returns a scene with the first [`ROWS_SHOWN`] faults, and how many there are.
-fn limit_rows(scene: &Scene) -> Scene {
+/// Returns a scene with the first [`SHOWN_ROWS_MAX`] faults, and how many there are.
+fn limit_fault_rows(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.faults_in_all = scene.faults.len();
-    scene.faults.truncate(ROWS_SHOWN);
+    scene.faults.truncate(SHOWN_ROWS_MAX);
     scene
 }
 
 /// Returns the live page: a document that listens to the address `events` next to it and, with `control`, posts to
 /// `control`.
-pub fn live(scene: &Scene, control: bool) -> String {
+pub fn live_html(scene: &Scene, control: bool) -> String {
     let mode = if control { "control" } else { "live" };
-    let name = escaped(&scene.name);
-    let picture =
-        picture(mode, "The run, live", LIVE_HTML, PANELS, &[data("scene", &limit_rows(scene))]);
+    let name = escape_markup(&scene.name);
+    let picture = picture_html(
+        mode,
+        "The run, live",
+        LIVE_HTML,
+        PANELS_HTML,
+        &[data_block("scene", &limit_fault_rows(scene))],
+    );
     let policy = content_security_policy();
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -79,21 +87,33 @@ pub fn content_security_policy() -> String {
 }
 
 /// Returns the live picture as a fragment without document and script, for a page that computes the run itself.
-pub fn fragment(scene: &Scene) -> String {
-    picture("control", "The run", LIVE_HTML, PANELS, &[data("scene", &limit_rows(scene))])
+pub fn live_picture_html(scene: &Scene) -> String {
+    picture_html(
+        "control",
+        "The run",
+        LIVE_HTML,
+        PANELS_HTML,
+        &[data_block("scene", &limit_fault_rows(scene))],
+    )
 }
 
-fn picture(mode: &str, label: &str, time_line: &str, panels: &str, blocks: &[String]) -> String {
-    let (board, blocks) = (PICTURE.replace(TIME_LINE, time_line), blocks.concat());
+fn picture_html(
+    mode: &str,
+    label: &str,
+    time_line: &str,
+    panels: &str,
+    blocks: &[String],
+) -> String {
+    let (board, blocks) = (PICTURE_HTML.replace(TIME_LINE_PLACEHOLDER, time_line), blocks.concat());
     format!(
         "<style>{STYLE}</style>\n\
          <section class=\"phalanx-picture\" data-mode=\"{mode}\" aria-label=\"{label}\">\n\
-         {board}{panels}{LEGEND}{blocks}</section>\n"
+         {board}{panels}{LEGEND_HTML}{blocks}</section>\n"
     )
 }
 
 /// Returns a JSON data block. No content can end the block early.
-fn data(class: &str, value: &impl Serialize) -> String {
+fn data_block(class: &str, value: &impl Serialize) -> String {
     let json = serde_json::to_string(value).expect("numbers and text become JSON");
     let json = json.replace('<', "\\u003c");
     format!("<script type=\"application/json\" class=\"{class}\">{json}</script>\n")
@@ -116,7 +136,7 @@ mod tests {
     }
 
     /// Returns the text inside of the data block of this class.
-    fn block<'a>(html: &'a str, class: &str) -> &'a str {
+    fn data_block_text<'a>(html: &'a str, class: &str) -> &'a str {
         let opening = format!("<script type=\"application/json\" class=\"{class}\">");
         let (_, rest) = html.split_once(&opening).unwrap();
         rest.split_once("</script>").unwrap().0
@@ -124,21 +144,22 @@ mod tests {
 
     #[test]
     fn hostile_names_stay_words() {
-        for html in [replay(&hostile_scene(), &[]), live(&hostile_scene(), true)] {
+        for html in [replay_html(&hostile_scene(), &[]), live_html(&hostile_scene(), true)] {
             assert!(!html.contains("alert(1)</script>"), "{html}");
-            let scene: serde_json::Value = serde_json::from_str(block(&html, "scene")).unwrap();
+            let scene: serde_json::Value =
+                serde_json::from_str(data_block_text(&html, "scene")).unwrap();
             assert_eq!(scene["name"], HOSTILE_TEXT);
             assert_eq!(scene["robots"][0]["name"], HOSTILE_TEXT);
             assert_eq!(scene["faults"][0]["what"], HOSTILE_TEXT);
         }
-        assert!(live(&hostile_scene(), true).contains("<h1>&lt;/script&gt;"));
+        assert!(live_html(&hostile_scene(), true).contains("<h1>&lt;/script&gt;"));
     }
 
     #[test]
     fn page_script_is_one_small_block_that_the_policy_allows() {
         assert!(!SCRIPT.contains("</script") && !SCRIPT.contains("<!--"));
-        assert!(SCRIPT.len() < 39_000, "page.js has {} bytes", SCRIPT.len());
-        let html = live(&hostile_scene(), false);
+        assert!(SCRIPT.len() < 40_000, "page.js has {} bytes", SCRIPT.len());
+        let html = live_html(&hostile_scene(), false);
         let (_, script) = html.split_once("<script type=\"module\">").unwrap();
         let (script, _) = script.split_once("</script>").unwrap();
         let hash = BASE64_STANDARD.encode(Sha256::digest(script));

@@ -28,7 +28,7 @@ pub enum Dash {
 
 /// Style of a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Line {
+pub struct LineStyle {
     /// Color of the line.
     pub color: Color,
     /// Dash pattern.
@@ -39,29 +39,30 @@ pub struct Line {
     pub opacity: f64,
 }
 
-impl Line {
+impl LineStyle {
     /// Returns a solid line of medium width.
-    pub const fn solid(color: Color) -> Line {
-        Line { color, dash: Dash::Solid, width: 1.2, opacity: 1.0 }
+    pub const fn solid(color: Color) -> LineStyle {
+        LineStyle { color, dash: Dash::Solid, width: 1.2, opacity: 1.0 }
     }
 
     /// Returns the line with this dash pattern.
-    pub const fn dashed(self, dash: Dash) -> Line {
-        Line { dash, ..self }
+    pub const fn with_dash(self, dash: Dash) -> LineStyle {
+        LineStyle { dash, ..self }
     }
 
     /// Returns the line with this width, px.
-    pub const fn width(self, width: f64) -> Line {
-        Line { width, ..self }
+    pub const fn with_width(self, width: f64) -> LineStyle {
+        LineStyle { width, ..self }
     }
 
     /// Returns the line with this opacity.
-    pub const fn opacity(self, opacity: f64) -> Line {
-        Line { opacity, ..self }
+    pub const fn with_opacity(self, opacity: f64) -> LineStyle {
+        LineStyle { opacity, ..self }
     }
 
     /// Style of curves without a name in the key.
-    pub const UNNAMED: Line = Line::solid(GRAY).width(0.4).opacity(0.6);
+    pub const UNNAMED_CURVE_LINE: LineStyle =
+        LineStyle::solid(GRAY).with_width(0.4).with_opacity(0.6);
 }
 
 /// Black: text and axes.
@@ -94,12 +95,12 @@ const DASHES: [Dash; 4] = [Dash::Solid, Dash::Dashed, Dash::DashDotted, Dash::Do
 
 /// Returns the line style of the robot with this index, or of other curves. 36 styles differ, and neighboring ones
 /// differ in color and dashes.
-pub fn line(place: usize) -> Line {
-    Line::solid(color(place)).dashed(DASHES[place % DASHES.len()])
+pub fn robot_line(place: usize) -> LineStyle {
+    LineStyle::solid(robot_color(place)).with_dash(DASHES[place % DASHES.len()])
 }
 
 /// Returns the color of the robot with this index in all figures and pictures.
-pub fn color(place: usize) -> Color {
+pub fn robot_color(place: usize) -> Color {
     COLORS[place % COLORS.len()]
 }
 
@@ -113,7 +114,7 @@ mod tests {
         for (place, color) in COLORS.into_iter().enumerate() {
             assert!(style.contains(&format!("--c{place}: {color};")), "no {color}");
         }
-        let lines: Vec<Line> = (0..36).map(line).collect();
+        let lines: Vec<LineStyle> = (0..36).map(robot_line).collect();
         assert!((0..36).all(|i| !lines[..i].contains(&lines[i])));
         assert!(!COLORS.contains(&VERMILION) && !COLORS.contains(&GRAY));
     }

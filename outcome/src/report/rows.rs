@@ -2,16 +2,16 @@
 
 use protocol::brief::Pace;
 use protocol::number::{format_distinct, format_short};
-use protocol::stage::Cause;
+use protocol::stage::LatenessCause;
 
-use crate::metrics::expect::{self, FAILED_ROBOTS, Verdict};
+use crate::metrics::expect::{self, FAILED_ROBOTS_NAME, Verdict};
 use crate::metrics::fault::FaultReport;
 use crate::metrics::summary::{StageLatency, Summary};
 use crate::quantities::Fact;
-use crate::report::digits::digits;
+use crate::report::digits::format_four_digits;
 
 /// Maximum number of robots in a list.
-const ROBOTS_SHOWN: usize = 12;
+const SHOWN_ROBOTS_MAX: usize = 12;
 /// Verdict on a run without expectations: it has neither passed nor failed.
 const NO_EXPECTATIONS_VERDICT: &str =
     "no expectations declared; exit code 0 says that the run ended as planned";
@@ -21,7 +21,11 @@ pub fn verdict(summary: &Summary) -> (&'static str, Option<Verdict>) {
     match (summary.interrupted, summary.exit, expect::worst_verdict(&summary.expectations)) {
         (true, ..) => ("interrupted", Some(Verdict::Missed)),
         (_, 4, _) => ("ended early", Some(Verdict::Missed)),
-        _ if summary.expectations.iter().any(|expectation| expectation.name == FAILED_ROBOTS) => {
+        _ if summary
+            .expectations
+            .iter()
+            .any(|expectation| expectation.name == FAILED_ROBOTS_NAME) =>
+        {
             ("a robot failed", Some(Verdict::Missed))
         }
         (.., None) => (NO_EXPECTATIONS_VERDICT, None),
@@ -34,9 +38,9 @@ pub struct ExpectationRow<'s> {
     /// Key of the expectation in the scenario.
     pub name: &'s str,
     /// Measured value, with enough digits to differ from the bound.
-    pub measured: String,
+    pub measured_value: String,
     /// Bound with its relation.
-    pub required: String,
+    pub required_value: String,
     /// Verdict on the expectation.
     pub verdict: Verdict,
     /// Reason of a verdict that the value does not explain.
@@ -44,7 +48,7 @@ pub struct ExpectationRow<'s> {
 }
 
 /// Returns all expectations in order.
-pub fn expectations(summary: &Summary) -> impl Iterator<Item = ExpectationRow<'_>> {
+pub fn expectation_rows(summary: &Summary) -> impl Iterator<Item = ExpectationRow<'_>> {
     summary.expectations.iter().map(|expectation| {
         let bound = expectation.bound;
         let (measured, bound) = match expectation.value {
@@ -53,8 +57,8 @@ pub fn expectations(summary: &Summary) -> impl Iterator<Item = ExpectationRow<'_
         };
         ExpectationRow {
             name: &expectation.name,
-            measured,
-            required: format!("{} {bound}", expectation.relation()),
+            measured_value: measured,
+            required_value: format!("{} {bound}", expectation.relation()),
             verdict: expectation.verdict(),
             reason: expectation.reason.as_deref(),
         }
@@ -67,9 +71,9 @@ pub fn deadline_advice(summary: &Summary) -> Option<String> {
     if expect::worst_verdict(&summary.expectations)? != Verdict::Missed {
         return None;
     }
-    let late = summary.late_by_cause();
+    let late = summary.late_wake_ups_by_cause();
     let total: u64 = late.iter().map(|&(_, count)| count).sum();
-    let waited = late.iter().find(|(cause, _)| *cause == Cause::Core)?.1;
+    let waited = late.iter().find(|(cause, _)| *cause == LatenessCause::Core)?.1;
     (summary.pace == Pace::Realtime && summary.deadline_misses > 0 && 2 * waited > total).then(|| {
         format!(
             "other programs occupied the cores ({waited} of {total} late wake-ups waited for a core); results with \
@@ -79,7 +83,7 @@ pub fn deadline_advice(summary: &Summary) -> Option<String> {
 }
 
 /// Returns the facts about a run: names and values, in order.
-pub fn facts(summary: &Summary) -> Vec<(String, String)> {
+pub fn fact_rows(summary: &Summary) -> Vec<(String, String)> {
     let row = |fact: &Fact<Summary>| Some((fact.label.to_owned(), (fact.text)(summary)?));
     let hosts = summary.wall.hosts.iter();
     let hosts = hosts.map(|host| (format!("host {}", host.name), host.describe()));
@@ -87,7 +91,7 @@ pub fn facts(summary: &Summary) -> Vec<(String, String)> {
 }
 
 /// Column heads of the latency table and their widths on the screen. The first two columns are text.
-pub const LATENCY: [(&str, usize); 7] = [
+pub const LATENCY_COLUMNS: [(&str, usize); 7] = [
     ("latency, us", 16),
     ("worst", 16),
     ("count", 9),
@@ -98,18 +102,18 @@ pub const LATENCY: [(&str, usize); 7] = [
 ];
 
 /// Formats a row of the latency table.
-pub fn latency(line: &StageLatency) -> [String; 7] {
-    let us = |ns: u64| digits(ns as f64 / 1e3);
+pub fn format_latency_row(line: &StageLatency) -> [String; 7] {
+    let us = |ns: u64| format_four_digits(ns as f64 / 1e3);
     let StageLatency { stage, count, p50_ns, p99_ns, p99_9_ns, max_ns, .. } = line;
     let [p50, p99, p99_9, max] = [*p50_ns, *p99_ns, *p99_9_ns, *max_ns].map(us);
-    [stage.clone(), line.edge(), count.to_string(), p50, p99, p99_9, max]
+    [stage.clone(), line.robot_or_edge_name(), count.to_string(), p50, p99, p99_9, max]
 }
 
 /// Maximum number of faults or repairs in a table of the screen or page, and of marks on a time line.
-pub const ROWS_SHOWN: usize = 200;
+pub const SHOWN_ROWS_MAX: usize = 200;
 
 /// Column heads of the fault table and their widths on the screen. The second column is text.
-pub const FAULTS: [(&str, usize); 7] = [
+pub const FAULT_COLUMNS: [(&str, usize); 7] = [
     ("fault, s", 9),
     ("what", 28),
     ("stale, s", 9),
@@ -120,27 +124,28 @@ pub const FAULTS: [(&str, usize); 7] = [
 ];
 
 /// Formats a row of the fault table.
-pub fn fault(fault: &FaultReport) -> [String; 7] {
+pub fn format_fault_row(fault: &FaultReport) -> [String; 7] {
     [
         format!("{:.3}", fault.t_s),
         fault.what.clone(),
-        or_dash(fault.stale_after_s),
-        or_dash(fault.lost_after_s),
-        digits(fault.peak_error_m),
-        or_dash(fault.min_distance_m),
-        or_dash(fault.recovered_after_s),
+        format_or_dash(fault.stale_after_s),
+        format_or_dash(fault.lost_after_s),
+        format_four_digits(fault.peak_error_m),
+        format_or_dash(fault.min_distance_m),
+        format_or_dash(fault.recovered_after_s),
     ]
 }
 
 /// Column heads of the robots that a fault was predicted to break, was observed to break, affected, and orphaned.
-pub const BROKEN: [&str; 4] = ["predicted to break", "observed", "affected", "orphaned"];
+pub const BROKEN_ROBOT_COLUMNS: [&str; 4] =
+    ["predicted to break", "observed", "affected", "orphaned"];
 
 /// Formats these four groups of robots.
-pub fn broken_robot_texts(fault: &FaultReport) -> [String; 4] {
+pub fn format_broken_robots(fault: &FaultReport) -> [String; 4] {
     let all = [&fault.predicted, &fault.broken, &fault.affected, &fault.orphaned];
     all.map(|robots| match robots.as_slice() {
         [] => "none".to_owned(),
-        [few @ .., _] if few.len() >= ROBOTS_SHOWN => {
+        [few @ .., _] if few.len() >= SHOWN_ROBOTS_MAX => {
             format!("{} and {} more", robots[..8].join(", "), robots.len() - 8)
         }
         few => few.join(", "),
@@ -148,8 +153,8 @@ pub fn broken_robot_texts(fault: &FaultReport) -> [String; 4] {
 }
 
 /// Formats a value, or a dash if there is none.
-pub fn or_dash(value: Option<f64>) -> String {
-    value.map_or("-".into(), digits)
+pub fn format_or_dash(value: Option<f64>) -> String {
+    value.map_or("-".into(), format_four_digits)
 }
 
 #[cfg(test)]
@@ -159,12 +164,12 @@ mod tests {
     #[test]
     fn late_wake_ups_are_reported_with_cause_and_effect() {
         let mut summary = Summary::default();
-        for (cause, count) in [(Cause::Core, 3), (Cause::Unknown, 4)] {
+        for (cause, count) in [(LatenessCause::Core, 3), (LatenessCause::Unknown, 4)] {
             let stage = cause.stage().keyword().to_owned();
             summary.wall.latency.push(StageLatency { stage, count, ..StageLatency::default() });
         }
         let late = |summary: &Summary| {
-            facts(summary).into_iter().find(|(name, _)| name == "late wake-ups").unwrap().1
+            fact_rows(summary).into_iter().find(|(name, _)| name == "late wake-ups").unwrap().1
         };
         let causes = late(&summary);
         assert!(causes.starts_with("7: ") && causes.contains("no cause found 4"), "{causes}");

@@ -7,7 +7,7 @@ use formation::front_point::front_point;
 use formation::hull::{convex_hull, hull_distance};
 use formation::pose::Pose;
 
-use crate::report::scene::{EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge};
+use crate::report::scene::{EdgeState, FrameRobot, RobotState, Scene, SceneEdge, SceneFrame};
 
 /// Target rate of the replay, instants per second of run time.
 const FRAMES_HZ: f64 = 20.0;
@@ -16,7 +16,7 @@ const FRAME_ROBOTS_MAX: f64 = 200_000.0;
 
 /// A finished run, or the remaining data of a killed one.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Run {
+pub struct LoadedRun {
     /// Constant part of the picture.
     pub scene: Scene,
     /// Threshold of convergence, m.
@@ -28,36 +28,36 @@ pub struct Run {
     /// Time of each recorded instant, s.
     pub times_s: Vec<f64>,
     /// Samples of each robot, one for each instant.
-    pub tracks: Vec<Vec<Sample>>,
+    pub tracks: Vec<Vec<RobotSample>>,
     /// Reference m(t) of the main leader at each instant, m; empty without a main leader.
-    pub lead_m: Vec<[f64; 2]>,
+    pub leader_reference_m: Vec<[f64; 2]>,
     /// Decimation: only every n-th recorded instant was loaded, because the run is too long to draw.
-    pub every: usize,
+    pub decimation: usize,
     /// Signals that control laws recorded.
     pub signals: Vec<SignalTrack>,
     /// State changes of robots and edges, in order of time.
-    pub changes: Vec<Change>,
+    pub state_changes: Vec<StateChange>,
     /// Repair events in order of time: time, s, robot, and detail.
-    pub repairs: Vec<(f64, String, String)>,
+    pub repair_events: Vec<(f64, String, String)>,
     /// Summary of the run; `None` if the run was cut short before it was written.
     pub summary: Option<Summary>,
     /// Reason why no promise about distances holds although it usually would.
-    pub unpromised: Option<String>,
+    pub missing_guarantee: Option<String>,
     /// Sentence about the run for the top of the page.
-    pub about: Option<String>,
+    pub introduction: Option<String>,
     /// Description of a file that differs from what the run wrote.
     pub damage: Option<String>,
     /// Entries of the manifest: names and values.
     pub manifest: Vec<(String, String)>,
     /// Latency distributions per interval of run time.
-    pub over_time: Vec<LatencyInterval>,
+    pub latency_over_time: Vec<LatencyInterval>,
     /// Latency distributions over the run.
-    pub spreads: Vec<LatencySpread>,
+    pub latency_distributions: Vec<LatencyDistribution>,
 }
 
 /// A robot at one recorded instant.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Sample {
+pub struct RobotSample {
     /// x of the axle midpoint, m.
     pub x_m: f64,
     /// y of the axle midpoint, m.
@@ -71,7 +71,7 @@ pub struct Sample {
     /// Error vector e, m; `None` if it cannot be determined.
     pub error_xy_m: Option<[f64; 2]>,
     /// Whether the process is alive.
-    pub alive: bool,
+    pub is_alive: bool,
 }
 
 /// Values of one signal.
@@ -85,16 +85,16 @@ pub struct SignalTrack {
 
 /// A state change of a robot or an edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Change {
+pub struct StateChange {
     /// Time of the change, s.
     pub t_s: f64,
     /// New state.
-    pub to: ChangedTo,
+    pub new_state: NewState,
 }
 
 /// New state of a robot or an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ChangedTo {
+pub enum NewState {
     /// New state of the robot with this index.
     Robot(usize, RobotState),
     /// New state of the edge with this index.
@@ -105,16 +105,16 @@ pub enum ChangedTo {
 
 /// Latency distribution of one stage at one robot or edge over the run.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LatencySpread {
+pub struct LatencyDistribution {
     /// Keyword of the stage.
     pub stage: String,
     /// Name of the robot, `r1`, or of the edge, `r1->r2`.
-    pub of: String,
+    pub robot_or_edge: String,
     /// Values, ns, with the fraction of samples above each; in order.
-    pub above: Vec<(u64, f64)>,
+    pub exceedance: Vec<(u64, f64)>,
 }
 
-impl Run {
+impl LoadedRun {
     /// Returns the end of the record, s.
     pub fn end_s(&self) -> f64 {
         let recorded = self.times_s.last().copied().unwrap_or(0.0);
@@ -122,20 +122,20 @@ impl Run {
     }
 
     /// Returns the planned end of the run, s: `duration_s`, or the time reached if it ended early after convergence.
-    pub fn lasts_s(&self) -> f64 {
+    pub fn duration_s(&self) -> f64 {
         let early = self.summary.as_ref().filter(|summary| summary.ended_early);
         early.map_or(self.scene.duration_s, |summary| summary.t_s)
     }
 
     /// Returns the front point of a robot at an instant, m.
-    pub fn alpha(&self, robot: usize, instant: usize) -> Vec2 {
-        let Sample { x_m, y_m, heading_rad, .. } = self.tracks[robot][instant];
+    pub fn front_point(&self, robot: usize, instant: usize) -> Vec2 {
+        let RobotSample { x_m, y_m, heading_rad, .. } = self.tracks[robot][instant];
         front_point(Pose { x_m, y_m, heading_rad }, self.scene.robots[robot].front_point_m)
     }
 
     /// Returns the followers, and the leaders whose convex hull they must be in; `None` if one of the two is
     /// missing.
-    pub fn containment(&self) -> Option<(Vec<usize>, Vec<usize>)> {
+    pub fn followers_and_leaders(&self) -> Option<(Vec<usize>, Vec<usize>)> {
         let robots = 0..self.scene.robots.len();
         let (contained, leaders): (Vec<usize>, Vec<usize>) =
             robots.partition(|&robot| self.scene.robots[robot].role == "contained");
@@ -144,36 +144,36 @@ impl Run {
 
     /// Returns the corners of the convex hull at an instant, of these leaders and of the robots that replace one.
     pub fn hull(&self, leaders: &[usize], instant: usize) -> Vec<Vec2> {
-        convex_hull(&self.leading_points(leaders, instant))
+        convex_hull(&self.leader_points(leaders, instant))
     }
 
     /// Returns the distance of a robot from that hull at an instant, m; 0 inside.
     pub fn distance_from_hull(&self, robot: usize, leaders: &[usize], instant: usize) -> f64 {
-        hull_distance(self.alpha(robot, instant), &self.leading_points(leaders, instant))
+        hull_distance(self.front_point(robot, instant), &self.leader_points(leaders, instant))
     }
 
-    fn leading_points(&self, leaders: &[usize], instant: usize) -> Vec<Vec2> {
+    fn leader_points(&self, leaders: &[usize], instant: usize) -> Vec<Vec2> {
         let edges_in_use = match self.scene.edges.iter().any(|edge| edge.for_place) {
             true => self.edges_in_use(self.times_s[instant]),
             false => Vec::new(),
         };
         let edges = self.scene.edges.iter().zip(edges_in_use);
         let takes = edges.filter(|(edge, edges_in_use)| edge.for_place && *edges_in_use);
-        let living = takes.map(|(edge, _)| edge.to).filter(|&i| self.tracks[i][instant].alive);
+        let living = takes.map(|(edge, _)| edge.to).filter(|&i| self.tracks[i][instant].is_alive);
         let leaders = leaders.iter().copied().chain(living);
-        leaders.map(|robot| self.alpha(robot, instant)).collect()
+        leaders.map(|robot| self.front_point(robot, instant)).collect()
     }
 
     /// Returns the smallest distance between two front points at an instant, m.
-    fn minimum_distance(&self, instant: usize) -> Option<f64> {
+    fn minimum_distance_m(&self, instant: usize) -> Option<f64> {
         let robots = self.scene.robots.len();
-        let points: Vec<Vec2> = (0..robots).map(|robot| self.alpha(robot, instant)).collect();
+        let points: Vec<Vec2> = (0..robots).map(|robot| self.front_point(robot, instant)).collect();
         formation::closest::closest_pair(&points).map(|closest| closest.distance_m)
     }
 
     /// Returns the contact state of each edge at the start.
     fn initial_edge_states(&self) -> Vec<EdgeState> {
-        let closed = |edge: &SceneEdge| match edge.spare {
+        let closed = |edge: &SceneEdge| match edge.spare || edge.by_distance {
             true => EdgeState::Closed,
             false => EdgeState::Fresh,
         };
@@ -184,8 +184,8 @@ impl Run {
     /// it replaces another.
     pub fn edges_in_use(&self, t_s: f64) -> Vec<bool> {
         let mut heard = self.initial_edge_states();
-        for change in self.changes.iter().take_while(|change| change.t_s <= t_s) {
-            if let ChangedTo::Edge(edge, state) = change.to {
+        for change in self.state_changes.iter().take_while(|change| change.t_s <= t_s) {
+            if let NewState::Edge(edge, state) = change.new_state {
                 heard[edge] = state;
             }
         }
@@ -193,14 +193,14 @@ impl Run {
     }
 
     /// Returns the frames of the replay.
-    pub fn frames(&self) -> Vec<Frame> {
+    pub fn frames(&self) -> Vec<SceneFrame> {
         let robots = self.scene.robots.len();
         let seconds = self.end_s().max(1e-9);
         let most_hz = FRAME_ROBOTS_MAX / robots.max(1) as f64 / seconds;
         let step_s = 1.0 / FRAMES_HZ.min(most_hz);
         let mut states = vec![RobotState::Moving; robots];
         let mut heard = self.initial_edge_states();
-        let mut changes = self.changes.iter().peekable();
+        let mut changes = self.state_changes.iter().peekable();
         let mut frames = Vec::new();
         let mut due_s = f64::NEG_INFINITY;
         for (instant, &t_s) in self.times_s.iter().enumerate() {
@@ -211,14 +211,15 @@ impl Run {
             }
             due_s = ((t_s + 1e-6) / step_s).floor() * step_s + step_s;
             while let Some(change) = changes.next_if(|change| change.t_s <= t_s) {
-                match change.to {
-                    ChangedTo::Robot(robot, state) => states[robot] = state,
-                    ChangedTo::Edge(edge, state) => heard[edge] = state,
-                    ChangedTo::Leads(..) => {}
+                match change.new_state {
+                    NewState::Robot(robot, state) => states[robot] = state,
+                    NewState::Edge(edge, state) => heard[edge] = state,
+                    NewState::Leads(..) => {}
                 }
             }
             let robot = |robot: usize| {
-                let Sample { x_m, y_m, heading_rad, error_m, .. } = self.tracks[robot][instant];
+                let RobotSample { x_m, y_m, heading_rad, error_m, .. } =
+                    self.tracks[robot][instant];
                 // Dead robots have no target.
                 let error_m = error_m.filter(|_| states[robot] != RobotState::Dead);
                 FrameRobot { x_m, y_m, heading_rad, error_m, state: states[robot] }
@@ -230,11 +231,11 @@ impl Run {
             let edge = |(place, edge): (usize, &SceneEdge)| {
                 heard[place].combine([states[edge.from], states[edge.to]], cut(place))
             };
-            frames.push(Frame {
+            frames.push(SceneFrame {
                 t_s,
                 robots: (0..robots).map(robot).collect(),
                 edges: self.scene.edges.iter().enumerate().map(edge).collect(),
-                distance_m: self.minimum_distance(instant),
+                distance_m: self.minimum_distance_m(instant),
             });
         }
         frames

@@ -41,6 +41,9 @@ pub struct SceneRobot {
     pub role: String,
     /// Distance from the axle midpoint to the front point, m.
     pub front_point_m: f64,
+    /// Size of the robot (keep), m, in a team of robots with different sizes; otherwise half of d counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub keep_m: Option<f64>,
 }
 
 /// An edge of the formation graph.
@@ -56,6 +59,9 @@ pub struct SceneEdge {
     /// Whether a follower uses the edge to keep the slot of a leader that it replaces.
     #[serde(skip)]
     pub for_place: bool,
+    /// Whether the edge exists only while its ends are near each other.
+    #[serde(skip)]
+    pub by_distance: bool,
 }
 
 /// A fault of the scene.
@@ -82,7 +88,7 @@ impl SceneFault {
 
 /// One instant of the picture.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Frame {
+pub struct SceneFrame {
     /// Run time, s.
     pub t_s: f64,
     /// Robots in scenario order.

@@ -32,7 +32,7 @@ pub fn simplify_curve(points: &[CanvasPoint], tolerance: f64) -> Vec<CanvasPoint
     let mut open = vec![(0, points.len() - 1)];
     while let Some((first, last)) = open.pop() {
         let between = first + 1..last;
-        let far = |&place: &usize| distance(points[place], points[first], points[last]);
+        let far = |&place: &usize| distance_to_segment(points[place], points[first], points[last]);
         let farthest = between.max_by(|a, b| far(a).total_cmp(&far(b)));
         if let Some(place) = farthest.filter(|place| far(place) > tolerance) {
             keep[place] = true;
@@ -43,7 +43,7 @@ pub fn simplify_curve(points: &[CanvasPoint], tolerance: f64) -> Vec<CanvasPoint
 }
 
 /// Returns the distance of a point from the segment from `a` to `b`.
-fn distance(point: CanvasPoint, a: CanvasPoint, b: CanvasPoint) -> f64 {
+fn distance_to_segment(point: CanvasPoint, a: CanvasPoint, b: CanvasPoint) -> f64 {
     let (dx, dy) = (b.0 - a.0, b.1 - a.1);
     let (x, y) = (point.0 - a.0, point.1 - a.1);
     let square = dx * dx + dy * dy;
@@ -87,7 +87,7 @@ mod tests {
         ) {
             let kept = simplify_curve(&points, tolerance);
             for &point in &points {
-                let near = |pair: &[CanvasPoint]| distance(point, pair[0], pair[1]) <= tolerance + 1e-9;
+                let near = |pair: &[CanvasPoint]| distance_to_segment(point, pair[0], pair[1]) <= tolerance + 1e-9;
                 prop_assert!(kept.contains(&point) || kept.windows(2).any(near));
             }
         }

@@ -2,13 +2,13 @@
 
 use std::fmt::{self, Display, Write as _};
 
-use crate::report::markup::escaped;
-use crate::report::palette::{Color, Dash, Line};
+use crate::report::markup::escape_markup;
+use crate::report::palette::{Color, Dash, LineStyle};
 use crate::report::simplify::CanvasPoint;
 
 /// An SVG element. Children are drawn in the order in which they are added.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Element {
+pub struct SvgElement {
     name: &'static str,
     attributes: String,
     content: String,
@@ -25,15 +25,15 @@ pub enum Anchor {
     End,
 }
 
-impl Element {
+impl SvgElement {
     /// Creates an empty element without attributes.
-    pub fn new(name: &'static str) -> Element {
-        Element { name, ..Element::default() }
+    pub fn new(name: &'static str) -> SvgElement {
+        SvgElement { name, ..SvgElement::default() }
     }
 
     /// Creates the root element of a file of this size, px.
-    pub fn file(width: f64, height: f64, font: &str) -> Element {
-        let svg = Element::new("svg").with_attribute("xmlns", "http://www.w3.org/2000/svg");
+    pub fn root(width: f64, height: f64, font: &str) -> SvgElement {
+        let svg = SvgElement::new("svg").with_attribute("xmlns", "http://www.w3.org/2000/svg");
         let svg = svg.with_attribute("viewBox", format!("0 0 {width} {height}"));
         svg.with_attribute("width", width)
             .with_attribute("height", height)
@@ -41,37 +41,41 @@ impl Element {
     }
 
     /// Creates an element that clips its children to a rectangle: left, top, width, height, px.
-    pub fn clip([x, y, width, height]: [f64; 4]) -> Element {
-        let [x, y, width, height] = [x, y, width, height].map(px);
+    pub fn clip([x, y, width, height]: [f64; 4]) -> SvgElement {
+        let [x, y, width, height] = [x, y, width, height].map(format_px);
         let view = format!("{x} {y} {width} {height}");
-        let clip = Element::new("svg").with_attribute("x", x).with_attribute("y", y);
+        let clip = SvgElement::new("svg").with_attribute("x", x).with_attribute("y", y);
         clip.with_attribute("width", width)
             .with_attribute("height", height)
             .with_attribute("viewBox", view)
     }
 
     /// Creates a rectangle: left, top, width, height, px.
-    pub fn rect([x, y, width, height]: [f64; 4]) -> Element {
-        let rect = Element::new("rect").with_attribute("x", px(x)).with_attribute("y", px(y));
-        rect.with_attribute("width", px(width)).with_attribute("height", px(height))
+    pub fn rect([x, y, width, height]: [f64; 4]) -> SvgElement {
+        let rect = SvgElement::new("rect")
+            .with_attribute("x", format_px(x))
+            .with_attribute("y", format_px(y));
+        rect.with_attribute("width", format_px(width)).with_attribute("height", format_px(height))
     }
 
     /// Creates a circle.
-    pub fn circle((x, y): CanvasPoint, radius: f64) -> Element {
-        Element::new("circle")
-            .with_attribute("cx", px(x))
-            .with_attribute("cy", px(y))
-            .with_attribute("r", px(radius))
+    pub fn circle((x, y): CanvasPoint, radius: f64) -> SvgElement {
+        SvgElement::new("circle")
+            .with_attribute("cx", format_px(x))
+            .with_attribute("cy", format_px(y))
+            .with_attribute("r", format_px(radius))
     }
 
     /// Creates a path from path data; see [`path_data`].
-    pub fn path(steps: &str) -> Element {
-        Element::new("path").with_attribute("d", steps)
+    pub fn path(steps: &str) -> SvgElement {
+        SvgElement::new("path").with_attribute("d", steps)
     }
 
     /// Creates a text on this base line.
-    pub fn text(words: &str, (x, y): CanvasPoint, anchor: Anchor) -> Element {
-        let text = Element::new("text").with_attribute("x", px(x)).with_attribute("y", px(y));
+    pub fn text(words: &str, (x, y): CanvasPoint, anchor: Anchor) -> SvgElement {
+        let text = SvgElement::new("text")
+            .with_attribute("x", format_px(x))
+            .with_attribute("y", format_px(y));
         let text = match anchor {
             Anchor::Start => text,
             Anchor::Middle => text.with_attribute("text-anchor", "middle"),
@@ -81,20 +85,24 @@ impl Element {
     }
 
     /// Returns the element with this attribute.
-    pub fn with_attribute(mut self, attribute: &str, value: impl Display) -> Element {
+    pub fn with_attribute(mut self, attribute: &str, value: impl Display) -> SvgElement {
         // Writing to a string cannot fail.
-        let _ = write!(self.attributes, " {attribute}=\"{}\"", escaped(&value.to_string()));
+        let _ = write!(self.attributes, " {attribute}=\"{}\"", escape_markup(&value.to_string()));
         self
     }
 
     /// Returns the element with this fill.
-    pub fn filled(self, color: Color, opacity: f64) -> Element {
+    pub fn with_fill(self, color: Color, opacity: f64) -> SvgElement {
         let filled = self.with_attribute("fill", color);
-        if opacity < 1.0 { filled.with_attribute("fill-opacity", number(opacity)) } else { filled }
+        if opacity < 1.0 {
+            filled.with_attribute("fill-opacity", round_opacity(opacity))
+        } else {
+            filled
+        }
     }
 
     /// Returns the element with this stroke and without fill.
-    pub fn stroked(self, line: Line) -> Element {
+    pub fn with_stroke(self, line: LineStyle) -> SvgElement {
         let stroked = self.with_attribute("fill", "none").with_attribute("stroke", line.color);
         let stroked = stroked.with_attribute("stroke-width", line.width);
         let stroked = match line.dash {
@@ -105,37 +113,37 @@ impl Element {
         };
         match line.opacity {
             1.0 => stroked,
-            opacity => stroked.with_attribute("stroke-opacity", number(opacity)),
+            opacity => stroked.with_attribute("stroke-opacity", round_opacity(opacity)),
         }
     }
 
     /// Returns the element with this text, escaped.
-    pub fn with_text(mut self, words: &str) -> Element {
-        self.content.push_str(&escaped(words));
+    pub fn with_text(mut self, words: &str) -> SvgElement {
+        self.content.push_str(&escape_markup(words));
         self
     }
 
     /// Returns the element with this child.
-    pub fn with_child(mut self, inner: Element) -> Element {
+    pub fn with_child(mut self, inner: SvgElement) -> SvgElement {
         self.push(inner);
         self
     }
 
     /// Appends a child.
-    pub fn push(&mut self, inner: Element) {
+    pub fn push(&mut self, inner: SvgElement) {
         let _ = write!(self.content, "\n{inner}");
     }
 }
 
-impl Extend<Element> for Element {
-    fn extend<T: IntoIterator<Item = Element>>(&mut self, inner: T) {
+impl Extend<SvgElement> for SvgElement {
+    fn extend<T: IntoIterator<Item = SvgElement>>(&mut self, inner: T) {
         inner.into_iter().for_each(|element| self.push(element));
     }
 }
 
-impl Display for Element {
+impl Display for SvgElement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Element { name, attributes, content } = self;
+        let SvgElement { name, attributes, content } = self;
         match content.as_str() {
             "" => write!(f, "<{name}{attributes}/>"),
             content => write!(f, "<{name}{attributes}>{content}</{name}>"),
@@ -148,18 +156,18 @@ pub fn path_data(points: impl IntoIterator<Item = CanvasPoint>) -> String {
     let mut steps = String::new();
     for (x, y) in points {
         let step = if steps.is_empty() { 'M' } else { 'L' };
-        let _ = write!(steps, "{step}{} {}", px(x), px(y));
+        let _ = write!(steps, "{step}{} {}", format_px(x), format_px(y));
     }
     steps
 }
 
 /// Formats a length, px, rounded to a tenth.
-pub fn px(length: f64) -> String {
+pub fn format_px(length: f64) -> String {
     let text = format!("{length:.1}");
     text.strip_suffix(".0").unwrap_or(&text).to_owned()
 }
 
 /// Rounds an opacity to a thousandth.
-fn number(share: f64) -> f64 {
+fn round_opacity(share: f64) -> f64 {
     (share * 1e3).round() / 1e3
 }

@@ -5,11 +5,11 @@ use std::convert::Infallible;
 use experiment::scenario::Scenario;
 use protocol::message::{TruthHeader, TruthRow};
 
-use formation::seconds;
+use formation::ns_to_seconds;
 
 use crate::columns::Table as _;
-use crate::metrics::CurrentErrors;
-use crate::results::tables::{EventLine, SampleLine, Samples};
+use crate::metrics::CurrentMetrics;
+use crate::results::tables::{EventLine, SampleLine, SampleSelector};
 
 pub use InMemoryError as RunDirError;
 pub use InMemoryRun as RunDir;
@@ -19,7 +19,7 @@ pub type InMemoryError = Infallible;
 
 /// Tables of one run.
 pub struct InMemoryRun {
-    tables: Samples,
+    tables: SampleSelector,
     samples: String,
     /// Events up to now.
     pub recorded_events: Vec<EventLine>,
@@ -29,7 +29,7 @@ impl InMemoryRun {
     /// Creates the tables before the first sample.
     pub fn new(scenario: &Scenario) -> InMemoryRun {
         let samples = SampleLine::header();
-        InMemoryRun { tables: Samples::new(scenario), samples, recorded_events: Vec::new() }
+        InMemoryRun { tables: SampleSelector::new(scenario), samples, recorded_events: Vec::new() }
     }
 
     /// Stores a sample. The last sample of a run is always written. `measured` are the metrics at this sample.
@@ -38,21 +38,26 @@ impl InMemoryRun {
         header: &TruthHeader,
         rows: &[TruthRow],
         alive: &[bool],
-        measured: CurrentErrors<'_>,
+        measured: CurrentMetrics<'_>,
     ) -> Result<(), InMemoryError> {
-        if self.tables.store(header, rows, alive, measured) {
+        if self.tables.store_sample(header, rows, alive, measured) {
             self.write_newest();
         }
         Ok(())
     }
 
     fn write_newest(&mut self) {
-        self.samples.extend(self.tables.take_newest().map(|sample| sample.text));
+        self.samples.extend(self.tables.take_newest_sample().map(|sample| sample.text));
+    }
+
+    /// Adds the message that a robot's law sent with the answer to its sample of run time `t_ns`, ns.
+    pub fn add_law_message(&mut self, robot: usize, t_ns: u64, message: &[u8]) {
+        self.tables.add_law_message(robot, t_ns, message);
     }
 
     /// Stores an event at this run time, ns.
     pub fn write_event(&mut self, t_ns: u64, event: EventLine) -> Result<(), InMemoryError> {
-        self.recorded_events.push(EventLine { t_s: seconds(t_ns), ..event });
+        self.recorded_events.push(EventLine { t_s: ns_to_seconds(t_ns), ..event });
         Ok(())
     }
 
@@ -64,7 +69,7 @@ impl InMemoryRun {
 
     /// Returns `events.csv` up to now.
     pub fn events(&self) -> String {
-        let lines = self.recorded_events.iter().map(EventLine::text);
+        let lines = self.recorded_events.iter().map(EventLine::to_csv_line);
         EventLine::header() + &lines.collect::<String>()
     }
 }

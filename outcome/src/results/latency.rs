@@ -4,11 +4,12 @@
 //! No value is trimmed. A wake-up that missed several deadlines counts for each of them with its own lateness
 //! (correction of coordinated omission, exact because the schedule is known).
 
+mod distribution;
 mod over_time;
 
+use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
 
-use hdrhistogram::Histogram;
 use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriterBuilder, Tag};
 use protocol::age::AgeSums;
@@ -17,20 +18,19 @@ use protocol::message::{LatencyHeader, LatencyRow};
 use protocol::stage::Stage;
 
 use crate::metrics::summary::{InformationAge, LatencyInterval, StageLatency};
+use distribution::ValueDistribution;
 use experiment::scenario::Scenario;
 use over_time::LatencyIntervals;
 
-/// Number of significant digits of the histograms.
-const HISTOGRAM_DIGITS: u8 = 3;
 /// Maximum plausible value, ns. A larger one counts as lost.
-const VALUE_NS_MAX: u64 = 3_600_000_000_000;
+const LATENCY_NS_MAX: u64 = 3_600_000_000_000;
 
 /// Latencies and ages that the processes of a run measured.
 #[derive(Debug, Clone, Default)]
-pub struct Latency {
+pub struct LatencyCollector {
     robots: Vec<String>,
     /// Plant, robots in scenario order, control timer.
-    processes: Vec<Process>,
+    processes: Vec<ProcessLatency>,
     rows_lost: u64,
     intervals: LatencyIntervals,
 }
@@ -40,21 +40,21 @@ const ALL_ROBOTS: &str = "all robots";
 
 /// Measurements of one process over all its incarnations.
 #[derive(Debug, Clone)]
-struct Process {
+struct ProcessLatency {
     /// Period of the process's timer, ns.
-    wake_every_ns: u64,
+    wake_period_ns: u64,
     /// Distributions by stage, and by the robot that a value is about, counted from 1; 0 for no robot.
-    spreads: Vec<Vec<Option<Spread>>>,
+    distributions: Vec<BTreeMap<usize, ValueDistribution>>,
     /// Sums of the age of information, by the sending robot, counted from 1.
-    ages: Vec<AgeSums>,
+    ages: BTreeMap<usize, AgeSums>,
     incarnation: u64,
     next_row: u64,
     samples_lost: u64,
 }
 
-impl Process {
+impl ProcessLatency {
     /// Registers a batch of `rows` rows. Returns the number of rows that were lost before it.
-    fn rows_missing(&mut self, header: &LatencyHeader, rows: usize) -> u64 {
+    fn register_batch(&mut self, header: &LatencyHeader, rows: usize) -> u64 {
         if header.incarnation != self.incarnation {
             self.incarnation = header.incarnation;
             self.next_row = 0;
@@ -65,79 +65,51 @@ impl Process {
     }
 }
 
-/// Distribution of the values of one stage and robot or edge.
-#[derive(Debug, Clone)]
-struct Spread {
-    histogram: Histogram<u64>,
-    min_ns: u64,
-    max_ns: u64,
-    sum_ns: u128,
-    /// Values of the current interval of run time, ns.
-    recent_ns: Vec<u64>,
-}
-
-impl Spread {
-    fn new() -> Spread {
-        let histogram = Histogram::new(HISTOGRAM_DIGITS).expect("a valid number of digits");
-        Spread { histogram, min_ns: u64::MAX, max_ns: 0, sum_ns: 0, recent_ns: Vec::new() }
-    }
-
-    fn add(&mut self, value_ns: u64) {
-        self.histogram.record(value_ns).expect("the histogram grows as needed");
-        self.min_ns = self.min_ns.min(value_ns);
-        self.max_ns = self.max_ns.max(value_ns);
-        self.sum_ns += u128::from(value_ns);
-        self.recent_ns.push(value_ns);
-    }
-
-    /// Returns a quantile with the precision of the histogram, clamped to the smallest and largest value.
-    fn quantile_ns(&self, quantile: f64) -> u64 {
-        self.histogram.value_at_quantile(quantile).clamp(self.min_ns, self.max_ns)
-    }
-}
-
-fn stage_line((stage, robot, from, spread): (Stage, &str, Option<&str>, &Spread)) -> StageLatency {
-    let count = spread.histogram.len();
+fn to_stage_latency(
+    (stage, robot, from, spread): (Stage, &str, Option<&str>, &ValueDistribution),
+) -> StageLatency {
+    let (histogram, count) = (spread.histogram(), spread.count);
+    let quantile_ns = |quantile| spread.quantile_ns(&histogram, quantile);
     StageLatency {
         stage: stage.keyword().into(),
         robot: robot.into(),
         from: from.map(str::to_owned),
         count,
         min_ns: spread.min_ns,
-        p50_ns: spread.quantile_ns(0.5),
-        p90_ns: spread.quantile_ns(0.9),
-        p99_ns: spread.quantile_ns(0.99),
-        p99_9_ns: spread.quantile_ns(0.999),
-        p99_99_ns: spread.quantile_ns(0.9999),
+        p50_ns: quantile_ns(0.5),
+        p90_ns: quantile_ns(0.9),
+        p99_ns: quantile_ns(0.99),
+        p99_9_ns: quantile_ns(0.999),
+        p99_99_ns: quantile_ns(0.9999),
         max_ns: spread.max_ns,
         mean_ns: spread.sum_ns as f64 / count as f64,
     }
 }
 
-impl Latency {
+impl LatencyCollector {
     /// Creates the collection before the first measurement.
-    pub fn new(scenario: &Scenario, pace: Pace) -> Latency {
+    pub fn new(scenario: &Scenario, pace: Pace) -> LatencyCollector {
         let robots: Vec<String> = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
-        let process = |process| Process {
-            wake_every_ns: match (pace, process) {
+        let process = |process| ProcessLatency {
+            wake_period_ns: match (pace, process) {
                 (Pace::Lockstep, _) => u64::MAX, // no timer in lockstep
                 (Pace::Realtime, 0) => scenario.realtime.plant_tick_ns,
                 (Pace::Realtime, _) => scenario.period_ns,
             },
-            spreads: Stage::ALL.map(|_| vec![None; robots.len() + 1]).into(),
-            ages: vec![AgeSums::default(); robots.len() + 1],
+            distributions: Stage::ALL.map(|_| BTreeMap::new()).into(),
+            ages: BTreeMap::new(),
             incarnation: 0,
             next_row: 0,
             samples_lost: 0,
         };
         let processes = (0..robots.len() + 2).map(process).collect();
         let intervals = LatencyIntervals::new(scenario.duration_ns);
-        Latency { robots, processes, rows_lost: 0, intervals }
+        LatencyCollector { robots, processes, rows_lost: 0, intervals }
     }
 
     /// Sets the run time, ns, at which the following batches reached the supervisor.
     pub fn set_time(&mut self, t_ns: u64) {
-        if let Some(middle_s) = self.intervals.begin(t_ns) {
+        if let Some(middle_s) = self.intervals.set_time(t_ns) {
             self.close_interval(middle_s);
         }
     }
@@ -147,46 +119,52 @@ impl Latency {
         let name = |place| process_name(&self.robots, place);
         for stage in Stage::ALL {
             for (place, process) in self.processes.iter_mut().enumerate() {
-                for (about, spread) in process.spreads[stage as usize].iter_mut().enumerate() {
-                    let Some(spread) = spread else { continue };
+                for (&about, spread) in &mut process.distributions[stage as usize] {
                     let (robot, from) = owner_and_sender(stage, place, about);
                     let (robot, from) = (name(robot), from.map(&name));
-                    self.intervals.add(middle_s, stage, robot, from, &mut spread.recent_ns);
+                    self.intervals.add_distribution(
+                        middle_s,
+                        stage,
+                        robot,
+                        from,
+                        spread.take_recent_values_ns(),
+                    );
                 }
             }
         }
     }
 
     /// Returns the lines of `latency_over_time.csv`.
-    pub fn over_time(&mut self) -> Vec<LatencyInterval> {
-        self.close_interval(self.intervals.end());
-        self.intervals.closed.clone()
+    pub fn intervals_over_time(&mut self) -> Vec<LatencyInterval> {
+        self.close_interval(self.intervals.current_middle_s());
+        self.intervals.closed_intervals.clone()
     }
 
     /// Adds a batch of measurements of a process: 0 is the plant, robots count from 1, the control timer is the
     /// last.
     pub fn add_batch(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
-        let process = &mut self.processes[process];
-        self.rows_lost += process.rows_missing(header, rows.len());
+        let (process, robots) = (&mut self.processes[process], self.robots.len());
+        self.rows_lost += process.register_batch(header, rows.len());
         process.samples_lost = process.samples_lost.max(header.samples_lost);
         for row in rows {
-            if process.ages.get_mut(row.from as usize).is_some_and(|age| age.add(row)) {
+            let about = row.from as usize;
+            if about <= robots && AgeSums::is_carried_by(row) {
+                process.ages.entry(about).or_default().add_row(row);
                 continue;
             }
             let stage = Stage::from_number(row.stage);
-            let spreads = stage.and_then(|stage| process.spreads.get_mut(stage as usize));
-            let spread = spreads.and_then(|spreads| spreads.get_mut(row.from as usize));
-            let (Some(spread), true) = (spread, row.value_ns <= VALUE_NS_MAX) else {
+            let is_valid = about <= robots && row.value_ns <= LATENCY_NS_MAX;
+            let Some(stage) = stage.filter(|_| is_valid) else {
                 self.rows_lost += 1;
                 continue;
             };
-            let spread = spread.get_or_insert_with(Spread::new);
+            let spread = process.distributions[stage as usize].entry(about).or_default();
             spread.add(row.value_ns);
-            if matches!(stage, Some(Stage::Wake | Stage::Machine)) {
-                let mut later_ns = row.value_ns.checked_sub(process.wake_every_ns);
+            if matches!(stage, Stage::Wake | Stage::Machine) {
+                let mut later_ns = row.value_ns.checked_sub(process.wake_period_ns);
                 while let Some(value_ns) = later_ns {
                     spread.add(value_ns);
-                    later_ns = value_ns.checked_sub(process.wake_every_ns);
+                    later_ns = value_ns.checked_sub(process.wake_period_ns);
                 }
             }
         }
@@ -194,7 +172,7 @@ impl Latency {
 
     /// Skips a batch that was measured before the run began.
     pub fn skip_batch(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
-        self.processes[process].rows_missing(header, rows.len());
+        self.processes[process].register_batch(header, rows.len());
     }
 
     /// Returns the number of measured values that did not arrive or were invalid.
@@ -208,18 +186,17 @@ impl Latency {
     }
 
     /// Iterates over all distributions by stage, then by process: the plant, then the robots in scenario order.
-    fn spreads(&self) -> impl Iterator<Item = (Stage, &str, Option<&str>, &Spread)> {
+    fn distributions(
+        &self,
+    ) -> impl Iterator<Item = (Stage, &str, Option<&str>, &ValueDistribution)> {
         let of_process = move |stage: Stage, place: usize| {
-            let spreads = self.processes[place].spreads[stage as usize].iter().enumerate();
-            spreads.filter_map(move |(about, spread)| {
-                let (robot, from) = owner_and_sender(stage, place, about);
-                Some((
-                    stage,
-                    process_name(&self.robots, robot),
-                    from.map(|from| process_name(&self.robots, from)),
-                    spread.as_ref()?,
-                ))
-            })
+            self.processes[place].distributions[stage as usize].iter().map(
+                move |(&about, spread)| {
+                    let (robot, from) = owner_and_sender(stage, place, about);
+                    let name = |place| process_name(&self.robots, place);
+                    (stage, name(robot), from.map(name), spread)
+                },
+            )
         };
         Stage::ALL.into_iter().flat_map(move |stage| {
             (0..self.processes.len()).flat_map(move |place| of_process(stage, place))
@@ -227,35 +204,28 @@ impl Latency {
     }
 
     /// Returns the lines of `latency.csv`.
-    pub fn stages(&self) -> Vec<StageLatency> {
-        self.spreads().map(stage_line).collect()
+    pub fn stage_latencies(&self) -> Vec<StageLatency> {
+        self.distributions().map(to_stage_latency).collect()
     }
 
     /// Returns the wake-up latency of all robots as one line; `None` without values.
-    pub fn wake_of_all(&self) -> Option<StageLatency> {
+    pub fn wake_latency_of_all_robots(&self) -> Option<StageLatency> {
         let of_robots = 1..=self.robots.len();
-        let mut all = Spread::new();
-        for spread in of_robots.filter_map(|place| {
-            self.processes[place].spreads[Stage::Wake as usize].first()?.as_ref()
-        }) {
-            all.histogram.add(&spread.histogram).expect("of the same kind, and growing as needed");
-            all.min_ns = all.min_ns.min(spread.min_ns);
-            all.max_ns = all.max_ns.max(spread.max_ns);
-            all.sum_ns += spread.sum_ns;
-        }
-        (!all.histogram.is_empty()).then(|| stage_line((Stage::Wake, ALL_ROBOTS, None, &all)))
+        let mut all = ValueDistribution::default();
+        let own = |place: usize| self.processes[place].distributions[Stage::Wake as usize].get(&0);
+        of_robots.filter_map(own).for_each(|spread| all.merge(spread));
+        (all.count > 0).then(|| to_stage_latency((Stage::Wake, ALL_ROBOTS, None, &all)))
     }
 
     /// Returns the age of information of every edge over which a beacon was received.
     pub fn information_ages(&self) -> Vec<InformationAge> {
         let of = |place: usize| {
-            let ages = self.processes[place].ages.iter().enumerate();
-            ages.filter_map(move |(from, sums)| {
+            self.processes[place].ages.iter().filter_map(move |(&from, sums)| {
                 Some(InformationAge {
                     robot: process_name(&self.robots, place).to_owned(),
                     from: process_name(&self.robots, from).to_owned(),
-                    heard: sums.heard,
-                    over_ns: sums.over_ns,
+                    heard: sums.sample_count,
+                    over_ns: sums.duration_ns,
                     mean_ns: sums.mean_ns()?,
                     peak_ns: sums.peak_ns,
                 })
@@ -268,18 +238,18 @@ impl Latency {
     /// quantiles only for these.
     pub fn worst_stage_latencies(&self) -> Vec<StageLatency> {
         let mut latest = Stage::ALL.map(|_| None);
-        for (stage, robot, from, spread) in self.spreads() {
-            let known: &mut Option<(_, _, _, &Spread)> = &mut latest[stage as usize];
+        for (stage, robot, from, spread) in self.distributions() {
+            let known: &mut Option<(_, _, _, &ValueDistribution)> = &mut latest[stage as usize];
             if known.is_none_or(|(.., known)| known.max_ns < spread.max_ns) {
                 *known = Some((stage, robot, from, spread));
             }
         }
-        latest.into_iter().flatten().map(stage_line).collect()
+        latest.into_iter().flatten().map(to_stage_latency).collect()
     }
 
     /// Returns `latency.hlog` in the log format of HdrHistogram: one interval, the run, for each tag `stage:robot`
     /// or `stage:from->to`. Values are in ns, the column of maxima is in ms.
-    pub fn hlog(&self, began: SystemTime, lasted: Duration) -> Vec<u8> {
+    pub fn encode_hlog(&self, began: SystemTime, lasted: Duration) -> Vec<u8> {
         let mut log = Vec::new();
         let mut serializer = V2DeflateSerializer::new();
         let mut writer = IntervalLogWriterBuilder::new()
@@ -289,13 +259,13 @@ impl Latency {
             .with_max_value_divisor(1e6)
             .begin_log_with(&mut log, &mut serializer)
             .expect("memory takes everything");
-        for (stage, robot, from, spread) in self.spreads() {
+        for (stage, robot, from, spread) in self.distributions() {
             let edge = from.map_or(robot.to_owned(), |from| format!("{from}->{robot}"));
             // A tag may contain neither commas nor white space.
             let banned = |c: char| c == ',' || c.is_whitespace();
             let tag = format!("{}:{edge}", stage.keyword()).replace(banned, "_");
             writer
-                .write_histogram(&spread.histogram, Duration::ZERO, lasted, Tag::new(&tag))
+                .write_histogram(&spread.histogram(), Duration::ZERO, lasted, Tag::new(&tag))
                 .expect("memory takes everything");
         }
         log
@@ -325,9 +295,9 @@ mod tests {
     use super::*;
     use experiment::examples::row_of_three;
     use proptest::prelude::*;
-    use protocol::latency::Recorder;
+    use protocol::latency::LatencyRecorder;
 
-    const MS: u64 = 1_000_000;
+    const NS_PER_MS: u64 = 1_000_000;
 
     fn row(stage: Stage, from: u32, value_ns: u64) -> LatencyRow {
         LatencyRow { stage: stage as u32, from, value_ns }
@@ -335,13 +305,18 @@ mod tests {
 
     #[test]
     fn edge_information_age_is_aggregated_over_all_incarnations() {
-        let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
+        let mut latency = LatencyCollector::new(&row_of_three(), Pace::Lockstep);
         for (incarnation, area_s2, peak_ns) in [(0, 1.0, 7), (1, 2.0, 5)] {
             let header = LatencyHeader { incarnation, ..LatencyHeader::default() };
-            let sums = AgeSums { heard: 3, over_ns: 1_000_000_000, area_s2, peak_ns };
-            latency.add_batch(2, &header, &sums.rows(1));
+            let sums = AgeSums {
+                sample_count: 3,
+                duration_ns: 1_000_000_000,
+                integral_s2: area_s2,
+                peak_ns,
+            };
+            latency.add_batch(2, &header, &sums.to_rows(1));
         }
-        assert_eq!((latency.stages(), latency.rows_lost()), (Vec::new(), 0));
+        assert_eq!((latency.stage_latencies(), latency.rows_lost()), (Vec::new(), 0));
         let [age] = &latency.information_ages()[..] else { panic!("one edge") };
         assert_eq!((age.robot.as_str(), age.from.as_str(), age.heard), ("r2", "r1", 6));
         assert_eq!((age.over_ns, age.mean_ns, age.peak_ns), (2_000_000_000, 1.5e9, 7));
@@ -349,20 +324,20 @@ mod tests {
 
     #[test]
     fn invalid_values_are_counted_and_omitted() {
-        let mut latency = Latency::new(&row_of_three(), Pace::Realtime);
+        let mut latency = LatencyCollector::new(&row_of_three(), Pace::Realtime);
         let mut unknown = row(Stage::Wake, 0, 1);
         unknown.stage = 99;
         let rows = [unknown, row(Stage::Wake, 4, 1), row(Stage::Wake, 0, u64::MAX)];
         latency.add_batch(0, &LatencyHeader::default(), &rows);
-        assert_eq!((latency.rows_lost(), latency.stages()), (3, Vec::new()));
+        assert_eq!((latency.rows_lost(), latency.stage_latencies()), (3, Vec::new()));
     }
 
     #[test]
     fn each_interval_has_median_and_maximum_unless_it_is_silent() {
-        let mut latency = Latency::new(&row_of_three(), Pace::Lockstep); // 20 s
+        let mut latency = LatencyCollector::new(&row_of_three(), Pace::Lockstep); // 20 s
         let mut taken = |t_ms: u64, robot, values_ms: &[u64]| {
-            latency.set_time(t_ms * MS);
-            let row = |value_ms: &u64| row(Stage::BeaconAge, 1, value_ms * MS);
+            latency.set_time(t_ms * NS_PER_MS);
+            let row = |value_ms: &u64| row(Stage::BeaconAge, 1, value_ms * NS_PER_MS);
             let rows: Vec<LatencyRow> = values_ms.iter().map(row).collect();
             latency.add_batch(robot, &LatencyHeader::default(), &rows);
         };
@@ -371,12 +346,12 @@ mod tests {
         taken(900, 3, &[5]);
         taken(7_000, 2, &[1]);
         taken(20_000, 2, &[8]);
-        let lines = latency.over_time();
+        let lines = latency.intervals_over_time();
         let seen: Vec<_> = lines
             .iter()
             .map(|line| (line.t_s, line.robot.as_str(), line.count, line.p50_ns, line.max_ns))
             .collect();
-        let ms = |p50: u64, max: u64| (p50 * MS, max * MS);
+        let ms = |p50: u64, max: u64| (p50 * NS_PER_MS, max * NS_PER_MS);
         let expected = [
             (0.5, "r2", 4, ms(3, 9)),
             (0.5, "r3", 1, ms(5, 5)),
@@ -391,13 +366,13 @@ mod tests {
         /// For any batch sizes, the histogram is that of all values.
         #[test]
         fn batches_add_up_to_all_measurements(
-            values_ns in proptest::collection::vec(0..2 * VALUE_NS_MAX / 3, 1..400),
+            values_ns in proptest::collection::vec(0..2 * LATENCY_NS_MAX / 3, 1..400),
             send_at in proptest::collection::vec(any::<bool>(), 400),
             room in 1..500_usize,
         ) {
-            let mut recorder = Recorder::new(0, room);
-            let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
-            let mut direct = Spread::new();
+            let mut recorder = LatencyRecorder::new(0, room);
+            let mut latency = LatencyCollector::new(&row_of_three(), Pace::Lockstep);
+            let mut direct = ValueDistribution::default();
             let mut kept = 0;
             for (&value_ns, send) in values_ns.iter().zip(send_at) {
                 if kept < room {
@@ -408,22 +383,20 @@ mod tests {
                 if send {
                     let (header, rows) = recorder.batch();
                     latency.add_batch(3, &header, rows);
-                    recorder.clear(0);
+                    recorder.begin_next_batch(0);
                     kept = 0;
                 }
             }
             recorder.record(Stage::Compute, 0, 0); // so that the last batch has a successor
             let (header, rows) = recorder.batch();
             latency.add_batch(3, &header, rows);
-            recorder.clear(0);
+            recorder.begin_next_batch(0);
             latency.add_batch(3, &recorder.batch().0, &[]);
-            let found = latency.processes[3].spreads[Stage::Odometry as usize][0].as_ref().unwrap();
-            prop_assert_eq!(&found.histogram, &direct.histogram);
+            let of = |stage: Stage| latency.processes[3].distributions[stage as usize].get(&0);
+            let found = of(Stage::Odometry).unwrap();
+            prop_assert_eq!(found.histogram(), direct.histogram());
             prop_assert_eq!(found.sum_ns, direct.sum_ns);
-            let arrived = found.histogram.len()
-                + latency.processes[3].spreads[Stage::Compute as usize][0]
-                    .as_ref()
-                    .map_or(0, |spread| spread.histogram.len());
+            let arrived = found.count + of(Stage::Compute).map_or(0, |spread| spread.count);
             prop_assert_eq!(arrived + latency.rows_lost(), values_ns.len() as u64 + 1);
         }
     }

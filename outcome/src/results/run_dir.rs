@@ -8,7 +8,7 @@ use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use crate::recording::recorder::{FLUSH_EVERY, Recorder, RunDescription};
+use crate::recording::recorder::{FLUSH_INTERVAL, LawTopic, Recorder, RunDescription};
 use protocol::brief::Pace;
 use protocol::exit;
 use protocol::message::{TruthHeader, TruthRow};
@@ -16,56 +16,68 @@ use serde::Serialize;
 
 use crate::columns::Table;
 use crate::metrics::summary::{LatencyInterval, StageLatency, Summary};
-use crate::metrics::{CurrentErrors, PairDistance};
+use crate::metrics::{CurrentMetrics, PairDistance};
 use crate::results::files::date;
-use crate::results::files::host_dir::{HostDir, SCENARIO, write_error};
+use crate::results::files::host_dir::{HostDir, SCENARIO_FILE, write_error};
 use crate::results::files::manifest::Manifest;
-use crate::results::files::reserved::Reserved;
-use crate::results::latency::Latency;
+use crate::results::files::reserved::ReservedFile;
+use crate::results::latency::LatencyCollector;
 use crate::results::summary::to_json;
-use crate::results::tables::{self, DueSample, EventLine, SampleLine, Samples, SignalLine};
+use crate::results::tables::{
+    self, DueSample, EventLine, MessageLine, RecordedMessage, SampleLine, SampleSelector,
+    SignalLine,
+};
 use experiment::scenario::Scenario;
+use formation::ns_to_seconds;
 use formation::obstacle::Obstacle;
-use formation::seconds;
 
 pub use crate::results::files::host_dir::RunDirError;
 
 /// Default directory of runs without `--out`.
-pub const RUNS: &str = "runs";
+pub const RUNS_DIR: &str = "runs";
 /// Name of the file about what was run, where and how.
-pub const MANIFEST: &str = "manifest.json";
+pub const MANIFEST_FILE: &str = "manifest.json";
 /// Name of the file with the results.
-pub const SUMMARY: &str = "summary.json";
+pub const SUMMARY_FILE: &str = "summary.json";
 /// Name of the table of robot states over time.
-pub const SAMPLES: &str = SampleLine::FILE;
+pub const SAMPLES_FILE: &str = SampleLine::FILE;
 /// Name of the table of the smallest distance of each pair.
-pub const PAIRS: &str = PairDistance::FILE;
+pub const PAIRS_FILE: &str = PairDistance::FILE;
 /// Name of the table of events.
-pub const EVENTS: &str = EventLine::FILE;
+pub const EVENTS_FILE: &str = EventLine::FILE;
 /// Name of the table of the laws' signals.
-pub const SIGNALS: &str = SignalLine::FILE;
+pub const SIGNALS_FILE: &str = SignalLine::FILE;
+/// Name of the table of the laws' messages.
+pub const MESSAGES_FILE: &str = MessageLine::FILE;
+/// Names of the tables that are equal in runs with the same trajectory.
+pub const REPRODUCIBLE_TABLES: [&str; 5] =
+    [SAMPLES_FILE, PAIRS_FILE, EVENTS_FILE, SIGNALS_FILE, MESSAGES_FILE];
+/// Names of those tables that only some runs have: those of the values that control laws record or send.
+pub const OPTIONAL_TABLES: [&str; 2] = [SIGNALS_FILE, MESSAGES_FILE];
 /// Name of the recording.
-pub const RECORDING: &str = "run.mcap";
+pub const RECORDING_FILE: &str = "run.mcap";
 
 /// Directory of a run on the plant's host, which also holds the results.
 pub struct RunDir {
-    host: HostDir,
-    newest_samples: Samples,
+    host_dir: HostDir,
+    newest_samples: SampleSelector,
     walls: Vec<Obstacle>,
-    samples: Log,
+    samples: AppendedFile,
     /// Time of the last flush of the samples.
-    samples_flushed: Instant,
-    events: Log,
+    last_samples_flush: Instant,
+    events: AppendedFile,
     /// Table of the laws' signals; `None` if no law records any.
-    signals: Option<Log>,
+    signals: Option<AppendedFile>,
+    /// Table of the laws' messages; `None` if they are not recorded.
+    messages: Option<AppendedFile>,
     /// Recording; `None` before it is created, and after a write error.
     recording: Option<Recorder>,
     /// Allocated summary file; `None` after it is written.
-    summary: Option<Reserved>,
+    reserved_summary: Option<ReservedFile>,
 }
 
 /// A file that is appended to, with its path for errors.
-struct Log {
+struct AppendedFile {
     path: PathBuf,
     file: BufWriter<File>,
 }
@@ -74,21 +86,29 @@ impl Deref for RunDir {
     type Target = HostDir;
 
     fn deref(&self) -> &HostDir {
-        &self.host
+        &self.host_dir
     }
 }
 
-impl Log {
+impl AppendedFile {
     /// Creates the file of a table in a directory.
-    fn create<L: Table>(directory: &Path) -> Result<Log, RunDirError> {
+    fn create<L: Table>(directory: &Path) -> Result<AppendedFile, RunDirError> {
         let path = directory.join(L::FILE);
         let file = File::create_new(&path).map_err(write_error(&path))?;
-        let mut log = Log { path, file: BufWriter::new(file) };
-        log.text(&L::header())?;
+        let mut log = AppendedFile { path, file: BufWriter::new(file) };
+        log.append_text(&L::header())?;
         Ok(log)
     }
 
-    fn text(&mut self, text: &str) -> Result<(), RunDirError> {
+    /// Creates the file of a table that the run has only if `exists`.
+    fn create_if<L: Table>(
+        exists: bool,
+        directory: &Path,
+    ) -> Result<Option<AppendedFile>, RunDirError> {
+        exists.then(|| AppendedFile::create::<L>(directory)).transpose()
+    }
+
+    fn append_text(&mut self, text: &str) -> Result<(), RunDirError> {
         self.file.write_all(text.as_bytes()).map_err(write_error(&self.path))
     }
 
@@ -101,21 +121,22 @@ impl RunDir {
     /// Creates the directory, which must not exist.
     pub fn create(path: &Path, scenario: &Scenario) -> Result<RunDir, RunDirError> {
         let host = HostDir::create(path)?;
-        let summary = path.join(SUMMARY);
+        let summary = path.join(SUMMARY_FILE);
         Ok(RunDir {
-            host,
-            newest_samples: Samples::new(scenario),
+            host_dir: host,
+            newest_samples: SampleSelector::new(scenario),
             walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
-            samples: Log::create::<SampleLine>(path)?,
-            samples_flushed: Instant::now(),
-            events: Log::create::<EventLine>(path)?,
-            signals: match scenario.has_signals() {
-                true => Some(Log::create::<SignalLine>(path)?),
-                false => None,
-            },
+            samples: AppendedFile::create::<SampleLine>(path)?,
+            last_samples_flush: Instant::now(),
+            events: AppendedFile::create::<EventLine>(path)?,
+            signals: AppendedFile::create_if::<SignalLine>(scenario.has_signals(), path)?,
+            messages: AppendedFile::create_if::<MessageLine>(
+                scenario.has_recorded_messages(),
+                path,
+            )?,
             recording: None,
-            summary: Some(
-                Reserved::create(&summary, summary_bytes(scenario))
+            reserved_summary: Some(
+                ReservedFile::create(&summary, summary_bytes(scenario))
                     .map_err(write_error(&summary))?,
             ),
         })
@@ -123,14 +144,14 @@ impl RunDir {
 
     /// Writes the effective scenario and the manifest, and creates the recording. Without `is_recorded`, there is
     /// no recording, and only the first and the last sample are written.
-    pub fn begin(
+    pub fn write_initial_files(
         &mut self,
         scenario: &str,
         manifest: &Manifest,
         is_recorded: bool,
     ) -> Result<(), RunDirError> {
         self.write_scenario(scenario)?;
-        self.write(MANIFEST, to_json(manifest))?;
+        self.write_file(MANIFEST_FILE, to_json(manifest))?;
         if is_recorded {
             return self.begin_recording(scenario, manifest);
         }
@@ -140,7 +161,7 @@ impl RunDir {
 
     /// Creates the recording with the effective scenario and, in real time, the manifest.
     fn begin_recording(&mut self, scenario: &str, manifest: &Manifest) -> Result<(), RunDirError> {
-        let path = self.path().join(RECORDING);
+        let path = self.path().join(RECORDING_FILE);
         let run = self.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
         let (seed, reproducible) = (manifest.seed.to_string(), manifest.pace == Pace::Lockstep);
         let mut facts = BTreeMap::from([
@@ -151,7 +172,7 @@ impl RunDir {
             ("git_hash", manifest.build.git_hash.as_deref().unwrap_or("")),
         ]);
         let manifest_text = to_json(manifest);
-        let mut attachments = vec![(SCENARIO, "application/toml", scenario)];
+        let mut attachments = vec![(SCENARIO_FILE, "application/toml", scenario)];
         if !reproducible {
             facts.insert("run", &run);
             attachments.push(("manifest.json", "application/json", &manifest_text));
@@ -159,11 +180,14 @@ impl RunDir {
         let facts = facts.into_iter().map(|(key, value)| (key.to_owned(), value.to_owned()));
         let run = RunDescription {
             started_unix_ns: manifest.epoch_unix_ns,
-            reproducible,
+            is_reproducible: reproducible,
             robots: self.newest_samples.robots(),
-            with_signals: self.newest_samples.robots_with_signals(),
+            law_topics: [
+                (LawTopic::Signals, self.newest_samples.robots_with_signals()),
+                (LawTopic::Messages, self.newest_samples.robots_with_messages()),
+            ],
             walls: &self.walls,
-            facts: facts.collect(),
+            metadata: facts.collect(),
             attachments: &attachments,
         };
         self.recording = Some(Recorder::create(&path, &run).map_err(write_error(&path))?);
@@ -177,94 +201,110 @@ impl RunDir {
         header: &TruthHeader,
         rows: &[TruthRow],
         alive: &[bool],
-        measured: CurrentErrors<'_>,
+        measured: CurrentMetrics<'_>,
     ) -> Result<(), RunDirError> {
-        match self.newest_samples.store(header, rows, alive, measured) {
-            true => self.write_newest(),
+        match self.newest_samples.store_sample(header, rows, alive, measured) {
+            true => self.write_newest_sample(),
             false => Ok(()),
         }
     }
 
-    fn write_newest(&mut self) -> Result<(), RunDirError> {
-        let Some(sample) = self.newest_samples.take_newest() else { return Ok(()) };
-        self.samples.text(sample.text)?;
-        let DueSample { t_ns, lines, nearest, signals, .. } = sample;
+    /// Adds the message that a robot's law sent with the answer to its sample of run time `t_ns`, ns. Does nothing if
+    /// messages are not recorded.
+    pub fn add_law_message(&mut self, robot: usize, t_ns: u64, message: &[u8]) {
+        self.newest_samples.add_law_message(robot, t_ns, message);
+    }
+
+    fn write_newest_sample(&mut self) -> Result<(), RunDirError> {
+        let Some(sample) = self.newest_samples.take_newest_sample() else { return Ok(()) };
+        self.samples.append_text(sample.text)?;
+        let DueSample { t_ns, lines, nearest_pair: nearest, signals, messages, .. } = sample;
         if let Some(log) = &mut self.signals {
-            log.text(&tables::signals(signals))?;
+            log.append_text(&tables::format_lines(signals))?;
         }
-        record(&mut self.recording, &self.host, |recording| {
+        if let Some(log) = &mut self.messages {
+            let lines: Vec<MessageLine> =
+                messages.iter().flat_map(RecordedMessage::lines).collect();
+            log.append_text(&tables::format_lines(&lines))?;
+        }
+        write_to_recording(&mut self.recording, &self.host_dir, |recording| {
             recording.record_sample(t_ns, lines, nearest)?;
-            recording.record_signals(t_ns, signals)
+            recording.record_signals(t_ns, signals)?;
+            recording.record_law_messages(t_ns, messages)
         })
     }
 
     fn write_last_truth(&mut self) -> Result<(), RunDirError> {
-        self.write_newest()?;
+        self.write_newest_sample()?;
         self.flush_tables()
     }
 
     fn flush_tables(&mut self) -> Result<(), RunDirError> {
         self.samples.flush()?;
-        self.signals.as_mut().map_or(Ok(()), Log::flush)
+        let of_laws = [&mut self.signals, &mut self.messages];
+        of_laws.into_iter().flatten().try_for_each(AppendedFile::flush)
     }
 
-    /// Flushes buffered data if the last flush was at least [`FLUSH_EVERY`] ago, so that a kill loses no more than
+    /// Flushes buffered data if the last flush was at least [`FLUSH_INTERVAL`] ago, so that a kill loses no more than
     /// that. Call it often.
     pub fn flush_if_due(&mut self, now: Instant) -> Result<(), RunDirError> {
-        if now.saturating_duration_since(self.samples_flushed) >= FLUSH_EVERY {
-            self.samples_flushed = now;
+        if now.saturating_duration_since(self.last_samples_flush) >= FLUSH_INTERVAL {
+            self.last_samples_flush = now;
             self.flush_tables()?;
         }
-        record(&mut self.recording, &self.host, |recording| recording.flush_if_due(now))
+        write_to_recording(&mut self.recording, &self.host_dir, |recording| {
+            recording.flush_if_due(now)
+        })
     }
 
     /// Writes an event at this run time, ns, and flushes `events.csv`.
     pub fn write_event(&mut self, t_ns: u64, event: EventLine) -> Result<(), RunDirError> {
-        let event = EventLine { t_s: seconds(t_ns), ..event };
-        self.events.text(&event.text())?;
+        let event = EventLine { t_s: ns_to_seconds(t_ns), ..event };
+        self.events.append_text(&event.to_csv_line())?;
         self.events.flush()?;
-        record(&mut self.recording, &self.host, |recording| recording.record_event(t_ns, &event))
+        write_to_recording(&mut self.recording, &self.host_dir, |recording| {
+            recording.record_event(t_ns, &event)
+        })
     }
 
-    /// Writes all remaining files and the summary, as far as there is disk space. Returns all errors; each names an
-    /// incomplete file. After an error the summary has the exit code of a failure.
+    /// Writes the summary, after all other files, of which these could not be written. Returns all errors; each names
+    /// an incomplete file. After an error the summary has the exit code of a failure.
     pub fn finish(
         &mut self,
         summary: &mut Summary,
-        pairs: &[PairDistance],
-        latency: &mut Latency,
+        mut unwritten: Vec<RunDirError>,
     ) -> Vec<RunDirError> {
-        let mut unwritten = self.write_rest(summary, pairs, latency);
         if !unwritten.is_empty() {
-            summary.exit = exit::INFRASTRUCTURE;
+            summary.exit = exit::INFRASTRUCTURE_FAILURE;
         }
         if let Some(Err(error)) =
-            self.summary.take().map(|reserved| reserved.fill(to_json(summary).as_bytes()))
+            self.reserved_summary.take().map(|reserved| reserved.fill(to_json(summary).as_bytes()))
         {
-            unwritten.push(write_error(&self.path().join(SUMMARY))(error));
-            summary.exit = exit::INFRASTRUCTURE;
+            unwritten.push(write_error(&self.path().join(SUMMARY_FILE))(error));
+            summary.exit = exit::INFRASTRUCTURE_FAILURE;
         }
         unwritten
     }
 
-    fn write_rest(
+    /// Writes all remaining files except for the summary, as far as there is disk space, of a run that lasted for this
+    /// wall time. Returns all errors; each names an incomplete file.
+    pub fn write_final_files(
         &mut self,
-        summary: &Summary,
         pairs: &[PairDistance],
-        latency: &mut Latency,
+        latency: &mut LatencyCollector,
+        lasted: Duration,
     ) -> Vec<RunDirError> {
-        let lasted = Duration::from_secs_f64(summary.wall.wall_s);
-        let hlog = latency.hlog(SystemTime::now() - lasted, lasted);
+        let hlog = latency.encode_hlog(SystemTime::now() - lasted, lasted);
         // Each file is written, even if one before it failed.
         [
             self.events.flush(),
             self.write_last_truth(),
-            self.write(PAIRS, tables::pairs(pairs)),
-            self.write(StageLatency::FILE, to_csv(&latency.stages())),
-            self.write(LatencyInterval::FILE, to_csv(&latency.over_time())),
-            self.write("latency.hlog", hlog),
+            self.write_file(PAIRS_FILE, tables::format_pairs(pairs)),
+            self.write_file(StageLatency::FILE, to_csv(&latency.stage_latencies())),
+            self.write_file(LatencyInterval::FILE, to_csv(&latency.intervals_over_time())),
+            self.write_file("latency.hlog", hlog),
             self.recording.take().map_or(Ok(()), |recording| {
-                recording.finish().map_err(write_error(&self.path().join(RECORDING)))
+                recording.finish().map_err(write_error(&self.path().join(RECORDING_FILE)))
             }),
         ]
         .into_iter()
@@ -275,7 +315,7 @@ impl RunDir {
 
 /// Passes the recording to `write`. After the first error, which is returned, the recording is given up and all
 /// other files are still written.
-fn record(
+fn write_to_recording(
     recording: &mut Option<Recorder>,
     host: &HostDir,
     write: impl FnOnce(&mut Recorder) -> io::Result<()>,
@@ -283,7 +323,7 @@ fn record(
     let Some(recorder) = recording else { return Ok(()) };
     write(recorder).map_err(|error| {
         *recording = None;
-        write_error(&host.path().join(RECORDING))(error)
+        write_error(&host.path().join(RECORDING_FILE))(error)
     })
 }
 
@@ -309,7 +349,7 @@ pub enum RunLocation {
     /// This path, which must not exist.
     Path(PathBuf),
     /// Path `runs/<name>-<date>-<time>` in UTC, with a number appended if it exists.
-    Dated(String),
+    DatedName(String),
 }
 
 impl RunLocation {
@@ -321,11 +361,11 @@ impl RunLocation {
     ) -> Result<(PathBuf, D), RunDirError> {
         let stem = match self {
             RunLocation::Path(path) => return Ok((path.clone(), make(path)?)),
-            RunLocation::Dated(name) => name_with_date(name),
+            RunLocation::DatedName(name) => name_with_date(name),
         };
         let numbered = (2..).map(|n| format!("{stem}-{n}"));
         let paths = std::iter::once(stem.clone()).chain(numbered);
-        for path in paths.map(|name| Path::new(RUNS).join(name)) {
+        for path in paths.map(|name| Path::new(RUNS_DIR).join(name)) {
             match make(&path) {
                 Err(RunDirError::Exists(_)) => {}
                 made => return Ok((path, made?)),
@@ -350,7 +390,7 @@ fn name_with_date(name: &str) -> String {
     };
     let name: String = name.chars().map(usable).take_while(fits).collect();
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-    format!("{name}-{}", date::format_for_name(seconds))
+    format!("{name}-{}", date::format_for_file_name(seconds))
 }
 
 #[cfg(test)]
@@ -366,7 +406,7 @@ mod tests {
             taken.set(taken.get() + 1);
             if taken.get() < 3 { Err(RunDirError::Exists(path.into())) } else { Ok(()) }
         };
-        let (path, ()) = super::RunLocation::Dated("a/b".into()).create_with(make).unwrap();
+        let (path, ()) = super::RunLocation::DatedName("a/b".into()).create_with(make).unwrap();
         let path = path.to_str().unwrap();
         assert!(path.starts_with("runs/a_b-2") && path.ends_with("-3"), "{path}");
         taken.set(0);
@@ -405,11 +445,11 @@ mod tests {
         let mut run_dir = RunDir::create(&place.path().join("run"), &row_of_three()).unwrap();
         for tick in 1..=7 {
             let rows = rows([tick as f64, -1.0, -2.0]);
-            let measured = CurrentErrors {
+            let measured = CurrentMetrics {
                 errors_m: &[None, Some(0.5), None],
-                errors: &[None, Some(Vec2::new(-0.3, 0.4)), None],
+                error_vectors: &[None, Some(Vec2::new(-0.3, 0.4)), None],
                 ideal_errors_m: &[None, None, Some(0.25)],
-                ..CurrentErrors::default()
+                ..CurrentMetrics::default()
             };
             run_dir.write_truth(&header(tick), &rows, &[true; 3], measured).unwrap();
         }

@@ -1,61 +1,64 @@
 //! Content of the picture of a run: the constant part, and one instant.
 
 use crate::report::scene::{
-    EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneRobot,
+    EdgeState, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneFrame, SceneRobot,
 };
-use experiment::scenario::{FaultKind, Scenario, Silenced};
+use experiment::scenario::{FaultKind, Scenario, SilencedSource};
 use formation::front_point::front_point;
 use formation::graph::Edge;
-use formation::rewiring::Purpose;
-use formation::seconds;
+use formation::ns_to_seconds;
+use formation::rewiring::SenderPurpose;
 use protocol::brief::Pace;
 use protocol::law::Reference;
-use protocol::message::{Contact, TruthHeader, TruthRow};
+use protocol::message::{ReceptionState, TruthHeader, TruthRow};
 
 /// Returns the constant part of the picture.
-pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
+pub fn build_scene(scenario: &Scenario, pace: Pace) -> Scene {
     let contains = !scenario.contained_robots().is_empty();
+    let by_pair = scenario.has_different_sizes();
     let robots = scenario.robots.iter().map(|robot| SceneRobot {
         name: robot.name.clone(),
         role: match robot.role.reference {
             Reference::Trajectory if robot.role.leads => "main-leader",
-            Reference::Trajectory | Reference::Goal | Reference::Free => robot.role.name,
+            Reference::Trajectory | Reference::Goal | Reference::LawTarget => robot.role.name,
             Reference::Offsets if contains => "leader",
             Reference::Offsets => "formation",
-            Reference::Middle => "contained",
+            Reference::NeighborMean => "contained",
         }
         .into(),
         front_point_m: robot.front_point_m,
+        keep_m: by_pair.then_some(robot.keep_m),
     });
     let rewiring = scenario.rewiring();
     let edges = rewiring.links().iter().enumerate();
     let edge = |(link, edge): (usize, &Edge)| SceneEdge {
         from: edge.from,
         to: edge.to,
-        spare: rewiring.purpose(link) != Purpose::InNeighbor,
-        for_place: rewiring.purpose(link) == Purpose::LeaderSlot,
+        spare: rewiring.purpose(link) != SenderPurpose::InNeighbor,
+        for_place: rewiring.purpose(link) == SenderPurpose::KeepLeaderSlot,
+        by_distance: scenario.communication_range(link).is_some(),
     };
     let faults = scenario.faults.iter().map(|fault| {
         let struck = fault.kind.affected_component(scenario);
         let until_ns = match fault.kind {
             FaultKind::Kill { restart_after_ns, .. } => {
-                restart_after_ns.map(|after_ns| fault.at_ns.saturating_add(after_ns))
+                restart_after_ns.map(|after_ns| fault.start_ns.saturating_add(after_ns))
             }
-            _ => fault.until_ns(),
+            _ => fault.end_ns(),
         };
         let is_link = matches!(fault.kind, FaultKind::Link { .. });
         SceneFault {
-            t_s: seconds(fault.at_ns),
-            until_s: until_ns.map(seconds),
+            t_s: ns_to_seconds(fault.start_ns),
+            until_s: until_ns.map(ns_to_seconds),
             what: fault.kind.describe(scenario),
             robots: struck.robot.filter(|_| !is_link).into_iter().collect(),
-            cuts: cut_by(struck.silenced),
+            cuts: cut_edge_index(struck.silenced_source),
         }
     });
     Scene {
         name: scenario.name.clone(),
         pace: pace.keyword().into(),
-        duration_s: seconds(scenario.duration_ns),
+        duration_s: ns_to_seconds(scenario.duration_ns),
         distance_min_m: scenario.avoidance.distance_min_m,
         robots: robots.collect(),
         edges: edges.map(edge).collect(),
@@ -66,32 +69,33 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
 }
 
 /// Returns the edge that a fault cuts; `None` if it silences something else.
-fn cut_by(silenced: Silenced) -> Option<usize> {
+fn cut_edge_index(silenced: SilencedSource) -> Option<usize> {
     match silenced {
-        Silenced::Edge(edge) => Some(edge),
-        Silenced::Robot(_) | Silenced::Nobody => None,
+        SilencedSource::Edge(edge) => Some(edge),
+        SilencedSource::Robot(_) | SilencedSource::NoSource => None,
     }
 }
 
 /// Returns whether the scenario cuts an edge at this time.
-fn is_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
+fn is_edge_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
     scenario.faults.iter().any(|fault| {
-        let lasts = fault.at_ns <= t_ns && fault.until_ns().is_none_or(|until_ns| t_ns < until_ns);
-        lasts && cut_by(fault.kind.affected_component(scenario).silenced) == Some(edge)
+        let lasts = fault.start_ns <= t_ns && fault.end_ns().is_none_or(|until_ns| t_ns < until_ns);
+        lasts
+            && cut_edge_index(fault.kind.affected_component(scenario).silenced_source) == Some(edge)
     })
 }
 
 /// Returns the picture at one ground-truth sample. `state` returns the state of a robot, `heard` the contact of an
 /// edge `(from, to)`, `manually_cut_edge` whether an edge is cut manually.
-pub fn frame(
+pub fn build_frame(
     scenario: &Scenario,
     header: &TruthHeader,
     rows: &[TruthRow],
     errors_m: &[Option<f64>],
     state: impl Fn(usize) -> RobotState,
-    heard: impl Fn(usize, usize) -> Contact,
+    heard: impl Fn(usize, usize) -> ReceptionState,
     manually_cut_edge: impl Fn(usize) -> bool,
-) -> Frame {
+) -> SceneFrame {
     let alphas: Vec<_> = rows
         .iter()
         .zip(&scenario.robots)
@@ -114,23 +118,28 @@ pub fn frame(
     let in_graph = scenario.graph.edges().len();
     let edge = |(place, ends): (usize, &Edge)| {
         let contact = match heard(ends.from, ends.to) {
-            Contact::Unheard if place >= in_graph => EdgeState::Closed,
-            Contact::Fresh => EdgeState::Fresh,
-            Contact::Stale | Contact::Unheard => EdgeState::Stale,
-            Contact::Lost => EdgeState::Lost,
+            ReceptionState::NothingReceived
+                if place >= in_graph || scenario.communication_range(place).is_some() =>
+            {
+                EdgeState::Closed
+            }
+            ReceptionState::Apart => EdgeState::Closed,
+            ReceptionState::Fresh => EdgeState::Fresh,
+            ReceptionState::Stale | ReceptionState::NothingReceived => EdgeState::Stale,
+            ReceptionState::Lost => EdgeState::Lost,
         };
-        let cut =
-            place < in_graph && manually_cut_edge(place) || is_cut(scenario, place, header.t_ns);
+        let cut = place < in_graph && manually_cut_edge(place)
+            || is_edge_cut(scenario, place, header.t_ns);
         contact.combine([ends.from, ends.to].map(&state), cut)
     };
-    Frame {
-        t_s: seconds(header.t_ns),
+    SceneFrame {
+        t_s: ns_to_seconds(header.t_ns),
         robots: shown.collect(),
         edges: scenario
             .graph
             .edges()
             .iter()
-            .chain(&scenario.repair.spares)
+            .chain(&scenario.repair_plan.spares)
             .enumerate()
             .map(edge)
             .collect(),
@@ -150,14 +159,14 @@ mod tests {
         let mut scenario = row_of_three();
         let cut = FaultKind::Link { edge: 0, kind: LinkFaultKind::Cut };
         scenario.faults = vec![
-            Fault { at_ns: 1_000_000_000, for_ns: Some(500_000_000), kind: cut },
+            Fault { start_ns: 1_000_000_000, duration_ns: Some(500_000_000), kind: cut },
             Fault {
-                at_ns: 2_000_000_000,
-                for_ns: None,
+                start_ns: 2_000_000_000,
+                duration_ns: None,
                 kind: FaultKind::Kill { robot: 2, restart_after_ns: Some(1_000_000_000) },
             },
         ];
-        let scene = scene(&scenario, Pace::Lockstep);
+        let scene = build_scene(&scenario, Pace::Lockstep);
         let ends = scenario.graph.edges()[0];
         assert_eq!(
             scene.edges[0],
@@ -168,7 +177,7 @@ mod tests {
         assert!(cut.robots.is_empty(), "{cut:?}");
         assert_eq!((kill.what.as_str(), kill.until_s), ("kill r3", Some(3.0)));
         assert_eq!((&kill.robots[..], kill.cuts), (&[2][..], None));
-        let cut_at = |t_ns| [0, 1].map(|edge| is_cut(&scenario, edge, t_ns));
+        let cut_at = |t_ns| [0, 1].map(|edge| is_edge_cut(&scenario, edge, t_ns));
         assert_eq!(cut_at(999_999_999), [false; 2]);
         assert_eq!(cut_at(1_000_000_000), [true, false]);
         assert_eq!(cut_at(1_500_000_000), [false; 2]);

@@ -8,10 +8,10 @@ use serde::Serialize;
 
 use crate::metrics::Metrics;
 use crate::metrics::expect;
-use crate::metrics::summary::{Commands, StageLatency, Summary, Wall};
-use crate::results::outcome::Outcome;
+use crate::metrics::summary::{CommandCounts, StageLatency, Summary, WallTimeValues};
+use crate::results::outcome::RunOutcome;
 use experiment::scenario::Scenario;
-use formation::seconds;
+use formation::ns_to_seconds;
 
 /// Formats a value as JSON with a final newline.
 pub fn to_json<T: Serialize>(value: &T) -> String {
@@ -21,74 +21,80 @@ pub fn to_json<T: Serialize>(value: &T) -> String {
 
 /// Evaluates the expectations of a scenario and returns the summary of the run. `ended_with` is the exit code
 /// before the expectations are taken into account.
-pub fn judge(
+pub fn evaluate_run(
     scenario: &Scenario,
     pace: Pace,
     metrics: &Metrics,
-    outcome: &Outcome,
+    outcome: &RunOutcome,
     ended_with: u8,
 ) -> Summary {
-    let measures = metrics.finish();
+    let mut measures = metrics.finish();
+    for (name, value) in &outcome.program_metrics {
+        let known = measures.metrics.iter_mut().find(|(known, _)| known == name);
+        known.into_iter().for_each(|(_, known)| *known = *value);
+    }
     let mut expectations =
         expect::evaluate(scenario, &measures, pace, outcome.deadline_misses, ended_with);
     expectations.extend(expect::failed_robots_expectation(scenario, &outcome.failed_robots));
     let held = expectations.iter().all(|expectation| expectation.held);
-    let expected = scenario.expect.exit == Some(ended_with);
+    let expected = scenario.expectations.exit_code == Some(ended_with);
     let exit = match (ended_with, held) {
         (exit::OK, true) => exit::OK,
         (exit::OK, false) => exit::EXPECTATION_MISSED,
         (_, true) if expected => exit::OK,
         (code, _) => code,
     };
-    let truth = outcome.truth.unwrap_or_default();
-    let wall_s = outcome.wall.as_secs_f64();
+    let truth = outcome.newest_truth.unwrap_or_default();
+    let wall_s = outcome.wall_time.as_secs_f64();
     let per_wall = |amount: f64| if wall_s > 0.0 { amount / wall_s } else { 0.0 };
-    let t_s = seconds(truth.t_ns);
+    let t_s = ns_to_seconds(truth.t_ns);
     let by_robot = |counts: &[u64]| {
         let names = scenario.robots.iter().map(|robot| robot.name.clone());
         names.zip(counts.iter().copied()).collect()
     };
-    let counts_sent = scenario.counts_sent();
+    let counts_sent = scenario.counts_sent_messages();
     let sent = |number: fn(&SentCounts) -> u64| {
-        let numbers: Vec<u64> = outcome.sent.iter().map(number).collect();
+        let numbers: Vec<u64> = outcome.sent_counts.iter().map(number).collect();
         if counts_sent { by_robot(&numbers) } else { Vec::new() }
     };
     let is_age = |line: &StageLatency| line.stage == Stage::BeaconAge.keyword();
-    let (ages, latency) = outcome.latency.stages().into_iter().partition(is_age);
+    let (ages, latency) = outcome.latency.stage_latencies().into_iter().partition(is_age);
     Summary {
         scenario: scenario.name.clone(),
         pace,
         exit,
-        interrupted: outcome.interrupted,
-        acts_by_hand: outcome.acts_by_hand,
+        interrupted: outcome.was_interrupted,
+        acts_by_hand: outcome.manual_interventions,
         t_s,
         ticks: truth.tick,
         deadline_misses: outcome.deadline_misses,
-        commands: Commands {
+        commands: CommandCounts {
             late: truth.commands_late,
             old: truth.commands_old,
             not_finite: truth.commands_not_finite,
             scaled: truth.commands_scaled,
             expired: truth.commands_expired,
             age_ns_max: truth.command_age_ns_max,
-            unanswered: outcome.odometry_old,
+            unanswered: outcome.unanswered_samples,
             lost: outcome.latency.commands_lost(),
         },
-        beacons_refused: by_robot(&outcome.beacons_refused),
+        beacons_refused: by_robot(&outcome.refused_beacon_counts),
         beacons_sent: sent(|sent| sent.beacons),
         messages_sent: sent(|sent| sent.messages),
-        message_hash: (counts_sent && pace == Pace::Lockstep).then(|| message_hash(&outcome.sent)),
+        messages_dropped: sent(|sent| sent.dropped_messages),
+        message_hash: (counts_sent && pace == Pace::Lockstep)
+            .then(|| message_hash(&outcome.sent_counts)),
         ages,
         information_ages: outcome.latency.information_ages(),
-        restarts: by_robot(&outcome.restarts),
+        restarts: by_robot(&outcome.restart_counts),
         expectations,
-        wall: Wall {
-            startup_s: outcome.startup.map(|startup| startup.as_secs_f64()),
+        wall: WallTimeValues {
+            startup_s: outcome.startup_time.map(|startup| startup.as_secs_f64()),
             wall_s,
             ticks_per_s: per_wall(truth.tick as f64),
             real_time_factor: per_wall(t_s),
             latency,
-            wake_of_all: outcome.latency.wake_of_all(),
+            wake_of_all: outcome.latency.wake_latency_of_all_robots(),
             latencies_lost: outcome.latency.rows_lost(),
             processes: outcome.usages.clone(),
             hosts: outcome.hosts.clone(),

@@ -6,13 +6,13 @@ use proptest::prelude::*;
 use super::*;
 use crate::testing::{brief, command};
 
-const LIFETIME_NS: u64 = 20_000_000;
+const COMMAND_LIFETIME_NS: u64 = 20_000_000;
 
 /// Implements `proof/Plant.v::accept`, clause by clause. The order of the tuples is `proof/Plant.v::before`.
 fn accept(now_ns: u64, command: Command, newest: Option<Command>) -> Option<Command> {
     let order = |c: &Command| (c.incarnation, c.stamp_ns, c.sequence);
     if command.stamp_ns <= now_ns {
-        if now_ns < command.stamp_ns + LIFETIME_NS {
+        if now_ns < command.stamp_ns + COMMAND_LIFETIME_NS {
             match newest {
                 None => Some(command),
                 Some(n) if order(&n) < order(&command) => Some(command),
@@ -28,13 +28,19 @@ fn accept(now_ns: u64, command: Command, newest: Option<Command>) -> Option<Comm
 
 /// Implements `proof/Plant.v::in_force`. Returns the speed of the wheels, m/s.
 fn speed_in_force(now_ns: u64, newest: Option<Command>) -> f64 {
-    let alive = newest.filter(|command| now_ns < command.stamp_ns + LIFETIME_NS);
+    let alive = newest.filter(|command| now_ns < command.stamp_ns + COMMAND_LIFETIME_NS);
     alive.map_or(0.0, |command| command.v_m_s)
 }
 
 /// Generates the time until the next message, ns, often exactly the command timeout.
 fn wait_ns() -> impl Strategy<Value = u64> {
-    prop_oneof![Just(0), Just(1), Just(LIFETIME_NS - 1), Just(LIFETIME_NS), 0..30_000_000u64]
+    prop_oneof![
+        Just(0),
+        Just(1),
+        Just(COMMAND_LIFETIME_NS - 1),
+        Just(COMMAND_LIFETIME_NS),
+        0..30_000_000u64
+    ]
 }
 
 proptest! {
@@ -63,7 +69,7 @@ proptest! {
             let before = newest.map(|n: Command| (n.incarnation, n.stamp_ns, n.sequence));
             newest = accept(now_ns, command, newest);
             let after = newest.map(|n| (n.incarnation, n.stamp_ns, n.sequence));
-            prop_assert_eq!(world.accept(0, &command).is_ok(), after != before);
+            prop_assert_eq!(world.accept_command(0, &command).is_ok(), after != before);
             world.advance(now_ns + 1);
             prop_assert_eq!(world.states[0].twist.v_m_s, speed_in_force(now_ns, newest));
         }

@@ -5,7 +5,7 @@ use protocol::brief::WheelsBrief;
 use protocol::fault::{LinkFault, LinkFaultKind, Span, WheelFault};
 
 use super::*;
-use crate::testing::{MS, brief, command};
+use crate::testing::{NS_PER_MS, brief, command};
 
 /// Returns a brief of robots at 0, 2 and 4.5 m.
 fn brief_of_three_robots() -> PlantBrief {
@@ -14,10 +14,10 @@ fn brief_of_three_robots() -> PlantBrief {
 
 /// Returns the time span between two times in milliseconds.
 fn span(from: u64, until: u64) -> Span {
-    Span { from_ns: from * MS, until_ns: until * MS }
+    Span { from_ns: from * NS_PER_MS, until_ns: until * NS_PER_MS }
 }
 
-fn x(world: &World, robot: usize) -> f64 {
+fn robot_x_m(world: &World, robot: usize) -> f64 {
     world.states[robot].pose.x_m
 }
 
@@ -28,17 +28,19 @@ fn delayed_command_acts_later_and_expires_by_its_stamp() {
         (20, [[false, true], [false, true], [false; 2]], 1),
         (30, [[false, true], [false, true], [true; 2]], 0),
     ] {
-        let kind = LinkFaultKind::Delay { delay_ns: 15 * MS, jitter_ns: 0 };
+        let kind = LinkFaultKind::Delay { delay_ns: 15 * NS_PER_MS, jitter_ns: 0 };
         let mut brief =
-            PlantBrief { command_lifetime_ns: lifetime_ms * MS, ..brief_of_three_robots() };
+            PlantBrief { command_lifetime_ns: lifetime_ms * NS_PER_MS, ..brief_of_three_robots() };
         brief.robots[0].command_faults = vec![LinkFault { span: span(0, 100), kind, seed: 1 }];
         let mut world = World::new(&brief);
-        [0, 1].iter().for_each(|&robot| world.receive(robot, &command(0, 1, 0.4, 0.0)).unwrap());
+        [0, 1]
+            .iter()
+            .for_each(|&robot| world.receive_command(robot, &command(0, 1, 0.4, 0.0)).unwrap());
         for (tick, driven) in (1..).zip(driven) {
-            world.advance(10 * tick * MS);
+            world.advance(10 * tick * NS_PER_MS);
             let commanded = [0, 1].map(|i| world.truth().nth(i).unwrap().commanded == 1);
             assert_eq!(commanded, driven, "tick {tick} of {lifetime_ms} ms");
-            world.receive_due();
+            world.accept_due_commands();
         }
         assert_eq!(world.truth_header().commands_late, late);
     }
@@ -47,30 +49,30 @@ fn delayed_command_acts_later_and_expires_by_its_stamp() {
 #[test]
 fn invalid_commands_are_refused_and_counted_by_kind() {
     let mut world = World::new(&brief_of_three_robots());
-    world.advance(50 * MS);
-    world.accept(0, &command(45 * MS, 7, 0.0, 0.0)).unwrap();
+    world.advance(50 * NS_PER_MS);
+    world.accept_command(0, &command(45 * NS_PER_MS, 7, 0.0, 0.0)).unwrap();
     // It would be newer than every honest command of the rest of the run.
-    let last = Command { incarnation: u64::MAX, ..command(46 * MS, 9, 0.0, 0.0) };
+    let last = Command { incarnation: u64::MAX, ..command(46 * NS_PER_MS, 9, 0.0, 0.0) };
     for (command, why) in [
-        (command(30 * MS, 8, 0.5, 0.0), Refusal::Late),
-        (command(51 * MS, 8, 0.5, 0.0), Refusal::Late),
-        (command(45 * MS, 7, 0.5, 0.0), Refusal::Old),
-        (command(44 * MS, 9, 0.5, 0.0), Refusal::Old),
-        (command(46 * MS, 9, f64::NAN, 0.0), Refusal::NotFinite),
-        (command(46 * MS, 9, 0.0, f64::NEG_INFINITY), Refusal::NotFinite),
-        (command(46 * MS, 9, 1e300, 0.0), Refusal::NotFinite),
-        (last, Refusal::NotFinite),
-        (command(u64::MAX, 9, 0.5, 0.0), Refusal::Late),
+        (command(30 * NS_PER_MS, 8, 0.5, 0.0), CommandRefusal::Late),
+        (command(51 * NS_PER_MS, 8, 0.5, 0.0), CommandRefusal::Late),
+        (command(45 * NS_PER_MS, 7, 0.5, 0.0), CommandRefusal::NotNewer),
+        (command(44 * NS_PER_MS, 9, 0.5, 0.0), CommandRefusal::NotNewer),
+        (command(46 * NS_PER_MS, 9, f64::NAN, 0.0), CommandRefusal::NotFinite),
+        (command(46 * NS_PER_MS, 9, 0.0, f64::NEG_INFINITY), CommandRefusal::NotFinite),
+        (command(46 * NS_PER_MS, 9, 1e300, 0.0), CommandRefusal::NotFinite),
+        (last, CommandRefusal::NotFinite),
+        (command(u64::MAX, 9, 0.5, 0.0), CommandRefusal::Late),
     ] {
-        assert_eq!(world.accept(0, &command), Err(why), "{command:?}");
+        assert_eq!(world.accept_command(0, &command), Err(why), "{command:?}");
     }
-    world.advance(60 * MS);
-    assert_eq!(x(&world, 0), 0.0);
-    let replacement = Command { incarnation: 1, ..command(55 * MS, 1, 0.5, 0.0) };
-    assert_eq!(world.accept(0, &replacement), Ok(()));
-    world.advance(100 * MS);
+    world.advance(60 * NS_PER_MS);
+    assert_eq!(robot_x_m(&world, 0), 0.0);
+    let replacement = Command { incarnation: 1, ..command(55 * NS_PER_MS, 1, 0.5, 0.0) };
+    assert_eq!(world.accept_command(0, &replacement), Ok(()));
+    world.advance(100 * NS_PER_MS);
     // It acts from 60 ms to 55 + 20 ms.
-    assert!((x(&world, 0) - 0.0075).abs() < 1e-15, "{}", x(&world, 0));
+    assert!((robot_x_m(&world, 0) - 0.0075).abs() < 1e-15, "{}", robot_x_m(&world, 0));
     let header = world.truth_header();
     let refused = [header.commands_late, header.commands_old, header.commands_not_finite];
     assert_eq!((refused, header.commands_expired), ([3, 2, 4], 1));
@@ -101,8 +103,8 @@ fn command_is_scaled_to_speed_limit_and_wheel_limits() {
         brief.robots[0].wheel_faults = faults.collect();
         let mut world = World::new(&brief);
         let (v, w) = wanted;
-        world.accept(0, &command(0, 1, v, w)).unwrap();
-        world.advance(MS);
+        world.accept_command(0, &command(0, 1, v, w)).unwrap();
+        world.advance(NS_PER_MS);
         let Twist { v_m_s, w_rad_s, .. } = world.states[0].twist;
         assert!((v_m_s - share * v).hypot(w_rad_s - share * w) < 1e-12, "{wanted:?}: {v_m_s}");
         assert_eq!(world.truth_header().commands_scaled, scaled, "{wanted:?}");
@@ -111,15 +113,15 @@ fn command_is_scaled_to_speed_limit_and_wheel_limits() {
 
 #[test]
 fn wheel_fault_lasts_exactly_for_its_span() {
-    let mut brief = PlantBrief { plant_tick_ns: 20 * MS, ..brief_of_three_robots() };
+    let mut brief = PlantBrief { plant_tick_ns: 20 * NS_PER_MS, ..brief_of_three_robots() };
     let slow = WheelFaultKind::Limit { speed_max_m_s: 0.5 };
     let faults = [(span(5, 8), WheelFaultKind::Stuck), (span(10, 20), slow)];
     brief.robots[0].wheel_faults = faults.map(|(span, kind)| WheelFault { span, kind }).to_vec();
     let mut world = World::new(&brief);
-    world.accept(0, &command(0, 1, 1.0, 0.0)).unwrap();
-    world.advance(15 * MS);
+    world.accept_command(0, &command(0, 1, 1.0, 0.0)).unwrap();
+    world.advance(15 * NS_PER_MS);
     // 5 ms and 2 ms at 1 m/s, 5 ms at 0.5 m/s.
-    assert!((x(&world, 0) - 0.0095).abs() < 1e-15, "{}", x(&world, 0));
+    assert!((robot_x_m(&world, 0) - 0.0095).abs() < 1e-15, "{}", robot_x_m(&world, 0));
 }
 
 #[test]
@@ -149,24 +151,27 @@ fn nearest_neighbors_are_sensed_in_order_and_cut_is_flagged() {
             let mut world = World::new(&brief);
             if velocities_sensed {
                 for moving in 0..robots {
-                    world.accept(moving, &command(0, 1, 0.1, 1e-3 * moving as f64)).unwrap();
+                    world
+                        .accept_command(moving, &command(0, 1, 0.1, 1e-3 * moving as f64))
+                        .unwrap();
                 }
-                world.advance(MS);
+                world.advance(NS_PER_MS);
             }
-            let away_m = |other: usize| (world.alphas[other] - world.alphas[robot]).norm();
+            let away_m =
+                |other: usize| (world.front_points[other] - world.front_points[robot]).norm();
             let mut near: Vec<usize> = (0..robots).filter(|&other| other != robot).collect();
             near.retain(|&other| away_m(other) <= radius_m);
             near.sort_by(|&a, &b| away_m(a).total_cmp(&away_m(b)));
             let sample = world.odometry(robot);
             assert_eq!(sample.proximity_cut == 1, near.len() > most, "{robots} {radius_m}");
             near.truncate(most);
-            let places = near.iter().map(|&other| world.alphas[other]);
-            assert!(sample.proximity().eq(places), "{robots} {robot} {radius_m}");
+            let places = near.iter().map(|&other| world.front_points[other]);
+            assert!(sample.proximity_front_points().eq(places), "{robots} {robot} {radius_m}");
             let velocities = near.iter().filter(|_| velocities_sensed).map(|&other| {
-                let State { pose, twist } = world.states[other];
+                let BodyState { pose, twist } = world.states[other];
                 front_velocity(pose.heading_rad, 0.1, twist)
             });
-            assert!(sample.velocities().eq(velocities), "{robots} {robot} {radius_m}");
+            assert!(sample.proximity_velocities().eq(velocities), "{robots} {robot} {radius_m}");
         }
     }
 }
@@ -186,9 +191,9 @@ fn sensor_in_dropout_reports_invalid_default_values() {
         sensor_fault(Sensor::Proximity, SensorFaultKind::Blackout, 2, 3),
     ];
     let mut world = World::new(&brief);
-    world.accept(1, &command(0, 1, 0.0, 1.0)).unwrap();
+    world.accept_command(1, &command(0, 1, 0.0, 1.0)).unwrap();
     for (t_ms, knows_itself, sees) in [(1, false, true), (2, true, false), (3, true, true)] {
-        world.advance(t_ms * MS);
+        world.advance(t_ms * NS_PER_MS);
         let sample = world.odometry(1);
         let valid = [sample.pose_valid == 1, sample.proximity_valid == 1];
         assert_eq!(valid, [knows_itself, sees]);
@@ -208,14 +213,14 @@ fn noise_is_drawn_per_number_during_the_fault() {
     brief.robots[1].start.y_m = 0.3;
     let mut world = World::new(&brief);
     for (t_ms, noisy) in [(0, 1.0), (1, 1.0), (2, 0.0)] {
-        world.advance(t_ms * MS);
-        let tick = world.next_tick();
+        world.advance(t_ms * NS_PER_MS);
+        let tick = world.increment_tick();
         let sample = world.odometry(1);
-        let [x, y] = faults[0].offset_m(tick, 0).map(|off_m| noisy * off_m);
-        let heading_rad = noisy * faults[0].heading_offset_rad(tick);
+        let [x, y] = faults[0].position_error_m(tick, 0).map(|off_m| noisy * off_m);
+        let heading_rad = noisy * faults[0].heading_error_rad(tick);
         assert_eq!(sample.pose(), Pose { x_m: 2.0 + x, y_m: 0.3 + y, heading_rad });
-        let near: Vec<Vec2> = sample.proximity().collect();
-        let off = [1, 2].map(|item| noisy * Vec2::from(faults[1].offset_m(tick, item)));
+        let near: Vec<Vec2> = sample.proximity_front_points().collect();
+        let off = [1, 2].map(|item| noisy * Vec2::from(faults[1].position_error_m(tick, item)));
         assert_eq!(near, [Vec2::new(0.1, 0.0) + off[0], Vec2::new(4.6, 0.0) + off[1]]);
     }
 }
@@ -225,18 +230,18 @@ fn distance_violations_are_counted_per_arc_from_the_start() {
     for (apart_m, at_start, later) in [(0.5, 0, 0), (0.49, 1, 11), (0.51, 0, 0)] {
         let mut world = World::new(&brief(&[0.0, apart_m]));
         assert_eq!(world.truth_header().violations, at_start, "{apart_m}");
-        world.advance(10 * MS);
+        world.advance(10 * NS_PER_MS);
         let header = world.truth_header();
         assert_eq!((header.violations, header.closest_t_ns), (later, 0), "{apart_m}");
     }
     let mut world = World::new(&brief(&[0.0, 0.6, 4.5]));
     for sequence in 1..=20 {
-        world.accept(0, &command(world.t_ns(), sequence, 1.0, 0.0)).unwrap();
-        world.advance(10 * sequence * MS);
+        world.accept_command(0, &command(world.t_ns(), sequence, 1.0, 0.0)).unwrap();
+        world.advance(10 * sequence * NS_PER_MS);
     }
     let header = world.truth_header();
     assert!((header.closest_m - 0.4).abs() < 1e-12, "{}", header.closest_m);
-    assert_eq!((header.closest_pair, header.closest_t_ns), ([0, 1], 200 * MS));
+    assert_eq!((header.closest_pair, header.closest_t_ns), ([0, 1], 200 * NS_PER_MS));
     // From 0.5 m on, at 1 mm per arc. At 0.5 m, rounding decides.
     assert!((100..=101).contains(&header.violations), "{}", header.violations);
 }
@@ -244,11 +249,14 @@ fn distance_violations_are_counted_per_arc_from_the_start() {
 #[test]
 fn stamps_times_and_ticks_count_from_their_origins() {
     let mut world = World::new(&brief_of_three_robots());
-    world.start_at(7 * MS);
-    assert_eq!((world.next_tick(), world.next_tick()), (1, 2));
-    world.advance(5 * MS);
+    world.start_at(7 * NS_PER_MS);
+    assert_eq!((world.increment_tick(), world.increment_tick()), (1, 2));
+    world.advance(5 * NS_PER_MS);
     let (header, sample) = (world.truth_header(), world.odometry(0));
-    assert_eq!((world.t_ns(), header.t_ns, sample.t_ns), (5 * MS, 5 * MS, 5 * MS));
-    assert_eq!((header.stamp_ns, sample.stamp_ns), (12 * MS, 12 * MS));
+    assert_eq!(
+        (world.t_ns(), header.t_ns, sample.t_ns),
+        (5 * NS_PER_MS, 5 * NS_PER_MS, 5 * NS_PER_MS)
+    );
+    assert_eq!((header.stamp_ns, sample.stamp_ns), (12 * NS_PER_MS, 12 * NS_PER_MS));
     assert_eq!((header.tick, sample.tick), (2, 2));
 }

@@ -1,15 +1,15 @@
 //! Walls and obstacles: sensing, and the minimum clearance of all robots.
 
 use formation::Vec2;
-use formation::obstacle::{Nearest, Obstacles};
+use formation::obstacle::{NearestObstacle, Obstacles};
 use protocol::brief::PlantBrief;
 use protocol::message::{Odometry, WALLS_MAX};
 
 /// All obstacles, and the accumulated clearance statistics.
 pub(super) struct Walls {
     obstacles: Obstacles,
-    clearance_m: f64,
-    clearance: Clearance,
+    required_clearance_m: f64,
+    smallest_clearance: Clearance,
     violations: u64,
 }
 
@@ -19,9 +19,9 @@ pub(super) struct Clearance {
     /// Distance, m.
     pub(super) distance_m: f64,
     /// Position of the front point, m.
-    pub(super) at: Vec2,
+    pub(super) front_point: Vec2,
     /// Indices of the robot and of the convex part.
-    pub(super) between: [usize; 2],
+    pub(super) robot_and_wall_indices: [usize; 2],
     /// Time since the start, ns.
     pub(super) t_ns: u64,
 }
@@ -31,11 +31,11 @@ impl Walls {
     pub(super) fn new(brief: &PlantBrief) -> Walls {
         Walls {
             obstacles: Obstacles::new(&brief.obstacles),
-            clearance_m: brief.clearance_m,
-            clearance: Clearance {
+            required_clearance_m: brief.clearance_m,
+            smallest_clearance: Clearance {
                 distance_m: f64::INFINITY,
-                at: Vec2::zeros(),
-                between: [0; 2],
+                front_point: Vec2::zeros(),
+                robot_and_wall_indices: [0; 2],
                 t_ns: 0,
             },
             violations: 0,
@@ -46,21 +46,27 @@ impl Walls {
     pub(super) fn update(&mut self, alphas: &[Vec2], t_ns: u64) {
         let mut too_near = false;
         for (robot, &at) in alphas.iter().enumerate() {
-            let Some(Nearest { index, distance_m, .. }) = self.obstacles.nearest_obstacle(at)
+            let Some(NearestObstacle { index, distance_m, .. }) =
+                self.obstacles.nearest_obstacle(at)
             else {
                 return;
             };
-            too_near |= distance_m < self.clearance_m;
-            if distance_m < self.clearance.distance_m {
-                self.clearance = Clearance { distance_m, at, between: [robot, index], t_ns };
+            too_near |= distance_m < self.required_clearance_m;
+            if distance_m < self.smallest_clearance.distance_m {
+                self.smallest_clearance = Clearance {
+                    distance_m,
+                    front_point: at,
+                    robot_and_wall_indices: [robot, index],
+                    t_ns,
+                };
             }
         }
         self.violations += u64::from(too_near);
     }
 
     /// Returns the minimum clearance up to now, which is infinite without walls.
-    pub(super) fn clearance(&self) -> Clearance {
-        self.clearance
+    pub(super) fn smallest_clearance(&self) -> Clearance {
+        self.smallest_clearance
     }
 
     /// Returns the number of updates at which a robot was closer to a wall than the clearance.
@@ -70,20 +76,20 @@ impl Walls {
 
     /// Fills in the nearest points of the walls within `radius_m` of the front point `alpha`, nearest first.
     /// `off_m(i)` is the noise of the i-th nearest point, from 1.
-    pub(super) fn sense(
+    pub(super) fn sense_walls(
         &self,
         alpha: Vec2,
         radius_m: f64,
         off_m: impl Fn(usize) -> Vec2,
         sample: &mut Odometry,
     ) {
-        let mut near: [Option<Nearest>; WALLS_MAX] = [None; WALLS_MAX];
+        let mut near: [Option<NearestObstacle>; WALLS_MAX] = [None; WALLS_MAX];
         let mut within = 0;
         for wall in self.obstacles.obstacles_within(alpha, radius_m) {
             let kept = within.min(WALLS_MAX);
             within += 1;
             // Inserted after walls at the same distance, so that these stay in the order of the brief.
-            let nearer = |other: &Option<Nearest>| {
+            let nearer = |other: &Option<NearestObstacle>| {
                 other.is_some_and(|other| other.distance_m <= wall.distance_m)
             };
             let place = near[..kept].partition_point(nearer);
@@ -108,7 +114,7 @@ mod tests {
 
     use super::super::World;
     use super::*;
-    use crate::testing::{self, MS, command};
+    use crate::testing::{self, NS_PER_MS, command};
 
     /// Returns the brief of one robot with its front point at the origin and a sensing radius of 1 m.
     fn brief(obstacles: Vec<Obstacle>) -> PlantBrief {
@@ -127,13 +133,13 @@ mod tests {
         let square = Obstacle::Polygon { corners_m: square.to_vec() };
         let far = Obstacle::segment([1.01, -3.0], [1.01, 3.0]);
         let world = World::new(&brief(vec![far, wall, square, disc(-0.5, 0.0)]));
-        let seen: Vec<Vec2> = world.odometry(0).walls().collect();
+        let seen: Vec<Vec2> = world.odometry(0).nearest_wall_points().collect();
         let expected = [[0.3, -0.2], [-0.4, 0.0], [0.0, 0.5]];
         assert_eq!(seen.len(), expected.len(), "{seen:?}");
         for (seen, expected) in seen.iter().zip(expected) {
             assert!((seen - Vec2::from(expected)).norm() < 1e-12, "{seen}");
         }
-        assert_eq!(World::new(&brief(Vec::new())).odometry(0).walls().count(), 0);
+        assert_eq!(World::new(&brief(Vec::new())).odometry(0).nearest_wall_points().count(), 0);
     }
 
     #[test]
@@ -150,7 +156,7 @@ mod tests {
         let (few, many) = (around(WALLS_MAX), around(WALLS_MAX + 5));
         assert_eq!((few.walls_count as usize, few.walls_cut), (WALLS_MAX, 0));
         assert_eq!((many.walls_count as usize, many.walls_cut), (WALLS_MAX, 1));
-        let far: Vec<f64> = many.walls().map(|point| point.norm()).collect();
+        let far: Vec<f64> = many.nearest_wall_points().map(|point| point.norm()).collect();
         // Ordered by distance, for any order in the brief.
         for (rank, far_m) in far.iter().enumerate() {
             let beyond_first = 0.6 * rank as f64 / (WALLS_MAX + 5) as f64;
@@ -162,19 +168,20 @@ mod tests {
     fn walls_are_sensed_with_noise_and_not_during_dropout() {
         let mut brief = brief(vec![disc(0.5, 0.0), disc(0.0, 0.5)]);
         let fault = |from_ns, kind| {
-            let span = Span { from_ns, until_ns: from_ns + MS };
+            let span = Span { from_ns, until_ns: from_ns + NS_PER_MS };
             SensorFault { span, sensor: Sensor::Proximity, kind, seed: 3 }
         };
         let noise = SensorFaultKind::Noise { bound_m: 0.05, heading_bound_rad: 0.0 };
         brief.robots[0].sensor_faults =
-            vec![fault(MS, SensorFaultKind::Blackout), fault(2 * MS, noise)];
+            vec![fault(NS_PER_MS, SensorFaultKind::Blackout), fault(2 * NS_PER_MS, noise)];
         let mut world = World::new(&brief);
         let mut off_m = Vec::new();
         for t_ms in 0..3 {
-            world.advance(t_ms * MS);
+            world.advance(t_ms * NS_PER_MS);
             let sample = world.odometry(0);
             let truth = [Vec2::new(0.4, 0.0), Vec2::new(0.0, 0.4)];
-            let off: Vec<f64> = sample.walls().zip(truth).map(|(a, b)| (a - b).norm()).collect();
+            let off: Vec<f64> =
+                sample.nearest_wall_points().zip(truth).map(|(a, b)| (a - b).norm()).collect();
             assert!(
                 t_ms != 1 || sample.proximity_valid == 0 && sample.walls == [[0.0; 2]; WALLS_MAX]
             );
@@ -196,13 +203,13 @@ mod tests {
         for (sequence, t_ms) in (1..).zip([0, 20, 40, 60]) {
             // At 1 m/s up to 0.06 m, where the robot turns back.
             let v_m_s = if t_ms < 60 { 1.0 } else { -1.0 };
-            world.accept(0, &command(t_ms * MS, sequence, v_m_s, 0.0)).unwrap();
-            world.advance((t_ms + 20) * MS);
+            world.accept_command(0, &command(t_ms * NS_PER_MS, sequence, v_m_s, 0.0)).unwrap();
+            world.advance((t_ms + 20) * NS_PER_MS);
         }
         let header = world.truth_header();
         assert!((header.clearance_m - 0.24).abs() < 1e-12, "{}", header.clearance_m);
         assert!((header.clearance_at_m[0] - 0.06).abs() < 1e-12);
-        assert_eq!((header.clearance_t_ns, header.clearance_between), (60 * MS, [0, 1]));
+        assert_eq!((header.clearance_t_ns, header.clearance_between), (60 * NS_PER_MS, [0, 1]));
         // Less than 0.25 m from 51 to 60 ms, and to 69 ms on the way back. At 0.25 m, rounding decides.
         assert!((19..=21).contains(&header.clearance_violations), "{header:?}");
     }

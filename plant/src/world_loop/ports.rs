@@ -4,14 +4,14 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::PlantBrief;
 use protocol::clock;
 use protocol::incarnations::Incarnations;
-use protocol::latency::Recorder;
+use protocol::latency::LatencyRecorder;
 use protocol::latency_port::LatencyPort;
 use protocol::message::{Command, Odometry, TruthHeader, TruthRow};
 use protocol::process::Failure;
 use protocol::service::{self, Factory, Node, Publisher, ServiceError, Subscriber, send_slice};
 
 use crate::motion::Motion;
-use crate::simulation_step::Delivery;
+use crate::simulation_step::ReceivedCommand;
 use crate::world::World;
 
 /// All ports of the plant, robots in scenario order.
@@ -33,22 +33,22 @@ struct RobotPorts {
 
 impl Ports {
     /// Opens the services of all robots of the brief, and one for the `measured` latencies.
-    pub fn open(brief: &PlantBrief, measured: &Recorder) -> Result<Ports, Failure> {
-        let node = service::node("plant")?;
+    pub fn open(brief: &PlantBrief, measured: &LatencyRecorder) -> Result<Ports, Failure> {
+        let node = service::create_node("plant")?;
         let robots = brief
             .robots
             .iter()
             .map(|robot| {
-                let command_service = service::command(&robot.name).open(&node)?;
+                let command_service = service::command_topic(&robot.name).open(&node)?;
                 Ok(RobotPorts {
-                    odometry: service::odometry(&robot.name).open(&node)?.publisher()?,
+                    odometry: service::odometry_topic(&robot.name).open(&node)?.publisher()?,
                     command: command_service.subscriber()?,
                     command_service,
                 })
             })
             .collect::<Result<_, ServiceError>>()?;
-        let truth = service::truth().open(&node)?.publisher(brief.robots.len())?;
-        let latency = LatencyPort::new(&service::plant_latency().open(&node)?, measured)?;
+        let truth = service::truth_topic().open(&node)?.publisher(brief.robots.len())?;
+        let latency = LatencyPort::new(&service::plant_latency_topic().open(&node)?, measured)?;
         let incarnations = Incarnations::open(&brief.run_root, brief.robots.len());
         let incarnations =
             incarnations.map_err(|cause| port_failure("map the incarnations", cause))?;
@@ -56,7 +56,7 @@ impl Ports {
     }
 
     /// Returns the robots whose agents have not created all their ports yet.
-    pub fn not_ready(&self) -> impl Iterator<Item = usize> {
+    pub fn robots_not_ready(&self) -> impl Iterator<Item = usize> {
         let ready = |robot: &RobotPorts| robot.command_service.number_of_publishers() > 0;
         (0..self.robots.len()).filter(move |&i| !ready(&self.robots[i]))
     }
@@ -76,20 +76,21 @@ impl Ports {
     }
 
     /// Returns the next command in the queue of `robot`, or `None` if it is empty.
-    pub fn command(&self, robot: usize) -> Result<Option<Delivery>, Failure> {
+    pub fn receive_command(&self, robot: usize) -> Result<Option<ReceivedCommand>, Failure> {
         let sample = self.robots[robot].command.receive();
         let sample = sample.map_err(|cause| port_failure("receive a command", cause))?;
-        Ok(sample.map(|command| Delivery {
+        Ok(sample.map(|command| ReceivedCommand {
             robot,
             command: *command,
             received_ns: clock::now_ns(),
-            is_retired: !self.incarnations.is_obeyed(robot, command.incarnation),
+            is_from_dead_incarnation: !self.incarnations.is_accepted(robot, command.incarnation),
         }))
     }
 
     /// Returns all received commands. Each one is taken from its queue when the iterator reaches it.
-    pub fn commands(&self) -> impl Iterator<Item = Result<Delivery, Failure>> {
-        let queue = move |robot| std::iter::from_fn(move || self.command(robot).transpose());
+    pub fn receive_commands(&self) -> impl Iterator<Item = Result<ReceivedCommand, Failure>> {
+        let queue =
+            move |robot| std::iter::from_fn(move || self.receive_command(robot).transpose());
         (0..self.robots.len()).flat_map(queue)
     }
 

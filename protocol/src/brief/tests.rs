@@ -1,19 +1,20 @@
 //! Tests with texts of briefs: no text makes a process panic.
 
 use formation::drive::DriveKind;
-use formation::random::draw;
+use formation::random::draw_unit_by_number;
 use formation::trajectory::Trajectory;
 
 use super::*;
 use crate::fault::{
-    Lie, LinkFaultKind, Sensor, SensorFaultKind, SlowFault, Span, WheelFault, WheelFaultKind,
+    Lie, LinkFaultKind, MessageLie, Sensor, SensorFaultKind, SlowFault, Span, WheelFault,
+    WheelFaultKind,
 };
 use crate::law_message::MessageArray;
 
 const SPAN: Span = Span { from_ns: 5, until_ns: 9 };
 
 /// Returns a motion that stands still.
-fn standing_lead(center_m: [f64; 2]) -> LeadBrief {
+fn lead_at_rest(center_m: [f64; 2]) -> LeadBrief {
     LeadBrief {
         scale: Scale::CONSTANT_ONE,
         trajectory: Trajectory::Still { center_m },
@@ -31,6 +32,8 @@ fn avoidance() -> AvoidanceBrief {
         heading_error_rad: 0.1,
         braking_time_max_s: 0.5,
         clearance_m: 0.0,
+        command_timeout_max_s: 0.05,
+        classes: vec![RobotClassBrief { distance_min_m: 0.15, speed_max_m_s: 0.5 }],
         gains: [("epsilon_per_s".into(), 1.0)].into(),
     }
 }
@@ -42,14 +45,23 @@ fn deputy() -> DeputyBrief {
         front_point_m: 0.2,
         drive_kind: DriveKind::Differential,
         turn_rate_max_rad_s: Some(3.0),
+        turning_radius_min_m: Some(0.5),
         limits: None,
-        lead: standing_lead([1.0, 2.0]),
+        lead: lead_at_rest([1.0, 2.0]),
     }
 }
 
 fn link_fault(kind: LinkFaultKind) -> LinkFault {
     LinkFault { span: SPAN, kind, seed: 3 }
 }
+
+const LIE: Lie = Lie {
+    by_m: [0.0; 2],
+    drift_m_s: [0.0; 2],
+    random_m: 0.0,
+    turn_rad: 0.5,
+    message: MessageLie { scale: 1.0, offset: 0.5, noise: 0.0, bit_flips: 0.0 },
+};
 
 fn neighbor() -> NeighborBrief {
     NeighborBrief {
@@ -66,7 +78,9 @@ fn neighbor() -> NeighborBrief {
             shape: vec![20, 2].into(),
         }])),
         replaces: vec![2, 2],
-        lies: vec![LieFault { span: SPAN, lie: Lie { turn_rad: 0.5, ..Lie::default() }, seed: 5 }],
+        range: Some(RangeBrief { radius_m: 1.0, hysteresis_m: 0.05 }),
+        params: toml::toml! { weight = 0.5 },
+        lies: vec![LieFault { span: SPAN, lie: LIE, seed: 5 }],
     }
 }
 
@@ -80,12 +94,14 @@ fn spare() -> NeighborBrief {
         trusted: true,
         message: None,
         replaces: Vec::new(),
+        range: None,
+        params: toml::Table::new(),
     }
 }
 
 fn agent() -> AgentBrief {
     AgentBrief {
-        format: Format,
+        format: FormatVersion,
         name: "r1".into(),
         index: 1,
         run_root: "/nowhere".into(),
@@ -97,19 +113,22 @@ fn agent() -> AgentBrief {
         front_point_m: 0.045,
         drive_kind: DriveKind::Differential,
         turn_rate_max_rad_s: Some(4.0),
+        turning_radius_min_m: Some(0.5),
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
         seed: 7,
         place_m: Some([0.5, 1.0]),
         params: toml::toml! { weights = [1, 2] },
         withholds: true,
+        message_queue: 4,
         signals: vec!["cost_m2".into()],
+        records_messages: true,
         counts_sent: true,
         message: Some(MessageFormat::with_bytes(9)),
         program: Some(ProgramBrief { phalanx: VERSION.into(), role: "formation".into() }),
         led: true,
-        rank: Rank::Contained,
-        lead: Some(standing_lead([0.0, 1.0])),
+        rank: YieldPriority::Contained,
+        lead: Some(lead_at_rest([0.0, 1.0])),
         deputy: Some(deputy()),
         scale: Some(Scale::Closing {
             from: 2.4,
@@ -120,7 +139,7 @@ fn agent() -> AgentBrief {
         goal_m: Some([1.0, -0.5]),
         goal_heading_rad: Some(0.5),
         published_velocity: PublishedVelocity::GammaAndBeta,
-        limits: Some(LimitsBrief {
+        limits: Some(AccelerationLimitsBrief {
             acceleration_m_s2: 2.5,
             turn_acceleration_rad_s2: 3.2,
             braking_time_s: 0.35,
@@ -149,7 +168,7 @@ fn agent() -> AgentBrief {
 
 fn plant() -> PlantBrief {
     PlantBrief {
-        format: Format,
+        format: FormatVersion,
         run_root: "/nowhere".into(),
         pace: Pace::Lockstep,
         duration_ns: 30_000_000_000,
@@ -171,8 +190,15 @@ fn plant() -> PlantBrief {
             front_point_m: 0.045,
             drive_kind: DriveKind::Differential,
             turn_rate_max_rad_s: Some(4.0),
+            turning_radius_min_m: Some(0.5),
+            member: Some(MemberBrief {
+                keep_m: 0.1,
+                speed_max_m_s: Some(0.2),
+                command_lifetime_ns: 10_000_000,
+                class: 2,
+            }),
             wheels: Some(WheelsBrief { speed_max_m_s: 0.5, track_m: 0.1 }),
-            limits: Some(LimitsBrief {
+            limits: Some(AccelerationLimitsBrief {
                 acceleration_m_s2: 1.0,
                 turn_acceleration_rad_s2: 3.0,
                 braking_time_s: 0.5,
@@ -196,11 +222,11 @@ const TOKENS: &str = "[ ] [[ ]] { } = \" ' # . , - 0 9 e9 1e400 nan inf 0x 1979-
     \u{feff} \n \r\n index=0 period_ns=0\n [[neighbor]]\n 99999999999999999999 -0.0";
 
 /// Returns `original` with a few random changes, drawn by `seed`.
-fn mutated(original: &str, seed: u64) -> String {
+fn mutate_text(original: &str, seed: u64) -> String {
     let mut drawn = 0;
     let mut below = |bound: usize| {
         drawn += 1;
-        (draw(seed, drawn) * bound as f64) as usize
+        (draw_unit_by_number(seed, drawn) * bound as f64) as usize
     };
     let pieces: Vec<&str> = TOKENS.split(' ').collect();
     let mut text: Vec<char> = original.chars().collect();
@@ -220,7 +246,7 @@ fn fuzz_round_trip<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64,
     let text = to_text(original);
     let (mut sound, mut refused) = (0, 0);
     for seed in seeds {
-        let changed = mutated(&text, seed);
+        let changed = mutate_text(&text, seed);
         match parse::<B>(Path::new("r1.toml"), &changed) {
             Ok(brief) => {
                 sound += 1;
@@ -313,6 +339,24 @@ fn value_out_of_range_names_key_and_allowed_values() {
     let unlimited = AgentBrief { turn_rate_max_rad_s: None, limits: None, ..agent() };
     let expected = "front_point_m is 0 without turn_rate_max_rad_s, expected both";
     assert_eq!(flaw_with_value(&unlimited, "front_point_m", "0.0"), told(expected, ""));
+    let mut far = agent();
+    far.avoidance.classes[0].distance_min_m = 0.3;
+    let error = parse::<AgentBrief>(Path::new("r1.toml"), &to_text(&far)).unwrap_err().to_string();
+    let expected = "avoidance.class.distance_min_m is 0.3, expected more than 0 and at most \
+                    avoidance.distance_min_m = 0.2";
+    assert_eq!(error, told(expected, ""));
+    let car = AgentBrief {
+        drive_kind: DriveKind::Ackermann,
+        front_point_m: 0.0,
+        turning_radius_min_m: None,
+        limits: None,
+        ..agent()
+    };
+    let error = parse::<AgentBrief>(Path::new("r1.toml"), &to_text(&car)).unwrap_err().to_string();
+    assert!(
+        error.contains("turning_radius_min_m is missing with drive = \"ackermann\""),
+        "{error}"
+    );
     // Without a speed limit, no check depends on it.
     assert_eq!(flaw_with_value(&agent(), "speed_max_m_s", "inf"), "-");
     for (key, value, rest) in [
@@ -335,14 +379,15 @@ fn value_out_of_range_names_key_and_allowed_values() {
 #[test]
 fn brief_of_another_format_names_both_formats() {
     let text = to_text(&agent());
-    assert!(text.starts_with(&format!("format = {FORMAT}\n")), "{text}");
+    assert!(text.starts_with(&format!("format = {FORMAT_VERSION}\n")), "{text}");
     let said =
         |text: &str| parse::<AgentBrief>(Path::new("r1.toml"), text).unwrap_err().to_string();
-    let newer = text.replacen(&format!("format = {FORMAT}"), "format = 99\na_new_key = 3", 1);
-    let older = text.replacen(&format!("format = {FORMAT}\n"), "", 1);
+    let newer =
+        text.replacen(&format!("format = {FORMAT_VERSION}"), "format = 99\na_new_key = 3", 1);
+    let older = text.replacen(&format!("format = {FORMAT_VERSION}\n"), "", 1);
     for (text, found) in [(newer, "format 99"), (older, "no format")] {
         let expected = format!(
-            "r1.toml has {found}, and this program reads format {FORMAT}: another build wrote it; \
+            "r1.toml has {found}, and this program reads format {FORMAT_VERSION}: another build wrote it; \
              start supervisor, agents and plant from the same build"
         );
         assert_eq!(said(&text), expected);

@@ -8,34 +8,34 @@ use std::path::{Path, PathBuf};
 
 /// A cgroup with a CPU bandwidth limit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Limited {
+pub struct LimitedCgroup {
     /// Permitted CPU time per wall time; 1.5 is one and a half cores.
-    pub quota: f64,
+    pub quota_cores: f64,
     /// File with the counter of its throttled time.
-    pub stat: PathBuf,
+    pub stat_path: PathBuf,
 }
 
 /// Returns the limits that apply to this process, the own cgroup first. `root` is used in place of `/`.
-pub fn limits(root: &Path) -> Vec<Limited> {
-    let limited = |Folder { path, version_2 }: Folder| {
-        let quota = quota(&path, version_2)?;
-        Some(Limited { quota, stat: path.join("cpu.stat") })
+pub fn find_limited_cgroups(root: &Path) -> Vec<LimitedCgroup> {
+    let limited = |CgroupFolder { path, is_version_2: version_2 }: CgroupFolder| {
+        let quota = read_quota(&path, version_2)?;
+        Some(LimitedCgroup { quota_cores: quota, stat_path: path.join("cpu.stat") })
     };
-    folders(root, "cpu").into_iter().filter_map(limited).collect()
+    find_cgroup_folders(root, "cpu").into_iter().filter_map(limited).collect()
 }
 
 /// Folder of a cgroup.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Folder {
+pub struct CgroupFolder {
     /// Path of the folder.
     pub path: PathBuf,
     /// Whether the folder belongs to the unified hierarchy of cgroup version 2, and not to that of one controller.
-    pub version_2: bool,
+    pub is_version_2: bool,
 }
 
 /// Returns the cgroups of this process and those above them that have this controller or are of version 2, the
 /// own ones first. `root` is used in place of `/`.
-pub fn folders(root: &Path, controller: &str) -> Vec<Folder> {
+pub fn find_cgroup_folders(root: &Path, controller: &str) -> Vec<CgroupFolder> {
     let groups = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
     // Fields: number, controllers (empty for version 2) and path.
     let folders = groups.lines().filter_map(|line| {
@@ -50,14 +50,16 @@ pub fn folders(root: &Path, controller: &str) -> Vec<Folder> {
         };
         let mount = root.join(mount);
         let below = |path: &Path| mount.join(path.strip_prefix("/").unwrap_or(path));
-        let folders = path.ancestors().map(|path| Folder { path: below(path), version_2 });
+        let folders = path
+            .ancestors()
+            .map(|path| CgroupFolder { path: below(path), is_version_2: version_2 });
         Some(folders.collect::<Vec<_>>())
     });
     folders.flatten().collect()
 }
 
 /// Returns the limit of one cgroup; `None` if it has none.
-fn quota(folder: &Path, version_2: bool) -> Option<f64> {
+fn read_quota(folder: &Path, version_2: bool) -> Option<f64> {
     let read = |name| fs::read_to_string(folder.join(name)).ok();
     let (time, of) = if version_2 {
         let text = read("cpu.max")?;
@@ -75,7 +77,7 @@ fn quota(folder: &Path, version_2: bool) -> Option<f64> {
 
 /// Returns the throttled time of a cgroup, summed over cores, ns, from the text of its `cpu.stat`; `None` if it
 /// has none.
-pub fn held_up_ns(stat: &str) -> Option<u64> {
+pub fn parse_throttled_ns(stat: &str) -> Option<u64> {
     stat.lines().find_map(|line| {
         let (name, number) = line.split_once(' ')?;
         let number: u64 = number.trim().parse().ok()?;
@@ -90,24 +92,24 @@ pub fn held_up_ns(stat: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::machine_files::machine;
+    use crate::machine::machine_files::create_machine_files;
 
-    fn limits(files: &[(&str, &str)]) -> Vec<(f64, String)> {
-        let root = machine(files);
-        let limits = super::limits(root.path()).into_iter();
+    fn limits_of_machine(files: &[(&str, &str)]) -> Vec<(f64, String)> {
+        let root = create_machine_files(files);
+        let limits = super::find_limited_cgroups(root.path()).into_iter();
         let below = |path: PathBuf| path.strip_prefix(root.path()).unwrap().display().to_string();
-        limits.map(|limited| (limited.quota, below(limited.stat))).collect()
+        limits.map(|limited| (limited.quota_cores, below(limited.stat_path))).collect()
     }
 
     #[test]
     fn limits_of_own_and_parent_cgroups_are_found() {
-        let version_2 = limits(&[
+        let version_2 = limits_of_machine(&[
             ("proc/self/cgroup", "0::/docker/run"),
             ("sys/fs/cgroup/docker/run/cpu.max", "max 100000"),
             ("sys/fs/cgroup/docker/cpu.max", "150000 100000"),
         ]);
         assert_eq!(version_2, [(1.5, "sys/fs/cgroup/docker/cpu.stat".to_owned())]);
-        let version_1 = limits(&[
+        let version_1 = limits_of_machine(&[
             ("proc/self/cgroup", "5:memory:/x\n3:cpu,cpuacct:/job\n0::/"),
             ("sys/fs/cgroup/cpu,cpuacct/job/cpu.cfs_quota_us", "70000"),
             ("sys/fs/cgroup/cpu,cpuacct/job/cpu.cfs_period_us", "100000"),
@@ -119,8 +121,8 @@ mod tests {
             version_1,
             [(0.7, format!("{folder}/job/cpu.stat")), (0.5, format!("{folder}/cpu.stat"))]
         );
-        assert_eq!(limits(&[("proc/self/cgroup", "0::/")]), []);
-        assert_eq!(limits(&[]), []);
+        assert_eq!(limits_of_machine(&[("proc/self/cgroup", "0::/")]), []);
+        assert_eq!(limits_of_machine(&[]), []);
     }
 
     #[test]
@@ -130,7 +132,7 @@ mod tests {
             ("usage_usec 5\nnr_throttled 1\nthrottled_usec 80123\n", Some(80_123_000)),
             ("usage_usec 5\nuser_usec 3\n", None),
         ] {
-            assert_eq!(held_up_ns(stat), expected);
+            assert_eq!(parse_throttled_ns(stat), expected);
         }
     }
 }

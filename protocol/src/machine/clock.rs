@@ -7,7 +7,7 @@ use std::num::NonZeroU64;
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
 
-use crate::wake::Wake;
+use crate::wake::WakeUp;
 
 const NS_PER_S: u64 = 1_000_000_000;
 
@@ -52,7 +52,7 @@ impl Timer {
     pub fn new(period_ns: u64, phase_ns: u64) -> Timer {
         assert!(period_ns > 0, "a timer's period must be positive");
         let phase_ns = phase_ns % period_ns;
-        Timer { period_ns, phase_ns, due_ns: first_after(now_ns(), period_ns, phase_ns) }
+        Timer { period_ns, phase_ns, due_ns: first_deadline_after(now_ns(), period_ns, phase_ns) }
     }
 
     /// Returns the deadline of the next wait, ns.
@@ -61,12 +61,12 @@ impl Timer {
     }
 
     /// Sleeps until the deadline. Returns `None`, with the deadline unchanged, if a signal interrupted it.
-    pub fn wait(&mut self) -> Option<Wake> {
+    pub fn wait(&mut self) -> Option<WakeUp> {
         let due_ns = self.due_ns;
         sleep_until(due_ns)?;
         let now_ns = now_ns();
-        self.due_ns = first_after(now_ns.max(due_ns), self.period_ns, self.phase_ns);
-        Some(Wake { due_ns, lateness_ns: now_ns.saturating_sub(due_ns) })
+        self.due_ns = first_deadline_after(now_ns.max(due_ns), self.period_ns, self.phase_ns);
+        Some(WakeUp { due_ns, lateness_ns: now_ns.saturating_sub(due_ns) })
     }
 }
 
@@ -77,7 +77,7 @@ pub fn sleep_until(due_ns: u64) -> Option<()> {
 }
 
 /// Returns the first `n * period + phase` that is later than `now`.
-fn first_after(now_ns: u64, period_ns: u64, phase_ns: u64) -> u64 {
+fn first_deadline_after(now_ns: u64, period_ns: u64, phase_ns: u64) -> u64 {
     if now_ns < phase_ns {
         return phase_ns;
     }
@@ -90,11 +90,11 @@ mod tests {
 
     #[test]
     fn deadlines_are_multiples_of_the_period_plus_the_phase() {
-        assert_eq!(first_after(0, 10, 3), 3);
-        assert_eq!(first_after(3, 10, 3), 13);
-        assert_eq!(first_after(12, 10, 3), 13);
-        assert_eq!(first_after(13, 10, 3), 23);
-        assert_eq!(first_after(99, 10, 0), 100);
+        assert_eq!(first_deadline_after(0, 10, 3), 3);
+        assert_eq!(first_deadline_after(3, 10, 3), 13);
+        assert_eq!(first_deadline_after(12, 10, 3), 13);
+        assert_eq!(first_deadline_after(13, 10, 3), 23);
+        assert_eq!(first_deadline_after(99, 10, 0), 100);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use std::sync::atomic::Ordering::SeqCst;
 use rustix::mm::{MapFlags, ProtFlags};
 
 /// Name of the file in the run root.
-const FILE: &str = "incarnations";
+const FILE_NAME: &str = "incarnations";
 
 /// Shared table of the lowest incarnation of each robot whose commands the plant accepts.
 #[derive(Debug)]
@@ -34,7 +34,7 @@ impl Incarnations {
     pub fn create(run_root: &Path, robots: usize) -> io::Result<Incarnations> {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create_new(true).mode(0o600);
-        let file = options.open(run_root.join(FILE))?;
+        let file = options.open(run_root.join(FILE_NAME))?;
         let bytes = (robots.max(1) * size_of::<AtomicU64>()) as u64;
         file.set_len(bytes)?;
         // Allocates the memory now, so that a full tmpfs is an error here instead of a SIGBUS later.
@@ -42,7 +42,7 @@ impl Incarnations {
             Ok(()) | Err(rustix::io::Errno::OPNOTSUPP) => {}
             Err(error) => return Err(error.into()),
         }
-        Incarnations::map(&file, robots)
+        Incarnations::map_file(&file, robots)
     }
 
     /// Opens the file of a run.
@@ -51,16 +51,16 @@ impl Incarnations {
     ///
     /// The file is missing, or is for fewer robots.
     pub fn open(run_root: &Path, robots: usize) -> io::Result<Incarnations> {
-        let file = OpenOptions::new().read(true).write(true).open(run_root.join(FILE))?;
+        let file = OpenOptions::new().read(true).write(true).open(run_root.join(FILE_NAME))?;
         let (found, wanted) = (file.metadata()?.len(), robots * size_of::<AtomicU64>());
         if found < wanted as u64 {
-            let what = format!("{FILE} has {found} bytes, expected {wanted}");
+            let what = format!("{FILE_NAME} has {found} bytes, expected {wanted}");
             return Err(io::Error::other(what));
         }
-        Incarnations::map(&file, robots)
+        Incarnations::map_file(&file, robots)
     }
 
-    fn map(file: &File, robots: usize) -> io::Result<Incarnations> {
+    fn map_file(file: &File, robots: usize) -> io::Result<Incarnations> {
         let bytes = robots.max(1) * size_of::<AtomicU64>();
         let protection = ProtFlags::READ | ProtFlags::WRITE;
         // SAFETY: a new mapping at an address that the kernel chooses, of a file that is long enough.
@@ -78,7 +78,7 @@ impl Incarnations {
     }
 
     /// Returns whether the plant accepts commands of this incarnation of a robot. `robot`: scenario index from 0.
-    pub fn is_obeyed(&self, robot: usize, incarnation: u64) -> bool {
+    pub fn is_accepted(&self, robot: usize, incarnation: u64) -> bool {
         incarnation >= self.robot_word(robot).load(SeqCst)
     }
 
@@ -106,13 +106,14 @@ mod tests {
         assert!(Incarnations::open(root.path(), 2).is_err());
         let supervisor = Incarnations::create(root.path(), 2).unwrap();
         let plant = Incarnations::open(root.path(), 2).unwrap();
-        assert!(plant.is_obeyed(1, 0));
+        assert!(plant.is_accepted(1, 0));
         supervisor.retire(1, 0);
         supervisor.retire(1, 2);
         supervisor.retire(1, 1);
-        let obeyed: Vec<bool> = (0..5).map(|incarnation| plant.is_obeyed(1, incarnation)).collect();
+        let obeyed: Vec<bool> =
+            (0..5).map(|incarnation| plant.is_accepted(1, incarnation)).collect();
         assert_eq!(obeyed, [false, false, false, true, true]);
-        assert!(plant.is_obeyed(0, 0));
+        assert!(plant.is_accepted(0, 0));
         assert!(Incarnations::open(root.path(), 3).is_err());
     }
 }

@@ -1,10 +1,10 @@
 //! Sending of measured latencies and ages to the supervisor.
 
-use crate::latency::Recorder;
+use crate::latency::LatencyRecorder;
 use crate::machine::service::{Factory, Publisher, ServiceError, send_slice};
 use crate::message::{LatencyHeader, LatencyRow};
 
-/// Port through which the values of a [`Recorder`] are sent.
+/// Port through which the values of a [`LatencyRecorder`] are sent.
 #[derive(Debug)]
 pub struct LatencyPort {
     publisher: Publisher<[LatencyRow], LatencyHeader>,
@@ -14,14 +14,14 @@ impl LatencyPort {
     /// Creates a port for the batches of a recorder.
     pub fn new(
         service: &Factory<[LatencyRow], LatencyHeader>,
-        recorder: &Recorder,
+        recorder: &LatencyRecorder,
     ) -> Result<LatencyPort, ServiceError> {
         Ok(LatencyPort { publisher: service.publisher(recorder.rows_max())? })
     }
 
     /// Sends a batch if there is any value. A failure is only logged, because the robot must keep moving: the
     /// supervisor counts the missing values.
-    pub fn send(&self, recorder: &mut Recorder, now_ns: u64) {
+    pub fn send(&self, recorder: &mut LatencyRecorder, now_ns: u64) {
         let (header, rows) = recorder.batch();
         if rows.is_empty() {
             return;
@@ -29,11 +29,11 @@ impl LatencyPort {
         if let Err(error) = send_slice(&self.publisher, header, rows.len(), |i| rows[i]) {
             tracing::warn!(%error, "latencies not sent");
         }
-        recorder.clear(now_ns);
+        recorder.begin_next_batch(now_ns);
     }
 
-    /// Sends a batch if [`Recorder::is_due`].
-    pub fn send_if_due(&self, recorder: &mut Recorder, now_ns: u64) {
+    /// Sends a batch if [`LatencyRecorder::is_due`].
+    pub fn send_if_due(&self, recorder: &mut LatencyRecorder, now_ns: u64) {
         if recorder.is_due(now_ns) {
             self.send(recorder, now_ns);
         }

@@ -5,7 +5,7 @@ use std::fs;
 use tempfile::TempDir;
 
 /// Creates a directory with these files, given as names and texts. It is used in place of `/`.
-pub(crate) fn machine(files: &[(&str, &str)]) -> TempDir {
+pub(crate) fn create_machine_files(files: &[(&str, &str)]) -> TempDir {
     let root = tempfile::tempdir().unwrap();
     for (name, text) in files {
         let path = root.path().join(name);

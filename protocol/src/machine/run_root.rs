@@ -17,19 +17,19 @@ use rustix::fs::{FlockOperation, OFlags, flock};
 use crate::machine::scratch;
 
 /// Parent directory of run roots unless PHALANX_RUN_ROOT is set: a tmpfs on every Linux.
-const DEFAULT: &str = "/dev/shm";
+const DEFAULT_PARENT_DIRECTORY: &str = "/dev/shm";
 /// Minimum age of a directory without a lock file before it is removed: another run may be creating a younger
 /// one.
 const UNLOCKED_AGE_MIN: Duration = Duration::from_secs(10);
 /// Maximum number of names that are tried. A name is lost when another run ends and removes the base directory.
-const ATTEMPTS: usize = 64;
+const CREATE_ATTEMPTS_MAX: usize = 64;
 /// Prefix of the names of iceoryx2's files in a run root.
-pub const PREFIX: &str = "phx_";
+pub const ICEORYX2_PREFIX: &str = "phx_";
 /// Maximum number of former senders whose samples a receiver keeps until it next receives. At most two are
 /// connected at a time, one of them a replacement; this leaves room for as many again.
-const EXPIRED_MAX: usize = 4;
+const EXPIRED_CONNECTIONS_MAX: usize = 4;
 /// Suffix of a root's name while it is being created.
-const UNNAMED: &str = ".new";
+const UNFINISHED_SUFFIX: &str = ".new";
 /// Maximum length of the path of a run root, bytes: iceoryx2 refuses paths of more than 255 bytes, and adds up to
 /// 123.
 pub(crate) const PATH_BYTES_MAX: usize = 128;
@@ -40,28 +40,28 @@ pub(crate) const PATH_BYTES_MAX: usize = 128;
 pub enum RunRootError {
     /// A file or directory could not be created or read.
     #[error(
-        "cannot {action} {path}: {source}; PHALANX_RUN_ROOT names the directory in which runs share their memory and files (default {DEFAULT}): it must exist, be writable, have room, and should be on tmpfs"
+        "cannot {action} {path}: {source}; PHALANX_RUN_ROOT names the directory in which runs share their memory and files (default {DEFAULT_PARENT_DIRECTORY}): it must exist, be writable, have room, and should be on tmpfs"
     )]
     Io { action: &'static str, path: PathBuf, source: io::Error },
     /// The directory is not usable as a run root, or not by this process.
     #[error("{path} {why}")]
-    Unfit { path: PathBuf, why: String },
+    Unusable { path: PathBuf, why: String },
 }
 
 /// Directory of a run, locked while this value lives.
 #[derive(Debug)]
 pub struct RunRoot {
-    base: PathBuf,
+    base_directory: PathBuf,
     path: PathBuf,
     removed: bool,
     _lock: File,
 }
 
 /// Returns the directory of this user's run roots: `phalanx-<uid>` under PHALANX_RUN_ROOT or /dev/shm.
-pub fn base() -> PathBuf {
+pub fn base_directory() -> PathBuf {
     let parent = std::env::var_os("PHALANX_RUN_ROOT")
         .filter(|value| !value.is_empty())
-        .map_or_else(|| PathBuf::from(DEFAULT), PathBuf::from);
+        .map_or_else(|| PathBuf::from(DEFAULT_PARENT_DIRECTORY), PathBuf::from);
     parent.join(format!("phalanx-{}", rustix::process::geteuid().as_raw()))
 }
 
@@ -89,11 +89,11 @@ impl RunRoot {
     /// A file or directory cannot be created, or `base` is not usable.
     pub fn create(base: &Path) -> Result<RunRoot, RunRootError> {
         let base = std::path::absolute(base).map_err(|source| io_error("resolve", base, source))?;
-        for _ in 0..ATTEMPTS {
-            let id = random_id()?;
+        for _ in 0..CREATE_ATTEMPTS_MAX {
+            let id = draw_random_id()?;
             let path = base.join(&id);
             if !is_usable(&path) {
-                return Err(unfit_error(
+                return Err(unusable_error(
                     &path,
                     format!(
                         "cannot be a run root: iceoryx2 takes absolute UTF-8 paths without quotes of at most \
@@ -101,33 +101,33 @@ impl RunRoot {
                     ),
                 ));
             }
-            make_base(&base)?;
+            create_base_directory(&base)?;
             // Locked before it gets its name, so that no other run finds it unlocked.
-            let unnamed = base.join(format!("{id}{UNNAMED}"));
+            let unnamed = base.join(format!("{id}{UNFINISHED_SUFFIX}"));
             match fs::DirBuilder::new().mode(0o700).create(&unnamed) {
                 Ok(()) => {}
                 // The name is taken, or the base was removed by the last run that used it.
                 Err(error) if is_lost_race(&error) => continue,
                 Err(source) => return Err(io_error("make", &unnamed, source)),
             }
-            let Some(lock) = lock_fresh(&unnamed.join("lock"))? else { continue };
+            let Some(lock) = create_lock_file(&unnamed.join("lock"))? else { continue };
             match fs::rename(&unnamed, &path) {
-                Ok(()) if same_file(&lock, &path.join("lock")) => {}
+                Ok(()) if is_same_file(&lock, &path.join("lock")) => {}
                 Err(source) if !is_lost_race(&source) => {
                     return Err(io_error("name", &path, source));
                 }
                 _ => continue,
             }
-            let root = RunRoot { base, path, removed: false, _lock: lock };
+            let root = RunRoot { base_directory: base, path, removed: false, _lock: lock };
             let config = config_path(&root.path);
-            write_private(&config, &root.iceoryx2_config())
+            write_private_file(&config, &root.iceoryx2_config())
                 .map_err(|source| io_error("write", &config, source))?;
             return Ok(root);
         }
         let why = format!(
-            "had no free name in {ATTEMPTS} attempts; is something else removing directories there?"
+            "had no free name in {CREATE_ATTEMPTS_MAX} attempts; is something else removing directories there?"
         );
-        Err(unfit_error(&base, why))
+        Err(unusable_error(&base, why))
     }
 
     /// Returns the path of the directory.
@@ -143,13 +143,13 @@ impl RunRoot {
     /// Removes the directory, and the base directory if it is empty.
     pub fn remove(mut self) -> io::Result<()> {
         self.removed = true;
-        self.clear()
+        self.remove_directories()
     }
 
-    fn clear(&self) -> io::Result<()> {
+    fn remove_directories(&self) -> io::Result<()> {
         fs::remove_dir_all(&self.path)?;
         // Other runs may use the base directory.
-        let _ = fs::remove_dir(&self.base);
+        let _ = fs::remove_dir(&self.base_directory);
         Ok(())
     }
 
@@ -160,14 +160,14 @@ impl RunRoot {
         format!(
             "[global]\n\
              root-path = '{}'\n\
-             prefix = '{PREFIX}'\n\
+             prefix = '{ICEORYX2_PREFIX}'\n\
              [global.service]\n\
              cleanup-dead-nodes-on-open = false\n\
              [global.node]\n\
              cleanup-dead-nodes-on-creation = false\n\
              cleanup-dead-nodes-on-destruction = false\n\
              [defaults.publish-subscribe]\n\
-             subscriber-expired-connection-buffer = {EXPIRED_MAX}\n",
+             subscriber-expired-connection-buffer = {EXPIRED_CONNECTIONS_MAX}\n",
             self.path.display()
         )
     }
@@ -176,7 +176,7 @@ impl RunRoot {
 impl Drop for RunRoot {
     fn drop(&mut self) {
         if !self.removed
-            && let Err(error) = self.clear()
+            && let Err(error) = self.remove_directories()
         {
             tracing::warn!(%error, path = %self.path.display(), "cannot remove the run root");
         }
@@ -200,9 +200,9 @@ impl ExitedRunRoot {
 }
 
 /// Removes every run root whose lock is free, and returns their paths.
-pub fn sweep(base: &Path) -> Vec<PathBuf> {
+pub fn remove_dead_roots(base: &Path) -> Vec<PathBuf> {
     let mut removed = Vec::new();
-    for root in dead_roots(base) {
+    for root in lock_dead_roots(base) {
         let path = root.path.clone();
         match root.remove() {
             Ok(()) => removed.push(path),
@@ -215,15 +215,15 @@ pub fn sweep(base: &Path) -> Vec<PathBuf> {
 }
 
 /// Iterates over the run roots below `base` whose lock is free; each is locked when it is reached.
-pub fn dead_roots(base: &Path) -> impl Iterator<Item = ExitedRunRoot> {
+pub fn lock_dead_roots(base: &Path) -> impl Iterator<Item = ExitedRunRoot> {
     // `create` refuses a base that is a link or belongs to another user; here it is left alone.
     let ours = fs::symlink_metadata(base).is_ok_and(|found| unusable_reason(&found).is_none());
     let entries = ours.then(|| fs::read_dir(base).ok()).flatten();
     entries.into_iter().flatten().flatten().filter_map(|entry| {
         let path = entry.path();
         let name = path.file_name().and_then(|name| name.to_str())?;
-        let id = name.strip_suffix(UNNAMED).unwrap_or(name);
-        if !is_id(id) || (name != id && !is_older(&path)) {
+        let id = name.strip_suffix(UNFINISHED_SUFFIX).unwrap_or(name);
+        if !is_run_id(id) || (name != id && !is_past_unlocked_age(&path)) {
             return None;
         }
         if !fs::symlink_metadata(&path).is_ok_and(|found| found.is_dir()) {
@@ -232,12 +232,16 @@ pub fn dead_roots(base: &Path) -> impl Iterator<Item = ExitedRunRoot> {
         let lock_path = path.join("lock");
         let lock = match lock_options().open(&lock_path) {
             Ok(lock) => Some(lock),
-            Err(error) if error.kind() == io::ErrorKind::NotFound && is_older(&path) => None,
+            Err(error)
+                if error.kind() == io::ErrorKind::NotFound && is_past_unlocked_age(&path) =>
+            {
+                None
+            }
             Err(_) => return None,
         };
         if let Some(lock) = &lock
             && (flock(lock, FlockOperation::NonBlockingLockExclusive).is_err()
-                || !same_file(lock, &lock_path))
+                || !is_same_file(lock, &lock_path))
         {
             return None;
         }
@@ -246,12 +250,12 @@ pub fn dead_roots(base: &Path) -> impl Iterator<Item = ExitedRunRoot> {
 }
 
 /// Returns the reason why `base` is not usable for run roots; `None` if it is usable or missing.
-pub fn reason_unusable(base: &Path) -> Option<String> {
+pub fn find_unusable_reason(base: &Path) -> Option<String> {
     fs::symlink_metadata(base).ok().and_then(|found| unusable_reason(&found))
 }
 
 /// Joins a run as the process of a robot, or of the `plant`, and records the process id.
-pub fn join_as(run_root: &Path, name: &str) -> Result<(), RunRootError> {
+pub fn join_as_process(run_root: &Path, name: &str) -> Result<(), RunRootError> {
     join(run_root)?;
     let path = pid_path(run_root, name);
     let mut options = lock_options();
@@ -262,13 +266,13 @@ pub fn join_as(run_root: &Path, name: &str) -> Result<(), RunRootError> {
 
 /// Joins a run: makes iceoryx2 use its root from now on. Every process calls this first.
 pub fn join(run_root: &Path) -> Result<(), RunRootError> {
-    crate::machine::process::quiet_iceoryx2();
+    crate::machine::process::limit_iceoryx2_log();
     let path = config_path(run_root);
     let refused = |cause: &dyn std::fmt::Debug| {
         let why = format!(
             "is refused by iceoryx2: {cause:?}; is the run of this brief still in progress?"
         );
-        unfit_error(&path, why)
+        unusable_error(&path, why)
     };
     let file =
         FilePath::new(path.as_os_str().as_encoded_bytes()).map_err(|error| refused(&error))?;
@@ -279,7 +283,7 @@ pub fn join(run_root: &Path) -> Result<(), RunRootError> {
         let why = format!(
             "cannot be joined: this process has joined {joined} already; call join first thing, once"
         );
-        return Err(unfit_error(run_root, why));
+        return Err(unusable_error(run_root, why));
     }
     Ok(())
 }
@@ -288,21 +292,21 @@ fn io_error(action: &'static str, path: &Path, source: io::Error) -> RunRootErro
     RunRootError::Io { action, path: path.into(), source }
 }
 
-fn unfit_error(path: &Path, why: String) -> RunRootError {
-    RunRootError::Unfit { path: path.into(), why }
+fn unusable_error(path: &Path, why: String) -> RunRootError {
+    RunRootError::Unusable { path: path.into(), why }
 }
 
 /// Returns whether `path` lies inside a run root below `base` that a live process holds. Such a root is removed by its
 /// holder, with all that is in it.
 pub fn is_in_live_root(base: &Path, path: &Path) -> bool {
     let root = path.strip_prefix(base).ok().and_then(|below| below.iter().next()?.to_str());
-    root.filter(|name| is_id(name)).is_some_and(|name| {
+    root.filter(|name| is_run_id(name)).is_some_and(|name| {
         let lock = lock_options().open(base.join(name).join("lock"));
         lock.is_ok_and(|lock| flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err())
     })
 }
 
-fn is_id(name: &str) -> bool {
+fn is_run_id(name: &str) -> bool {
     name.len() == 8 && name.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
 }
 
@@ -312,7 +316,7 @@ fn is_usable(path: &Path) -> bool {
     })
 }
 
-fn random_id() -> Result<String, RunRootError> {
+fn draw_random_id() -> Result<String, RunRootError> {
     let source = Path::new("/dev/urandom");
     let mut bytes = [0; 4];
     File::open(source)
@@ -322,7 +326,7 @@ fn random_id() -> Result<String, RunRootError> {
 }
 
 /// Creates the base directory, or checks that only this user can write to the existing one.
-fn make_base(base: &Path) -> Result<(), RunRootError> {
+fn create_base_directory(base: &Path) -> Result<(), RunRootError> {
     match fs::DirBuilder::new().mode(0o700).create(base) {
         Ok(()) => return Ok(()),
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
@@ -337,7 +341,7 @@ fn make_base(base: &Path) -> Result<(), RunRootError> {
                     "is not a private directory of user {uid}: {found}; remove it, or let \
                      PHALANX_RUN_ROOT name another directory"
                 );
-                Err(unfit_error(base, why))
+                Err(unusable_error(base, why))
             }
         },
         // Removed again by another run: the next attempt creates it.
@@ -365,7 +369,7 @@ fn is_owned_by_user(found: &fs::Metadata) -> bool {
     found.uid() == rustix::process::geteuid().as_raw()
 }
 
-fn write_private(path: &Path, text: &str) -> io::Result<()> {
+fn write_private_file(path: &Path, text: &str) -> io::Result<()> {
     let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
     file.write_all(text.as_bytes())
 }
@@ -377,14 +381,14 @@ fn lock_options() -> OpenOptions {
 }
 
 /// Creates and locks a lock file; `None` if one exists, or if another run removed it first.
-fn lock_fresh(path: &Path) -> Result<Option<File>, RunRootError> {
+fn create_lock_file(path: &Path) -> Result<Option<File>, RunRootError> {
     let lock = match lock_options().create_new(true).open(path) {
         Ok(lock) => lock,
         Err(error) if is_lost_race(&error) => return Ok(None),
         Err(source) => return Err(io_error("make", path, source)),
     };
     match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
-        Ok(()) if same_file(&lock, path) => Ok(Some(lock)),
+        Ok(()) if is_same_file(&lock, path) => Ok(Some(lock)),
         Ok(()) | Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
         Err(error) => Err(io_error("lock", path, error.into())),
     }
@@ -397,14 +401,14 @@ fn is_lost_race(error: &io::Error) -> bool {
 }
 
 /// Returns whether the path still leads to the open file.
-fn same_file(file: &File, path: &Path) -> bool {
+fn is_same_file(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::symlink_metadata(path)) {
         (Ok(a), Ok(b)) => a.dev() == b.dev() && a.ino() == b.ino(),
         _ => false,
     }
 }
 
-fn is_older(path: &Path) -> bool {
+fn is_past_unlocked_age(path: &Path) -> bool {
     fs::symlink_metadata(path)
         .and_then(|found| found.modified())
         .ok()
@@ -448,7 +452,7 @@ mod tests {
         let being_made = base.join("0000beef");
         fs::create_dir(&being_made).unwrap();
         fs::create_dir(base.join("not-a-root")).unwrap();
-        assert_eq!(sweep(&base), std::slice::from_ref(&dead));
+        assert_eq!(remove_dead_roots(&base), std::slice::from_ref(&dead));
         assert!(!dead.exists());
         assert!(living.path().exists() && being_made.exists());
     }
@@ -471,7 +475,7 @@ mod tests {
         let (_parent, base) = temporary_base();
         std::thread::scope(|scope| {
             for _ in 0..2 {
-                scope.spawn(|| (0..200).for_each(|_| drop(sweep(&base))));
+                scope.spawn(|| (0..200).for_each(|_| drop(remove_dead_roots(&base))));
             }
             for _ in 0..2 {
                 scope.spawn(|| {

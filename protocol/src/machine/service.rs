@@ -15,12 +15,13 @@ use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeOpe
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use crate::brief::Pace;
-use crate::machine::barrier::LEAD_MAX;
+use crate::law_message::MESSAGE_QUEUE_LENGTH;
+use crate::machine::barrier::LEAD_TICKS_MAX;
 use crate::machine::resources::{self, handle_failed_connection};
 use crate::message::{
     Beacon, BridgeHeader, Command, Goal, GoalCounts, LatencyHeader, LatencyRow, LinkFaultByHand,
-    NeighborStatus, Odometry, OrderHeader, OrderRow, PeerRow, ReportHeader, ReportRow,
-    StatusHeader, TruthHeader, TruthRow,
+    Odometry, OrderHeader, OrderRow, PeerRow, ReportHeader, ReportRow, StatusHeader, TruthHeader,
+    TruthRow,
 };
 
 pub use crate::machine::ipc::Ipc;
@@ -36,13 +37,11 @@ pub type Sample<P, H = ()> = iceoryx2::sample::Sample<Ipc, P, H>;
 /// Maximum number of senders: one, and its replacement while iceoryx2 still counts the dead one.
 const PUBLISHERS_MAX: usize = 2;
 /// Additional receivers: replacements of dead receivers that iceoryx2 still counts.
-const SUBSCRIBERS_SPARE: usize = 2;
+const ADDITIONAL_SUBSCRIBERS: usize = 2;
 /// Additional nodes: the supervisor, its clean-up thread, and two monitoring tools.
-const NODES_SPARE: usize = 4;
+const ADDITIONAL_NODES: usize = 4;
 /// Maximum number of samples that a receiver holds: one while it receives the next.
-const BORROWED_MAX: usize = 2;
-/// Queue length of beacons that carry messages, in samples.
-const MESSAGES_QUEUED: usize = 16;
+const BORROWED_SAMPLES_MAX: usize = 2;
 /// Maximum number of attempts to open a service. Opening sometimes fails without a reason while other processes
 /// start.
 const OPEN_ATTEMPTS: usize = 20;
@@ -60,7 +59,7 @@ pub struct ServiceError {
 }
 
 /// Advice in errors about the name, creation, sender or receiver of a service.
-const NAMES: &str = "names have 1 to 255 bytes";
+const NAME_ADVICE: &str = "names have 1 to 255 bytes";
 const CREATE_ADVICE: &str =
     "a name can be created once in a run, and the file system of the run root must not be full";
 const SENDING: &str = "it accepts one sender and its replacement, and dead senders count until the \
@@ -89,9 +88,9 @@ fn service_error<C: Debug>(
 /// # Errors
 ///
 /// The name is invalid or the node cannot be created.
-pub fn node(name: &str) -> Result<Node, ServiceError> {
+pub fn create_node(name: &str) -> Result<Node, ServiceError> {
     const ACTION: &str = "create the iceoryx2 node";
-    let node_name = NodeName::new(name).map_err(service_error(ACTION, name, NAMES))?;
+    let node_name = NodeName::new(name).map_err(service_error(ACTION, name, NAME_ADVICE))?;
     let advice = "is the run root there, writable, and its file system not full?";
     NodeBuilder::new()
         .name(&node_name)
@@ -106,7 +105,7 @@ pub struct Qos {
     /// Number of receivers in the formation graph, recorder included.
     pub subscribers: usize,
     /// Queue length of each receiver, in samples. When it is full, the oldest sample is dropped.
-    pub buffer: usize,
+    pub queue_length: usize,
 }
 
 impl Qos {
@@ -117,7 +116,7 @@ impl Qos {
             Pace::Lockstep => 4,
             Pace::Realtime => 1,
         };
-        Qos { subscribers, buffer }
+        Qos { subscribers, queue_length: buffer }
     }
 
     /// Returns the limits for beacons. In real time a queue with messages is longer, so that a beacon without a message
@@ -125,7 +124,11 @@ impl Qos {
     pub fn for_beacons(pace: Pace, subscribers: usize, with_messages: bool) -> Qos {
         let qos = Qos::for_robot(pace, subscribers);
         Qos {
-            buffer: if with_messages { qos.buffer.max(MESSAGES_QUEUED) } else { qos.buffer },
+            queue_length: if with_messages {
+                qos.queue_length.max(MESSAGE_QUEUE_LENGTH)
+            } else {
+                qos.queue_length
+            },
             ..qos
         }
     }
@@ -133,13 +136,13 @@ impl Qos {
     /// Returns the limits for status: twice the lead that the plant may have in lockstep, where every tick may
     /// carry a change and none may be lost; the supervisor reads in bursts.
     pub fn for_status(subscribers: usize) -> Qos {
-        Qos { subscribers, buffer: 2 * (LEAD_MAX as usize + 1) }
+        Qos { subscribers, queue_length: 2 * (LEAD_TICKS_MAX as usize + 1) }
     }
 
     /// Returns the limits for messages between supervisors and bridges of several hosts: only the newest one
     /// matters.
     pub fn for_hosts(subscribers: usize) -> Qos {
-        Qos { subscribers, buffer: 1 }
+        Qos { subscribers, queue_length: 1 }
     }
 
     /// Returns the limits with one more receiver: a bridge, or a supervisor in addition to one.
@@ -149,7 +152,7 @@ impl Qos {
 
     /// Returns the limits for latencies: at least 1.6 s of batches, one every 100 ms.
     pub fn for_latency(subscribers: usize) -> Qos {
-        Qos { subscribers, buffer: 16 }
+        Qos { subscribers, queue_length: 16 }
     }
 
     /// Returns the limits for ground truth: twice the lead that the plant may have in lockstep, or a second at 1
@@ -159,7 +162,7 @@ impl Qos {
             Pace::Lockstep => 128,
             Pace::Realtime => 1024,
         };
-        Qos { subscribers, buffer }
+        Qos { subscribers, queue_length: buffer }
     }
 }
 
@@ -171,79 +174,79 @@ pub struct Topic<P: ?Sized, H = ()> {
 }
 
 /// Returns `robot/<id>/odometry`: plant to agent.
-pub fn odometry(robot: &str) -> Topic<Odometry> {
+pub fn odometry_topic(robot: &str) -> Topic<Odometry> {
     Topic::new(format!("robot/{robot}/odometry"))
 }
 
 /// Returns `robot/<id>/command`: agent to plant.
-pub fn command(robot: &str) -> Topic<Command> {
+pub fn command_topic(robot: &str) -> Topic<Command> {
     Topic::new(format!("robot/{robot}/command"))
 }
 
 /// Returns `robot/<id>/beacon`: agent to its out-neighbors. The slice is the message of the control law, empty if
 /// the beacon carries none.
-pub fn beacon(robot: &str) -> Topic<[u8], Beacon> {
+pub fn beacon_topic(robot: &str) -> Topic<[u8], Beacon> {
     Topic::new(format!("robot/{robot}/beacon"))
 }
 
-/// Returns `robot/<id>/status`: agent to supervisor.
-pub fn status(robot: &str) -> Topic<[NeighborStatus], StatusHeader> {
+/// Returns `robot/<id>/status`: agent to supervisor. The slice is the payload of [`StatusHeader::split_payload`].
+pub fn status_topic(robot: &str) -> Topic<[u8], StatusHeader> {
     Topic::new(format!("robot/{robot}/status"))
 }
 
 /// Returns `robot/<id>/faults`: supervisor to agent (real time only), if links may be cut by a user. Each message
 /// has the state of all links of the robot, and is sent when one changes.
-pub fn faults(robot: &str) -> Topic<[LinkFaultByHand]> {
+pub fn link_faults_topic(robot: &str) -> Topic<[LinkFaultByHand]> {
     Topic::new(format!("robot/{robot}/faults"))
 }
 
 /// Returns `robot/<id>/goal`: ROS 2 process to agent (real time only), if the robot accepts goals from outside.
-pub fn goal(robot: &str) -> Topic<Goal> {
+pub fn goal_topic(robot: &str) -> Topic<Goal> {
     Topic::new(format!("robot/{robot}/goal"))
 }
 
 /// Returns `ros2/goals`: ROS 2 process to supervisor, if any robot accepts goals from outside.
-pub fn goal_counts() -> Topic<GoalCounts> {
+pub fn goal_counts_topic() -> Topic<GoalCounts> {
     Topic::new("ros2/goals".into())
 }
 
 /// Returns `robot/<id>/latency`: agent to supervisor.
-pub fn latency(robot: &str) -> Topic<[LatencyRow], LatencyHeader> {
+pub fn latency_topic(robot: &str) -> Topic<[LatencyRow], LatencyHeader> {
     Topic::new(format!("robot/{robot}/latency"))
 }
 
 /// Returns `plant/latency`: plant to supervisor.
-pub fn plant_latency() -> Topic<[LatencyRow], LatencyHeader> {
+pub fn plant_latency_topic() -> Topic<[LatencyRow], LatencyHeader> {
     Topic::new("plant/latency".into())
 }
 
 /// Returns `machine/latency`: control timer of a real-time run to supervisor.
-pub fn machine_latency() -> Topic<[LatencyRow], LatencyHeader> {
+pub fn machine_latency_topic() -> Topic<[LatencyRow], LatencyHeader> {
     Topic::new("machine/latency".into())
 }
 
 /// Returns `host/<name>/orders`: supervisor of the plant's host to that of another host, through their bridges.
-pub fn orders(host: &str) -> Topic<[OrderRow], OrderHeader> {
+pub fn orders_topic(host: &str) -> Topic<[OrderRow], OrderHeader> {
     Topic::new(format!("host/{host}/orders"))
 }
 
 /// Returns `host/<name>/report`: supervisor of a host to that of the plant's host, through their bridges.
-pub fn report(host: &str) -> Topic<[ReportRow], ReportHeader> {
+pub fn host_report_topic(host: &str) -> Topic<[ReportRow], ReportHeader> {
     Topic::new(format!("host/{host}/report"))
 }
 
 /// Returns `host/<name>/bridge`: bridge of a host to its supervisor, and to that of the plant's host.
-pub fn bridge(host: &str) -> Topic<[PeerRow], BridgeHeader> {
+pub fn bridge_topic(host: &str) -> Topic<[PeerRow], BridgeHeader> {
     Topic::new(format!("host/{host}/bridge"))
 }
 
 /// Returns `probe`: used by the supervisor alone, to find the files that a service has.
-pub fn probe() -> Topic<u64> {
+pub fn probe_topic() -> Topic<u64> {
     Topic::new("probe".into())
 }
 
 /// Returns `plant/truth`: plant to supervisor.
-pub fn truth() -> Topic<[TruthRow], TruthHeader> {
+pub fn truth_topic() -> Topic<[TruthRow], TruthHeader> {
     Topic::new("plant/truth".into())
 }
 
@@ -266,7 +269,11 @@ impl<P: ?Sized, H> Topic<P, H> {
     }
 
     fn service_name(&self) -> Result<ServiceName, ServiceError> {
-        ServiceName::new(&self.name).map_err(service_error("name the service", &self.name, NAMES))
+        ServiceName::new(&self.name).map_err(service_error(
+            "name the service",
+            &self.name,
+            NAME_ADVICE,
+        ))
     }
 }
 
@@ -362,7 +369,7 @@ service!(Command);
 service!([u8], Beacon);
 service!(Goal);
 service!(GoalCounts);
-service!([NeighborStatus], StatusHeader);
+service!([u8], StatusHeader);
 service!([LinkFaultByHand], ());
 service!([LatencyRow], LatencyHeader);
 service!([TruthRow], TruthHeader);
@@ -376,15 +383,15 @@ where
     P: Debug + iceoryx2::prelude::IceoryxSend + ?Sized,
     H: Debug + ZeroCopySend,
 {
-    let subscribers = qos.subscribers + SUBSCRIBERS_SPARE;
+    let subscribers = qos.subscribers + ADDITIONAL_SUBSCRIBERS;
     builder
         .enable_safe_overflow(true)
         .history_size(0)
         .max_publishers(PUBLISHERS_MAX)
         .max_subscribers(subscribers)
-        .max_nodes(PUBLISHERS_MAX + subscribers + NODES_SPARE)
-        .subscriber_max_buffer_size(qos.buffer)
-        .subscriber_max_borrowed_samples(BORROWED_MAX)
+        .max_nodes(PUBLISHERS_MAX + subscribers + ADDITIONAL_NODES)
+        .subscriber_max_buffer_size(qos.queue_length)
+        .subscriber_max_borrowed_samples(BORROWED_SAMPLES_MAX)
 }
 
 /// Returns whether a failure may be transient.
@@ -473,7 +480,7 @@ mod tests {
     use crate::machine::run_root::{PATH_BYTES_MAX, RunRoot, join};
 
     /// Another layout under the name of a command.
-    type Wrong = Goal;
+    type MismatchedCommand = Goal;
 
     /// Sends one message over a service that the supervisor creates and a child opens, or the reverse.
     macro_rules! carried {
@@ -501,12 +508,12 @@ mod tests {
         assert!(join(other.path()).unwrap_err().to_string().contains("already"));
         drop(other);
 
-        let before = listing("/tmp/iceoryx2");
-        let supervisor = node("supervisor").unwrap();
-        let child = node("agent r1").unwrap();
+        let before = list_directory("/tmp/iceoryx2");
+        let supervisor = create_node("supervisor").unwrap();
+        let child = create_node("agent r1").unwrap();
         let qos = Qos::for_robot(Pace::Lockstep, 1);
-        let held = command("r1").create(&supervisor, qos).unwrap();
-        let opened = command("r1").open(&child).unwrap();
+        let held = command_topic("r1").create(&supervisor, qos).unwrap();
+        let opened = command_topic("r1").open(&child).unwrap();
         let publisher = opened.publisher().unwrap();
         let subscriber = held.subscriber().unwrap();
         assert_eq!((held.number_of_publishers(), held.number_of_subscribers()), (1, 1));
@@ -518,41 +525,41 @@ mod tests {
         let ticks: Vec<(u64, f64)> = received.map(|sample| (sample.tick, sample.v_m_s)).collect();
         assert_eq!(ticks, [(6, 0.1), (7, 0.1), (8, 0.1), (9, 0.1)]);
 
-        let wrong: Topic<Wrong> = Topic::new(command("r1").name().into());
+        let wrong: Topic<MismatchedCommand> = Topic::new(command_topic("r1").name().into());
         let error = wrong.open(&child).unwrap_err().to_string();
         assert!(error.contains("robot/r1/command") && error.contains("another layout"), "{error}");
-        let error = command("nobody").open(&child).unwrap_err().to_string();
+        let error = command_topic("nobody").open(&child).unwrap_err().to_string();
         assert!(
             error.contains("robot/nobody/command") && error.contains("DoesNotExist"),
             "{error}"
         );
 
-        beacons(&supervisor, &child);
+        check_beacons(&supervisor, &child);
         let sent =
             Odometry { tick: 1, walls_count: 1, near: [[0.5; 2]; 32], ..Odometry::default() };
-        let held = odometry("r1").create(&supervisor, qos).unwrap();
-        carried!(held, odometry("r1").open(&child).unwrap(), sent);
+        let held = odometry_topic("r1").create(&supervisor, qos).unwrap();
+        carried!(held, odometry_topic("r1").open(&child).unwrap(), sent);
 
-        statuses_and_faults(&supervisor, &child);
-        truths(&supervisor, &child);
+        check_statuses_and_faults(&supervisor, &child);
+        check_truths(&supervisor, &child);
 
         // All files are in the root. With a port still open, as after a SIGKILL, nothing remains after removal.
-        let files = listing(root.path().to_str().unwrap());
+        let files = list_directory(root.path().to_str().unwrap());
         for end in [".dynamic", ".data", ".connection"] {
             assert!(files.iter().any(|name| name.ends_with(end)), "{end}: {files:?}");
         }
         let id = root.path().file_name().unwrap().to_str().unwrap();
-        assert!(!listing("/dev/shm").iter().any(|name| name.contains(id)));
+        assert!(!list_directory("/dev/shm").iter().any(|name| name.contains(id)));
         root.remove().unwrap();
-        assert_eq!(listing("/tmp/iceoryx2"), before);
-        assert!(listing(parent.path().to_str().unwrap()).is_empty());
+        assert_eq!(list_directory("/tmp/iceoryx2"), before);
+        assert!(list_directory(parent.path().to_str().unwrap()).is_empty());
     }
 
     /// Sends a beacon with and one without a message of the control law.
-    fn beacons(supervisor: &Node, child: &Node) {
+    fn check_beacons(supervisor: &Node, child: &Node) {
         let qos = Qos::for_robot(Pace::Lockstep, 1);
-        let subscriber = beacon("r1").create(supervisor, qos).unwrap().subscriber().unwrap();
-        let publisher = beacon("r1").open(child).unwrap().publisher(3).unwrap();
+        let subscriber = beacon_topic("r1").create(supervisor, qos).unwrap().subscriber().unwrap();
+        let publisher = beacon_topic("r1").open(child).unwrap().publisher(3).unwrap();
         let header = Beacon { tick: 1, x_m: 1.0, frame_scale: 2.0, ..Beacon::default() };
         for message in [&[7, 8, 9][..], &[]] {
             send_slice(&publisher, header, message.len(), |i| message[i]).unwrap();
@@ -562,23 +569,23 @@ mod tests {
         assert!(send_slice(&publisher, header, 4, |_| 0).is_err());
     }
 
-    fn statuses_and_faults(supervisor: &Node, child: &Node) {
-        let held = status("r1").create(supervisor, Qos::for_status(1)).unwrap();
+    fn check_statuses_and_faults(supervisor: &Node, child: &Node) {
+        let held = status_topic("r1").create(supervisor, Qos::for_status(1)).unwrap();
         let subscriber = held.subscriber().unwrap();
-        let publisher = status("r1").open(child).unwrap().publisher(2).unwrap();
+        let publisher = status_topic("r1").open(child).unwrap().publisher(2).unwrap();
         let header = StatusHeader { tick: 5, ..StatusHeader::default() };
-        let neighbor =
-            |i| NeighborStatus { robot: i as u64 + 1, contact: 1, ..NeighborStatus::default() };
-        send_slice(&publisher, header, 2, neighbor).unwrap();
-        send_slice(&publisher, header, 0, neighbor).unwrap();
-        assert!(send_slice(&publisher, header, 3, neighbor).is_err());
+        let byte = |i: usize| i as u8 + 1;
+        send_slice(&publisher, header, 2, byte).unwrap();
+        send_slice(&publisher, header, 0, byte).unwrap();
+        assert!(send_slice(&publisher, header, 3, byte).is_err());
         let sample = subscriber.receive().unwrap().unwrap();
-        assert_eq!((*sample.user_header(), sample.payload()), (header, &[0, 1].map(neighbor)[..]));
+        assert_eq!((*sample.user_header(), sample.payload()), (header, &[1, 2][..]));
         assert_eq!(subscriber.receive().unwrap().unwrap().len(), 0);
 
         let one = Qos::for_robot(Pace::Realtime, 1);
-        let publisher = faults("r1").create(supervisor, one).unwrap().publisher(2).unwrap();
-        let subscriber = faults("r1").open(child).unwrap().subscriber().unwrap();
+        let publisher =
+            link_faults_topic("r1").create(supervisor, one).unwrap().publisher(2).unwrap();
+        let subscriber = link_faults_topic("r1").open(child).unwrap().subscriber().unwrap();
         let link = |i: usize| LinkFaultByHand { robot: i as u64 + 1, cut: 1 };
         for length in [1, 2] {
             send_slice(&publisher, (), length, link).unwrap();
@@ -588,10 +595,10 @@ mod tests {
     }
 
     /// Sends one second of ground truth at 1 kHz.
-    fn truths(supervisor: &Node, child: &Node) {
-        let held = truth().create(supervisor, Qos::for_truth(Pace::Realtime, 1)).unwrap();
+    fn check_truths(supervisor: &Node, child: &Node) {
+        let held = truth_topic().create(supervisor, Qos::for_truth(Pace::Realtime, 1)).unwrap();
         let subscriber = held.subscriber().unwrap();
-        let publisher = truth().open(child).unwrap().publisher(64).unwrap();
+        let publisher = truth_topic().open(child).unwrap().publisher(64).unwrap();
         let row = |i| TruthRow { x_m: i as f64, commanded: 1, ..TruthRow::default() };
         for tick in 0..1024 {
             let header = TruthHeader { tick, ..TruthHeader::default() };
@@ -603,7 +610,7 @@ mod tests {
         }
     }
 
-    fn listing(directory: &str) -> Vec<String> {
+    fn list_directory(directory: &str) -> Vec<String> {
         let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
         entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
     }

@@ -31,45 +31,45 @@ impl Writer {
     }
 
     /// Appends an 8-bit integer.
-    pub fn u8(&mut self, number: u8) {
+    pub fn write_u8(&mut self, number: u8) {
         self.bytes.push(number);
     }
 
     /// Appends a 32-bit integer.
-    pub fn u32(&mut self, number: u32) {
+    pub fn write_u32(&mut self, number: u32) {
         self.align(4);
         self.bytes.extend(number.to_le_bytes());
     }
 
     /// Appends a 32-bit floating-point number.
-    pub fn f32(&mut self, number: f32) {
-        self.u32(number.to_bits());
+    pub fn write_f32(&mut self, number: f32) {
+        self.write_u32(number.to_bits());
     }
 
     /// Appends consecutive 64-bit floating-point numbers.
-    pub fn f64s(&mut self, numbers: &[f64]) {
+    pub fn write_f64s(&mut self, numbers: &[f64]) {
         self.align(8);
         numbers.iter().for_each(|number| self.bytes.extend(number.to_le_bytes()));
     }
 
     /// Appends `count` 64-bit zeros.
-    pub fn zeros(&mut self, count: usize) {
+    pub fn write_zeros(&mut self, count: usize) {
         self.align(8);
         self.bytes.resize(self.bytes.len() + 8 * count, 0);
     }
 
     /// Appends a string: its length including the final NUL, then its bytes and the NUL.
-    pub fn string(&mut self, text: &str) {
-        self.u32(text.len() as u32 + 1);
+    pub fn write_string(&mut self, text: &str) {
+        self.write_u32(text.len() as u32 + 1);
         self.bytes.extend_from_slice(text.as_bytes());
         self.bytes.push(0);
     }
 
     /// Appends a `builtin_interfaces/Time` for a time in ns since 1970: whole seconds, which ROS 2 counts until
     /// 2038, and the remaining nanoseconds.
-    pub fn time(&mut self, stamp_ns: u64) {
-        self.u32((stamp_ns / NS_PER_S) as u32);
-        self.u32((stamp_ns % NS_PER_S) as u32);
+    pub fn write_time(&mut self, stamp_ns: u64) {
+        self.write_u32((stamp_ns / NS_PER_S) as u32);
+        self.write_u32((stamp_ns % NS_PER_S) as u32);
     }
 
     fn align(&mut self, size: usize) {
@@ -88,72 +88,72 @@ impl Default for Writer {
 #[derive(Debug, Clone, Copy)]
 pub struct Reader<'a> {
     body: &'a [u8],
-    read: usize,
+    read_byte_count: usize,
 }
 
 impl<'a> Reader<'a> {
     /// Starts reading a message; `None` if it is not plain little-endian CDR. The options are ignored.
     pub fn new(message: &'a [u8]) -> Option<Reader<'a>> {
         let (header, body) = message.split_first_chunk::<{ HEADER.len() }>()?;
-        (header[..2] == HEADER[..2]).then_some(Reader { body, read: 0 })
+        (header[..2] == HEADER[..2]).then_some(Reader { body, read_byte_count: 0 })
     }
 
     /// Returns whether the whole message was read, except for padding to a multiple of four.
     pub fn is_done(&self) -> bool {
-        self.body.len() - self.read < 4
+        self.body.len() - self.read_byte_count < 4
     }
 
     /// Reads an 8-bit integer.
-    pub fn u8(&mut self) -> Option<u8> {
-        self.number().map(u8::from_le_bytes)
+    pub fn read_u8(&mut self) -> Option<u8> {
+        self.read_number_bytes().map(u8::from_le_bytes)
     }
 
     /// Reads a 32-bit integer.
-    pub fn u32(&mut self) -> Option<u32> {
-        self.number().map(u32::from_le_bytes)
+    pub fn read_u32(&mut self) -> Option<u32> {
+        self.read_number_bytes().map(u32::from_le_bytes)
     }
 
     /// Reads a 64-bit floating-point number.
-    pub fn f64(&mut self) -> Option<f64> {
-        self.number().map(f64::from_le_bytes)
+    pub fn read_f64(&mut self) -> Option<f64> {
+        self.read_number_bytes().map(f64::from_le_bytes)
     }
 
     /// Reads consecutive 64-bit floating-point numbers.
-    pub fn f64s<const COUNT: usize>(&mut self) -> Option<[f64; COUNT]> {
+    pub fn read_f64s<const COUNT: usize>(&mut self) -> Option<[f64; COUNT]> {
         let mut numbers = [0.0; COUNT];
         for number in &mut numbers {
-            *number = self.f64()?;
+            *number = self.read_f64()?;
         }
         Some(numbers)
     }
 
     /// Reads a string, which has exactly one NUL, at its end.
-    pub fn string(&mut self) -> Option<&'a str> {
-        let length = usize::try_from(self.u32()?).ok()?;
+    pub fn read_string(&mut self) -> Option<&'a str> {
+        let length = usize::try_from(self.read_u32()?).ok()?;
         let (text, nul) = self.read_bytes(length)?.split_last().map(|(nul, text)| (text, *nul))?;
         (nul == 0 && !text.contains(&0)).then(|| std::str::from_utf8(text).ok()).flatten()
     }
 
     /// Reads a `builtin_interfaces/Time`, in ns since 1970.
-    pub fn time(&mut self) -> Option<u64> {
-        let (s, ns) = (self.u32()?, self.u32()?);
+    pub fn read_time(&mut self) -> Option<u64> {
+        let (s, ns) = (self.read_u32()?, self.read_u32()?);
         Some(u64::from(s) * NS_PER_S + u64::from(ns))
     }
 
     /// Reads a sequence, element by element. A false count costs no more than the length of the message.
-    pub fn list<T>(&mut self, element: impl Fn(&mut Self) -> Option<T>) -> Option<Vec<T>> {
-        let count = self.u32()?;
+    pub fn read_list<T>(&mut self, element: impl Fn(&mut Self) -> Option<T>) -> Option<Vec<T>> {
+        let count = self.read_u32()?;
         (0..count).map(|_| element(self)).collect()
     }
 
-    fn number<const SIZE: usize>(&mut self) -> Option<[u8; SIZE]> {
-        self.read = self.read.next_multiple_of(SIZE);
+    fn read_number_bytes<const SIZE: usize>(&mut self) -> Option<[u8; SIZE]> {
+        self.read_byte_count = self.read_byte_count.next_multiple_of(SIZE);
         self.read_bytes(SIZE)?.try_into().ok()
     }
 
     fn read_bytes(&mut self, bytes: usize) -> Option<&'a [u8]> {
-        let taken = self.body.get(self.read..)?.get(..bytes)?;
-        self.read += bytes;
+        let taken = self.body.get(self.read_byte_count..)?.get(..bytes)?;
+        self.read_byte_count += bytes;
         Some(taken)
     }
 }
@@ -165,11 +165,11 @@ mod tests {
     #[test]
     fn numbers_are_aligned_and_round_trip() {
         let mut writer = Writer::new();
-        writer.string("ab");
-        writer.u32(0xffff_fffe);
-        writer.f64s(&[1.0]);
-        writer.u8(7);
-        writer.time(5_000_000_009);
+        writer.write_string("ab");
+        writer.write_u32(0xffff_fffe);
+        writer.write_f64s(&[1.0]);
+        writer.write_u8(7);
+        writer.write_time(5_000_000_009);
         let bytes = writer.bytes();
         assert_eq!(&bytes[..4], [0, 1, 0, 0]);
         assert_eq!(&bytes[4..11], [3, 0, 0, 0, b'a', b'b', 0]);
@@ -178,18 +178,19 @@ mod tests {
         assert_eq!(bytes[20..28], 1.0_f64.to_le_bytes());
         assert_eq!(&bytes[28..], [7, 0, 0, 0, 5, 0, 0, 0, 9, 0, 0, 0]);
         let mut reader = Reader::new(bytes).unwrap();
-        assert_eq!((reader.string(), reader.u32()), (Some("ab"), Some(0xffff_fffe)));
-        assert_eq!((reader.f64s(), reader.u8()), (Some([1.0]), Some(7)));
+        assert_eq!((reader.read_string(), reader.read_u32()), (Some("ab"), Some(0xffff_fffe)));
+        assert_eq!((reader.read_f64s(), reader.read_u8()), (Some([1.0]), Some(7)));
         assert!(!reader.is_done());
-        assert_eq!(reader.time(), Some(5_000_000_009));
+        assert_eq!(reader.read_time(), Some(5_000_000_009));
         assert!(reader.is_done());
-        assert_eq!(reader.u32(), None);
+        assert_eq!(reader.read_u32(), None);
     }
 
     #[test]
     fn invalid_string_or_header_is_refused() {
-        let read =
-            |bytes: &[u8]| Reader::new(bytes).and_then(|mut reader| reader.string().map(str::len));
+        let read = |bytes: &[u8]| {
+            Reader::new(bytes).and_then(|mut reader| reader.read_string().map(str::len))
+        };
         assert_eq!(read(b"\0\x01\0\0\x02\0\0\0a\0"), Some(1));
         for other in [
             &b""[..],
@@ -205,7 +206,7 @@ mod tests {
         ] {
             assert_eq!(read(other), None, "{other:?}");
         }
-        let long = Reader::new(b"\0\x01\0\0\xff\xff\xff\xff").unwrap().list(Reader::f64);
+        let long = Reader::new(b"\0\x01\0\0\xff\xff\xff\xff").unwrap().read_list(Reader::read_f64);
         assert_eq!(long, None, "there are not so many");
     }
 }

@@ -11,9 +11,9 @@ use formation::pose::{Pose, Twist};
 use super::cdr::{Reader, Writer};
 
 /// Fixed frame.
-pub const MAP: &str = "map";
+pub const MAP_FRAME: &str = "map";
 /// Number of entries of the covariance of a pose or twist: six by six.
-const COVARIANCE: usize = 36;
+const COVARIANCE_ENTRIES: usize = 36;
 
 /// Returns the name of the frame on a robot's axle.
 pub fn base_link(robot: &str) -> String {
@@ -39,50 +39,50 @@ impl<'a> StampedState<'a> {
 }
 
 /// Writes a `nav_msgs/Odometry`.
-pub fn odometry(out: &mut Writer, state: &StampedState<'_>) {
+pub fn write_odometry(out: &mut Writer, state: &StampedState<'_>) {
     out.clear();
-    header(out, state.stamp_ns);
-    out.string(state.frame);
-    out.f64s(&state.pose);
-    out.zeros(COVARIANCE);
-    linear_and_angular(out, state.twist);
-    out.zeros(COVARIANCE);
+    write_header(out, state.stamp_ns);
+    out.write_string(state.frame);
+    out.write_f64s(&state.pose);
+    out.write_zeros(COVARIANCE_ENTRIES);
+    write_linear_and_angular(out, state.twist);
+    out.write_zeros(COVARIANCE_ENTRIES);
 }
 
 /// Writes a `geometry_msgs/PoseStamped`.
-pub fn pose_stamped(out: &mut Writer, state: &StampedState<'_>) {
+pub fn write_pose_stamped(out: &mut Writer, state: &StampedState<'_>) {
     out.clear();
-    header(out, state.stamp_ns);
-    out.f64s(&state.pose);
+    write_header(out, state.stamp_ns);
+    out.write_f64s(&state.pose);
 }
 
 /// Writes a `geometry_msgs/Twist`.
-pub fn twist(out: &mut Writer, twist: Twist) {
+pub fn write_twist(out: &mut Writer, twist: Twist) {
     out.clear();
-    linear_and_angular(out, twist);
+    write_linear_and_angular(out, twist);
 }
 
 /// Starts a `tf2_msgs/TFMessage` with `count` transforms.
-pub fn transforms(out: &mut Writer, count: usize) {
+pub fn begin_transforms(out: &mut Writer, count: usize) {
     out.clear();
-    out.u32(count as u32);
+    out.write_u32(count as u32);
 }
 
 /// Appends a transform from `map` to the robot's frame.
-pub fn transform(out: &mut Writer, state: &StampedState<'_>) {
-    header(out, state.stamp_ns);
-    out.string(state.frame);
-    out.f64s(&state.pose);
+pub fn write_transform(out: &mut Writer, state: &StampedState<'_>) {
+    write_header(out, state.stamp_ns);
+    out.write_string(state.frame);
+    out.write_f64s(&state.pose);
 }
 
 /// Writes a `std_msgs/Header` for the frame `map`.
-fn header(out: &mut Writer, stamp_ns: u64) {
-    out.time(stamp_ns);
-    out.string(MAP);
+fn write_header(out: &mut Writer, stamp_ns: u64) {
+    out.write_time(stamp_ns);
+    out.write_string(MAP_FRAME);
 }
 
-fn linear_and_angular(out: &mut Writer, twist: Twist) {
-    out.f64s(&[twist.v_m_s, twist.side_m_s, 0.0, 0.0, 0.0, twist.w_rad_s]);
+fn write_linear_and_angular(out: &mut Writer, twist: Twist) {
+    out.write_f64s(&[twist.v_m_s, twist.side_m_s, 0.0, 0.0, 0.0, twist.w_rad_s]);
 }
 
 /// Pose of a `geometry_msgs/PoseStamped` in a frame.
@@ -107,16 +107,17 @@ impl StampedPose<'_> {
 /// Reads a `geometry_msgs/PoseStamped` without its stamp; `None` if it has another layout.
 pub fn read_pose_stamped(message: &[u8]) -> Option<StampedPose<'_>> {
     let mut reader = Reader::new(message)?;
-    let _stamp_ns = reader.time()?;
-    let frame = reader.string()?;
-    let place = StampedPose { frame, position_m: reader.f64s()?, orientation: reader.f64s()? };
+    let _stamp_ns = reader.read_time()?;
+    let frame = reader.read_string()?;
+    let place =
+        StampedPose { frame, position_m: reader.read_f64s()?, orientation: reader.read_f64s()? };
     reader.is_done().then_some(place)
 }
 
 /// Reads a `geometry_msgs/Twist`; `None` if it has another layout.
 pub fn read_twist(message: &[u8]) -> Option<Twist> {
     let mut reader = Reader::new(message)?;
-    let [v_m_s, side_m_s, _, _, _, w_rad_s] = reader.f64s()?;
+    let [v_m_s, side_m_s, _, _, _, w_rad_s] = reader.read_f64s()?;
     reader.is_done().then_some(Twist { v_m_s, side_m_s, w_rad_s })
 }
 
@@ -143,17 +144,17 @@ mod tests {
     #[test]
     fn odometry_numbers_have_their_offsets() {
         assert_eq!(base_link("r1"), FRAME);
-        let bytes = encode(|out| odometry(out, &state(FRAME, POSE)));
+        let bytes = encode(|out| write_odometry(out, &state(FRAME, POSE)));
         let at = |place: usize| f64::from_le_bytes(bytes[place..place + 8].try_into().unwrap());
         assert_eq!(&bytes[4..12], &[0x00, 0xf1, 0x53, 0x65, 7, 0, 0, 0]);
         assert_eq!(&bytes[12..20], b"\x04\0\0\0map\0");
         assert_eq!(&bytes[20..37], b"\x0d\0\0\0r1/base_link\0");
         assert_eq!([44, 52, 60].map(at), [1.5, -2.5, 0.0]);
         assert_eq!([68, 76, 84, 92].map(at), [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()]);
-        let twist = 100 + COVARIANCE * 8;
+        let twist = 100 + COVARIANCE_ENTRIES * 8;
         let places = [0, 8, 16, 24, 32, 40].map(|place| at(twist + place));
         assert_eq!(places, [0.25, 0.0, 0.0, 0.0, 0.0, -0.75]);
-        assert_eq!(bytes.len(), twist + 48 + COVARIANCE * 8);
+        assert_eq!(bytes.len(), twist + 48 + COVARIANCE_ENTRIES * 8);
     }
 
     #[test]
@@ -161,8 +162,8 @@ mod tests {
         let (own, other) = (state(FRAME, POSE), state("robot_2/base_link", POSE));
         let all = |states: &[&StampedState<'_>]| {
             encode(|out| {
-                transforms(out, states.len());
-                states.iter().for_each(|state| transform(out, state));
+                begin_transforms(out, states.len());
+                states.iter().for_each(|state| write_transform(out, state));
             })
         };
         let (one, two) = (all(&[&own]), all(&[&own, &other]));
@@ -174,7 +175,7 @@ mod tests {
 
     #[test]
     fn pose_round_trips_and_other_layouts_are_refused() {
-        let bytes = encode(|out| pose_stamped(out, &state(FRAME, POSE)));
+        let bytes = encode(|out| write_pose_stamped(out, &state(FRAME, POSE)));
         let place = read_pose_stamped(&bytes).unwrap();
         let orientation = [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()];
         assert_eq!(place, StampedPose { frame: "map", position_m: [1.5, -2.5, 0.0], orientation });
@@ -184,8 +185,11 @@ mod tests {
         for count in [4, 8] {
             assert_eq!(read_pose_stamped(&more(count)), None, "{count} bytes more");
         }
-        assert_eq!(read_pose_stamped(&encode(|out| odometry(out, &state(FRAME, POSE)))), None);
-        assert_eq!(read_pose_stamped(&encode(|out| transforms(out, 1))), None);
+        assert_eq!(
+            read_pose_stamped(&encode(|out| write_odometry(out, &state(FRAME, POSE)))),
+            None
+        );
+        assert_eq!(read_pose_stamped(&encode(|out| begin_transforms(out, 1))), None);
     }
 
     proptest! {
@@ -195,12 +199,12 @@ mod tests {
         ) {
             let [x_m, y_m, v_m_s, side_m_s, w_rad_s] = numbers;
             let pose = Pose { x_m, y_m, heading_rad };
-            let bytes = encode(|out| pose_stamped(out, &state(FRAME, pose)));
+            let bytes = encode(|out| write_pose_stamped(out, &state(FRAME, pose)));
             let read = read_pose_stamped(&bytes).unwrap().pose();
             prop_assert_eq!([read.x_m, read.y_m], [x_m, y_m]);
             prop_assert!((read.heading_rad - heading_rad).abs() < 1e-14);
             let moved = Twist { v_m_s, side_m_s, w_rad_s };
-            prop_assert_eq!(read_twist(&encode(|out| twist(out, moved))), Some(moved));
+            prop_assert_eq!(read_twist(&encode(|out| write_twist(out, moved))), Some(moved));
         }
 
         #[test]

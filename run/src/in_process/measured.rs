@@ -7,22 +7,22 @@
 use agent::control_cycle::ControlCycle;
 use agent::controller::Controller;
 use experiment::scenario::{FaultKind, Scenario};
-use outcome::metrics::{Measures, Metrics, ReferenceChange};
-use outcome::report::scene::Frame;
-use outcome::results::latency::Latency;
-use outcome::results::outcome::Outcome;
+use outcome::metrics::{Metrics, ReferenceChange, RunMetrics};
+use outcome::report::scene::SceneFrame;
+use outcome::results::latency::LatencyCollector;
+use outcome::results::outcome::RunOutcome;
 use outcome::results::run_dir::{RunDir, RunDirError};
 use protocol::brief::{AgentBrief, Pace};
-use protocol::message::{Contact, TruthHeader, TruthRow};
+use protocol::message::{ReceptionState, TruthHeader, TruthRow};
 
-use super::{InProcess, NotInProcess};
+use super::{InProcessError, InProcessRun};
 use crate::journal::Journal;
 
 /// Returns the reason why a run of this scenario needs processes, or `None`.
-pub fn needs_processes(scenario: &Scenario) -> Option<&'static str> {
+pub fn reason_for_processes(scenario: &Scenario) -> Option<&'static str> {
     let any =
         |wanted: fn(&FaultKind) -> bool| scenario.faults.iter().any(|fault| wanted(&fault.kind));
-    if scenario.programs().next().is_some() {
+    if scenario.process_programs().next().is_some() {
         Some("programs of the scenario's own")
     } else if any(|kind| matches!(kind, FaultKind::KillPlant)) {
         Some("a fault that kills the plant")
@@ -35,68 +35,74 @@ pub fn needs_processes(scenario: &Scenario) -> Option<&'static str> {
 
 /// Creates the controller for a brief of a valid scenario.
 /// Panics if the brief is invalid.
-pub fn controller(brief: &AgentBrief, incarnation: u64) -> Controller {
+pub fn create_controller(brief: &AgentBrief, incarnation: u64) -> Controller {
     Controller::new(brief, incarnation).expect("the brief of a checked scenario")
 }
 
 /// Returns the measures of a lockstep run with controllers made by `think`, and records nothing else. Calls
 /// `watch` with each ground truth sample and the robots that were alive; returns `None` if `watch` returns
 /// `false` before the end.
-pub fn measure(
+pub fn measure_run(
     scenario: &Scenario,
     think: &dyn Fn(&AgentBrief, u64) -> Controller,
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]) -> bool,
-) -> Option<Measures> {
+) -> Option<RunMetrics> {
     let metrics = Metrics::new(scenario, Pace::Lockstep);
-    let run = InProcess::with_journal(scenario.clone(), think, metrics);
+    let run = InProcessRun::with_journal(scenario.clone(), think, metrics);
     let mut run = run.unwrap_or_else(|error| panic!("it needs no processes: {error}"));
     let mut rows: Vec<TruthRow> = Vec::new();
     loop {
         let header = run.world().truth_header();
         rows.clear();
         rows.extend(run.world().truth());
-        run.course.add_truth(&header, &rows);
+        run.state_machine.measure_truth(&header, &rows);
         let goes_on = watch(&header, &rows, run.alive_robots());
-        let metrics = &run.course.journal;
+        let metrics = &run.state_machine.journal;
         if run.is_over() || metrics.ends_early() {
             return Some(metrics.finish());
         }
         if !goes_on {
             return None;
         }
-        run.sense();
+        run.sense_robots();
         let mut rewirings = Vec::new();
         run.step(|robot, cycle| {
             let wish = cycle.law_output();
             if cycle.brief().deputy.is_some() {
-                let yes = cycle.status().0.frame == Contact::Lost as u64;
-                rewirings.push(ReferenceChange::Leads { robot, yes });
+                let yes = cycle.status().0.frame == ReceptionState::Lost as u64;
+                rewirings.push(ReferenceChange::DeputyLead { robot, is_leading: yes });
             }
-            if cycle.controller().neighborhood().is_repaired() {
+            if cycle.controller().neighborhood().has_repair_plan() {
                 let (_, senders) = cycle.status();
-                rewirings.extend(senders.map(|sender| ReferenceChange::Uses {
+                rewirings.extend(senders.map(|sender| ReferenceChange::ReferenceUse {
                     robot,
-                    other: sender.robot as usize - 1,
-                    yes: sender.goes_by == 1,
+                    neighbor: sender.robot as usize - 1,
+                    is_used: sender.goes_by == 1,
                 }));
             }
             wish
         });
-        let metrics = &mut run.course.journal;
+        let InProcessRun { robots, state_machine, .. } = &mut run;
+        for (place, robot) in robots.iter_mut().enumerate().filter(|(_, r)| r.has_status_report) {
+            if let Some((cycle, _)) = robot.participating_cycle() {
+                state_machine.measure_status(place, &cycle.status().0);
+            }
+        }
+        let metrics = &mut state_machine.journal;
         rewirings.into_iter().for_each(|rewiring| metrics.apply_rewiring(rewiring));
     }
 }
 
 /// Complete run in progress: records the status reports of the robots, and the events that affect them.
-pub struct Measured<'a, F> {
-    run: InProcess<F, Journal<'a>>,
-    latency: Latency,
+pub struct MeasuredRun<'a, F> {
+    run: InProcessRun<F, Journal<'a>>,
+    latency: LatencyCollector,
     /// Header of the newest ground truth sample.
     header: TruthHeader,
-    rows: Vec<TruthRow>,
+    truth_rows: Vec<TruthRow>,
 }
 
-impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
+impl<'a, F: Fn(&AgentBrief, u64) -> Controller> MeasuredRun<'a, F> {
     /// Creates the run at the start, before the first ground truth sample. `clock_ns` is the clock for
     /// latency measurements.
     pub fn new(
@@ -105,65 +111,66 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
         run_dir: &'a mut RunDir,
         metrics: &'a mut Metrics,
         clock_ns: fn() -> u64,
-    ) -> Result<Measured<'a, F>, NotInProcess> {
+    ) -> Result<MeasuredRun<'a, F>, InProcessError> {
         let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
         let journal = Journal::new(names, run_dir, metrics);
-        let mut run = InProcess::with_journal(scenario.clone(), think, journal)?;
+        let mut run = InProcessRun::with_journal(scenario.clone(), think, journal)?;
         run.clock_ns = clock_ns;
-        Ok(Measured {
-            latency: Latency::new(scenario, Pace::Lockstep),
+        Ok(MeasuredRun {
+            latency: LatencyCollector::new(scenario, Pace::Lockstep),
             header: TruthHeader::default(),
-            rows: Vec::new(),
+            truth_rows: Vec::new(),
             run,
         })
     }
 
     /// Returns the run itself.
-    pub fn run(&self) -> &InProcess<F, Journal<'a>> {
+    pub fn run(&self) -> &InProcessRun<F, Journal<'a>> {
         &self.run
     }
 
     /// Returns the metrics of the run.
     pub fn metrics(&self) -> &Metrics {
-        self.run.course.journal.metrics
+        self.run.state_machine.journal.metrics
     }
 
     /// Returns the run directory.
     pub fn run_dir(&mut self) -> &mut RunDir {
-        self.run.course.journal.run_dir
+        self.run.state_machine.journal.run_dir
     }
 
     /// Returns the newest ground truth sample as a frame for figures.
-    pub fn frame(&self) -> Frame {
-        let Measured { run, header, rows, .. } = self;
-        run.course.frame(&run.scenario, header, rows)
+    pub fn scene_frame(&self) -> SceneFrame {
+        let MeasuredRun { run, header, truth_rows: rows, .. } = self;
+        run.state_machine.scene_frame(&run.scenario, header, rows)
     }
 
     /// Records the current ground truth sample. Returns whether it is the last one.
-    pub fn truth(&mut self) -> Result<bool, RunDirError> {
-        let Measured { run, header, rows, .. } = self;
+    pub fn record_truth_sample(&mut self) -> Result<bool, RunDirError> {
+        let MeasuredRun { run, header, truth_rows: rows, .. } = self;
         *header = run.world().truth_header();
         rows.clear();
         rows.extend(run.world().truth());
-        run.course.journal.known_before(header.t_ns)?;
-        run.course.record_truth(header, rows)?;
-        Ok(run.is_over() || run.course.journal.metrics.ends_early())
+        run.state_machine.journal.write_events_before(header.t_ns)?;
+        run.state_machine.record_truth(header, rows)?;
+        Ok(run.is_over() || run.state_machine.journal.metrics.ends_early())
     }
 
     /// Advances the run by one period, after a ground truth sample that was not the last one.
-    pub fn tick(&mut self) {
-        let Measured { run, latency, header, .. } = self;
+    pub fn advance_tick(&mut self) {
+        let MeasuredRun { run, latency, header, .. } = self;
         latency.set_time(header.t_ns);
-        run.sense();
+        run.sense_robots();
         run.step(|_, cycle| cycle.law_output());
-        let InProcess { robots, course, .. } = run;
+        let InProcessRun { robots, state_machine: course, .. } = run;
         for (place, robot) in robots.iter_mut().enumerate() {
-            let reports = robot.reports;
-            let Some((cycle, _)) = robot.taking_part() else { continue };
+            let reports = robot.has_status_report;
+            let message = std::mem::take(&mut robot.recorded_message);
+            let Some((cycle, _)) = robot.participating_cycle() else { continue };
             if reports {
                 let (header, neighbors) = cycle.status();
                 let neighbors: Vec<_> = neighbors.collect();
-                course.record_status(place, &header, &neighbors);
+                course.record_status(place, &header, &neighbors, &message);
             }
             if cycle.batch_is_due() {
                 record_latencies(latency, cycle, place);
@@ -173,25 +180,25 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
 
     /// Records the remaining data after the last ground truth sample. Returns the outcome, the journal, and
     /// whether all records could be written.
-    pub fn finish(mut self) -> (Outcome, Journal<'a>, Result<(), RunDirError>) {
+    pub fn finish(mut self) -> (RunOutcome, Journal<'a>, Result<(), RunDirError>) {
         for (place, robot) in self.run.robots.iter_mut().enumerate() {
             if let Some(cycle) = &mut robot.cycle {
                 record_latencies(&mut self.latency, cycle, place);
             }
         }
-        let mut course = self.run.course;
-        let told = course.journal.known_before(u64::MAX);
+        let mut course = self.run.state_machine;
+        let told = course.journal.write_events_before(u64::MAX);
         let (truth, latency) = (Some(self.header), self.latency);
-        let outcome = Outcome { truth, latency, ..course.outcome() };
+        let outcome = RunOutcome { newest_truth: truth, latency, ..course.outcome() };
         (outcome, course.journal, told)
     }
 }
 
 /// Records the new latencies of this robot.
-fn record_latencies(latency: &mut Latency, cycle: &mut ControlCycle, place: usize) {
-    let measured = cycle.batch();
+fn record_latencies(latency: &mut LatencyCollector, cycle: &mut ControlCycle, place: usize) {
+    let measured = cycle.measurement_batch();
     let (header, rows) = measured.batch();
     // Index 0 is the plant.
     latency.add_batch(place + 1, &header, rows);
-    measured.clear(0);
+    measured.begin_next_batch(0);
 }

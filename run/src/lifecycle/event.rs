@@ -1,6 +1,6 @@
 //! Events of a run, and the effects that follow from them: orders for the driver, and records.
 
-use outcome::metrics::fault::End;
+use outcome::metrics::fault::FaultEnd;
 
 /// Initiator of an action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -8,9 +8,9 @@ pub enum Initiator {
     /// The scenario, which plans the action.
     Plan,
     /// A client of the live view.
-    Hand,
+    LiveViewClient,
     /// A process outside of the run, which sent the signal itself.
-    Outside,
+    OtherProcess,
 }
 
 impl Initiator {
@@ -18,8 +18,8 @@ impl Initiator {
     pub fn keyword(self) -> &'static str {
         match self {
             Initiator::Plan => "as planned",
-            Initiator::Hand => "by hand",
-            Initiator::Outside => "by another process",
+            Initiator::LiveViewClient => "by hand",
+            Initiator::OtherProcess => "by another process",
         }
     }
 }
@@ -27,19 +27,19 @@ impl Initiator {
 /// Event of a run: planned, or reported by the driver. Faults are identified by their numbers in the report.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
-pub enum Event {
+pub enum LifecycleEvent {
     /// SIGKILL on purpose, and the run time of a replacement, ns.
-    Kill { robot: usize, fault: usize, restart_at_ns: Option<u64>, who: Initiator },
+    Kill { robot: usize, fault: usize, restart_at_ns: Option<u64>, initiator: Initiator },
     /// SIGSTOP. `ends` is whether a thaw is planned.
-    Freeze { robot: usize, fault: usize, ends: bool, who: Initiator },
+    Freeze { robot: usize, fault: usize, has_planned_thaw: bool, initiator: Initiator },
     /// SIGCONT after a freeze.
-    Thaw { robot: usize, fault: usize, who: Initiator },
+    Thaw { robot: usize, fault: usize, initiator: Initiator },
     /// Planned SIGKILL of the plant.
     KillPlant { fault: usize },
     /// The plant's process was stopped.
-    PlantStopped { fault: usize, who: Initiator },
+    PlantStopped { fault: usize, initiator: Initiator },
     /// The plant's process was resumed.
-    PlantResumed { fault: usize, who: Initiator },
+    PlantResumed { fault: usize, initiator: Initiator },
     /// Planned start of `processes` load processes.
     StartLoad { fault: usize, processes: usize },
     /// Load processes were started. `detail` is their number as text.
@@ -49,38 +49,38 @@ pub enum Event {
     /// Interactive restart of a dead robot.
     Restart { robot: usize },
     /// Interactive cut of a link.
-    Cut { edge: usize, fault: usize },
+    CutLink { edge: usize, fault: usize },
     /// Interactive repair of a link that was cut interactively.
-    Mend { edge: usize },
+    RepairLink { edge: usize },
     /// The process of a robot is dead and reaped.
-    Died(Death),
+    ProcessDied(ProcessDeath),
     /// The stale resources of a dead process of the robot are removed.
-    Cleaned { robot: usize },
+    CleanedUp { robot: usize },
     /// The process of a robot reported its status, which says whether the robot takes part.
-    Reported { robot: usize, takes_part: bool },
+    StatusReported { robot: usize, takes_part: bool },
     /// The host of the robot is unreachable.
-    Unreachable { robot: usize, fault: usize, why: String },
+    HostUnreachable { robot: usize, fault: usize, reason: String },
     /// The host of the robot is reachable again.
-    Reachable { robot: usize, why: String },
+    HostReachable { robot: usize, reason: String },
     /// Time has passed: due processes may be started.
-    Due,
+    TimePassed,
 }
 
 /// Exit of a robot's process.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Death {
+pub struct ProcessDeath {
     /// Index of the robot.
     pub robot: usize,
     /// Cause, as text.
     pub cause: String,
     /// Whether the process exited with code 0.
-    pub success: bool,
+    pub exited_successfully: bool,
     /// Whether the process exited with code 4, an infrastructure failure: the agent failed, not the control law.
-    pub gave_up: bool,
+    pub is_infrastructure_failure: bool,
     /// Whether no robot had moved yet.
-    pub starting_up: bool,
+    pub is_before_motion: bool,
     /// Run time at which the process was last seen alive, ns.
-    pub alive_ns: u64,
+    pub last_seen_alive_ns: u64,
     /// Number of the fault under which an unplanned death is reported.
     pub fault: usize,
 }
@@ -89,15 +89,15 @@ pub struct Death {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Effect {
     /// Order for the driver.
-    Order(Order),
+    Order(DriverOrder),
     /// Record of the run.
-    Record(Record),
+    Record(RunRecord),
 }
 
 /// Order for the driver of a run. Orders are executed in the order in which they are returned.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
-pub enum Order {
+pub enum DriverOrder {
     /// Start a process.
     Start { robot: usize, incarnation: u64 },
     /// Send SIGKILL to the process of a robot.
@@ -105,38 +105,38 @@ pub enum Order {
     /// Send SIGSTOP to the process of a robot.
     Stop(usize),
     /// Send SIGCONT to the process of a robot.
-    GoOn(usize),
+    Resume(usize),
     /// Make the plant wait for a robot.
-    Join(usize),
+    JoinBarrier(usize),
     /// Make the plant no longer wait for a robot.
-    Leave(usize),
+    LeaveBarrier(usize),
     /// Remove the stale resources of a robot's dead process.
     CleanUp(usize),
     /// Send a robot the list of its in-links that are cut interactively.
-    TellLinks(usize),
+    SendCutLinks(usize),
     /// Send SIGKILL to the plant.
     KillPlant,
-    /// Start `processes` load processes for a fault, and report [`Event::LoadStarted`].
+    /// Start `processes` load processes for a fault, and report [`LifecycleEvent::LoadStarted`].
     StartLoad { fault: usize, processes: usize },
     /// Kill the load processes of a fault.
     EndLoad { fault: usize },
     /// Warn of an unplanned death. `again` is whether the process was a replacement that died before the fault was
     /// over that killed its predecessor.
-    WarnOfDeath { robot: usize, how: String, again: bool },
+    WarnOfDeath { robot: usize, cause: String, is_replacement: bool },
     /// End the run: a robot gave up and will not be replaced.
-    EndRun { robot: usize, how: String },
+    EndRun { robot: usize, cause: String },
 }
 
 /// Record of a run, for its events and its metrics.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
-pub enum Record {
+pub enum RunRecord {
     /// Line of the events, of a robot or of the whole run.
     Note { kind: &'static str, robot: Option<usize>, detail: String },
     /// Beginning of a numbered fault, now.
-    Began(usize),
+    FaultBegan(usize),
     /// Unplanned death, which is a fault that began at that run time, ns.
-    DiedUnplanned { robot: usize, how: String, at_ns: u64, fault: usize },
+    UnplannedDeath { robot: usize, cause: String, at_ns: u64, fault: usize },
     /// End of a fault at that run time, ns.
-    Ended { fault: usize, end: End, at_ns: u64 },
+    FaultEnded { fault: usize, end: FaultEnd, at_ns: u64 },
 }

@@ -5,10 +5,9 @@ import phalanx
 
 class Consensus(phalanx.Law):
     def gamma(self, situation):
-        weights = self.robot.params.get("weights", {})
         pull = [0.0, 0.0]
         for other in situation.neighbors:
-            weight = weights.get(other.name, 1.0)
+            weight = other.params.get("weight", 1.0)
             for axis in (0, 1):
                 pull[axis] += weight * (other.position[axis] - situation.front_point[axis])
         return [self.k_per_s * p for p in pull]

@@ -14,11 +14,11 @@ use protocol::barrier::Barrier;
 use protocol::clock::{Timer, now_ns, tighten_timer_slack};
 use protocol::lateness::CounterReader;
 use protocol::process::{
-    Alarm, PriorityError, REALTIME_RUNTIME, may_lock_memory, set_idle_priority,
-    try_realtime_priority,
+    Alarm, PriorityError, REALTIME_RUNTIME_PATH, check_realtime_priority, may_lock_memory,
+    set_idle_priority,
 };
 use protocol::run_root::{self, RunRoot};
-use protocol::stage::Cause;
+use protocol::stage::LatenessCause;
 use rustix::fs::{Access, access};
 use rustix::process::{Resource, getrlimit};
 use rustix::time::{ClockId, clock_gettime};
@@ -26,31 +26,31 @@ use serde::Serialize;
 
 use super::super::dead_runs;
 use outcome::results::manifest;
-use supervisor::limits::{self, Limit};
+use supervisor::limits::{self, ProcessCountLimit};
 use supervisor::shm_capacity::{AvailableSpace, RequiredSpace, SpaceError};
-use supervisor::spawn::{Launcher, Role};
+use supervisor::spawn::{Launcher, ProcessRole};
 use supervisor::{cores, descriptors};
 
 /// Assumed in-degree of each robot, larger than in most formations, because the graph is not known here.
 const LINKS_PER_ROBOT: usize = 4;
 /// Number of robots at 1 kHz that one core carried with fewer than 1 % deadline misses (measured: 64 on two cores).
-const ROBOTS_PER_CORE: usize = 32;
+const ROBOTS_PER_CORE_MAX: usize = 32;
 /// Number of wake-ups measured, and the interval between them.
-const WAKE_UPS: usize = 200;
-const WAKE_UP_EVERY_NS: u64 = 1_000_000;
+const MEASURED_WAKE_UPS: usize = 200;
+const WAKE_UP_INTERVAL_NS: u64 = 1_000_000;
 /// Median wake-up latency above which there is a warning. The default timer slack is 50 us, so a larger
 /// median has another cause.
-const LATENESS_NS_MAX: u64 = 100_000;
+const MEDIAN_LATENESS_NS_MAX: u64 = 100_000;
 /// Maximum time for a test process to start.
-const CHILD_MAX: Duration = Duration::from_secs(5);
+const CHILD_START_DURATION_MAX: Duration = Duration::from_secs(5);
 /// Duration of the test wait, and the processor time above which a wait does not sleep.
-const WAIT: Duration = Duration::from_millis(10);
-const SPIN_DURATION: Duration = Duration::from_millis(5);
+const TEST_WAIT_DURATION: Duration = Duration::from_millis(10);
+const SPIN_CPU_TIME_MIN: Duration = Duration::from_millis(5);
 
 /// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub enum FindingSeverity {
     /// Requirements are met.
     Fine,
     /// Runs work, but with limitations.
@@ -59,12 +59,12 @@ pub enum Verdict {
     Wrong,
 }
 
-impl Verdict {
+impl FindingSeverity {
     fn keyword(self) -> &'static str {
         match self {
-            Verdict::Fine => "fine",
-            Verdict::WorthKnowing => "worth knowing",
-            Verdict::Wrong => "WRONG",
+            FindingSeverity::Fine => "fine",
+            FindingSeverity::WorthKnowing => "worth knowing",
+            FindingSeverity::Wrong => "WRONG",
         }
     }
 }
@@ -75,7 +75,7 @@ pub struct Finding {
     /// Subject of the check.
     pub topic: &'static str,
     /// Severity of the finding.
-    pub verdict: Verdict,
+    pub verdict: FindingSeverity,
     /// State of the machine that the check found.
     pub found: String,
     /// Remedy; `null` if none is needed.
@@ -84,10 +84,15 @@ pub struct Finding {
 
 impl Finding {
     fn good_finding(topic: &'static str, found: impl Into<String>) -> Finding {
-        Finding { topic, verdict: Verdict::Fine, found: found.into(), advice: None }
+        Finding { topic, verdict: FindingSeverity::Fine, found: found.into(), advice: None }
     }
 
-    fn or_verdict(self, verdict: Verdict, bad: bool, advice: impl Into<String>) -> Finding {
+    fn with_severity_if(
+        self,
+        verdict: FindingSeverity,
+        bad: bool,
+        advice: impl Into<String>,
+    ) -> Finding {
         match bad {
             true => Finding { verdict, advice: Some(advice.into()), ..self },
             false => self,
@@ -95,8 +100,8 @@ impl Finding {
     }
 
     /// Adds a warning with a remedy if `bad`, for a feature that runs can do without.
-    fn or_warn(self, bad: bool, advice: impl Into<String>) -> Finding {
-        self.or_verdict(Verdict::WorthKnowing, bad, advice)
+    fn with_warning_if(self, bad: bool, advice: impl Into<String>) -> Finding {
+        self.with_severity_if(FindingSeverity::WorthKnowing, bad, advice)
     }
 
     fn bad_finding(
@@ -104,33 +109,39 @@ impl Finding {
         found: impl Into<String>,
         advice: impl Into<String>,
     ) -> Finding {
-        Finding::good_finding(topic, found).or_verdict(Verdict::Wrong, true, advice)
+        Finding::good_finding(topic, found).with_severity_if(FindingSeverity::Wrong, true, advice)
     }
 }
 
 /// Checks everything that a run of `robots` robots depends on.
 pub fn examine(robots: usize) -> Vec<Finding> {
-    let base = run_root::base();
-    let mut findings = vec![children(), waits(&base), cores(robots), keeping_cores(), load()];
-    findings.extend([wake_ups(), lateness_causes(), alarm()]);
-    findings.extend(governor());
-    findings.push(descriptors(robots));
-    findings.push(processes(robots));
-    findings.push(realtime_priority());
-    findings.push(locked_memory());
+    let base = run_root::base_directory();
+    let mut findings = vec![
+        check_child_processes(),
+        check_futex_waits(&base),
+        check_cores(robots),
+        check_core_scheduling(),
+        check_load(),
+    ];
+    findings.extend([check_wake_up_latency(), check_lateness_causes(), check_alarm_timer()]);
+    findings.extend(check_governor());
+    findings.push(check_descriptor_limit(robots));
+    findings.push(check_process_limit(robots));
+    findings.push(examine_realtime_priority());
+    findings.push(check_locked_memory());
     findings.push(check_directory("run root", base.parent().unwrap_or(Path::new("/")), robots));
-    findings.push(privacy(&base));
-    findings.push(dead_runs(&base));
+    findings.push(check_run_root_privacy(&base));
+    findings.push(check_dead_runs(&base));
     findings
 }
 
 /// Returns whether a finding means that runs fail.
-pub fn is_wrong(findings: &[Finding]) -> bool {
-    findings.iter().any(|finding| finding.verdict == Verdict::Wrong)
+pub fn has_error_finding(findings: &[Finding]) -> bool {
+    findings.iter().any(|finding| finding.verdict == FindingSeverity::Wrong)
 }
 
 /// Formats the findings as text for one screen.
-pub fn screen(findings: &[Finding]) -> String {
+pub fn format_findings(findings: &[Finding]) -> String {
     let mut text = String::new();
     for Finding { topic, verdict, found, advice } in findings {
         let _ = writeln!(text, "{:<13}  {topic:<17} {found}", verdict.keyword());
@@ -142,7 +153,11 @@ pub fn screen(findings: &[Finding]) -> String {
 }
 
 /// Returns a finding about a feature that every run needs.
-fn required_feature(topic: &'static str, tried: Result<String, String>, advice: &str) -> Finding {
+fn required_feature_finding(
+    topic: &'static str,
+    tried: Result<String, String>,
+    advice: &str,
+) -> Finding {
     match tried {
         Ok(found) => Finding::good_finding(topic, found),
         Err(found) => Finding::bad_finding(topic, found, advice),
@@ -150,11 +165,11 @@ fn required_feature(topic: &'static str, tried: Result<String, String>, advice: 
 }
 
 /// Checks that a process can be started, watched, killed and reaped like a robot, and that it exits with its parent.
-fn children() -> Finding {
+fn check_child_processes() -> Finding {
     let release = rustix::system::uname().release().to_string_lossy().into_owned();
     let tried = || {
         let log = Path::new("/dev/null");
-        let launched = Launcher::for_this_executable().spawn(Role::Awake, log);
+        let launched = Launcher::for_this_executable().spawn(ProcessRole::KeepCoreAwake, log);
         let mut child = launched.map_err(|error| error.to_string())?;
         // The child sets its name after it has tied its lifetime to its parent's and closed inherited descriptors.
         let comm = PathBuf::from(format!("/proc/{}/comm", child.pid()));
@@ -165,12 +180,15 @@ fn children() -> Finding {
                     "a child ends at once ({status}): prctl(PR_SET_PDEATHSIG) or close_range is refused"
                 ));
             }
-            if began.elapsed() > CHILD_MAX {
-                return Err(format!("a child does not begin within {} s", CHILD_MAX.as_secs()));
+            if began.elapsed() > CHILD_START_DURATION_MAX {
+                return Err(format!(
+                    "a child does not begin within {} s",
+                    CHILD_START_DURATION_MAX.as_secs()
+                ));
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        match child.end() {
+        match child.kill_and_wait() {
             Some(status) if status.signal().is_some() => {
                 Ok(format!("Linux {release}; children can be started, watched and ended"))
             }
@@ -180,30 +198,34 @@ fn children() -> Finding {
     };
     let advice =
         "Linux 5.11 or newer is needed; in a container, its seccomp profile must allow these calls";
-    required_feature("kernel", tried().map_err(|why| format!("Linux {release}: {why}")), advice)
+    required_feature_finding(
+        "kernel",
+        tried().map_err(|why| format!("Linux {release}: {why}")),
+        advice,
+    )
 }
 
 /// Checks that a run root can be created and locked, and that a wait on a barrier in it sleeps.
-fn waits(base: &Path) -> Finding {
+fn check_futex_waits(base: &Path) -> Finding {
     let tried = || {
         let root = RunRoot::create(base).map_err(|error| error.to_string())?;
-        let barrier = Barrier::create(&root.barrier_path(), 1, 1, WAIT);
+        let barrier = Barrier::create(&root.barrier_path(), 1, 1, TEST_WAIT_DURATION);
         let barrier = barrier.map_err(|error| error.to_string())?;
         let processor_time = || {
             let time = clock_gettime(ClockId::ThreadCPUTime);
             Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
         };
         let before = processor_time();
-        barrier.wait_attention(WAIT);
+        barrier.wait_for_attention(TEST_WAIT_DURATION);
         let spun = processor_time() - before;
         root.remove().map_err(|error| format!("{}: {error}", base.display()))?;
-        match spun > SPIN_DURATION {
+        match spun > SPIN_CPU_TIME_MIN {
             true => Err("a wait on shared memory (futex) does not sleep".to_owned()),
             false => Ok("run roots can be made and locked, and waits on them sleep".to_owned()),
         }
     };
     let advice = "every run fails: the file system must permit flock, rename and shared mappings";
-    required_feature("shared files", tried(), advice)
+    required_feature_finding("shared files", tried(), advice)
 }
 
 /// Runs a check on its own thread, because the check changes thread attributes.
@@ -215,10 +237,10 @@ fn run_on_thread<T: Send>(attempt: impl FnOnce() -> io::Result<T> + Send) -> io:
 }
 
 /// Checks the timer that bounds waits in lockstep.
-fn alarm() -> Finding {
+fn check_alarm_timer() -> Finding {
     let tried = run_on_thread(|| Alarm::start().map(drop)).map(|()| "can be set".to_owned());
     let advice = "lockstep needs it; in a container, its seccomp profile must allow timer_create";
-    required_feature(
+    required_feature_finding(
         "alarm",
         tried.map_err(|error| format!("timer_create is refused: {error}")),
         advice,
@@ -226,46 +248,46 @@ fn alarm() -> Finding {
 }
 
 /// Checks the optional scheduling features that make lockstep faster.
-fn keeping_cores() -> Finding {
+fn check_core_scheduling() -> Finding {
     let idle = run_on_thread(set_idle_priority).map_err(|error| format!("SCHED_IDLE: {error}"));
-    match cores::try_to_keep().and(idle) {
+    match cores::check_pinning_support().and(idle) {
         Ok(()) => Finding::good_finding(
             "keeping cores",
             "processes can be kept on cores, and cores awake",
         ),
         Err(why) => Finding::good_finding("keeping cores", format!("not permitted ({why})"))
-            .or_warn(true, "lockstep is slower"),
+            .with_warning_if(true, "lockstep is slower"),
     }
 }
 
-fn cores(robots: usize) -> Finding {
+fn check_cores(robots: usize) -> Finding {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let enough = cores * ROBOTS_PER_CORE;
+    let enough = cores * ROBOTS_PER_CORE_MAX;
     let found = format!("{cores}, enough for about {enough} robots in real time at 1 kHz");
     let advice = format!(
         "{robots} robots need a longer period_s, or --pace lockstep, which any number of cores can do"
     );
-    Finding::good_finding("cores", found).or_warn(robots > enough, advice)
+    Finding::good_finding("cores", found).with_warning_if(robots > enough, advice)
 }
 
-fn load() -> Finding {
+fn check_load() -> Finding {
     let text = manifest::load_average();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let Some(load) = text.split(' ').next().and_then(|word| word.parse::<f64>().ok()) else {
         return Finding::good_finding("load", "not readable");
     };
-    Finding::good_finding("load", format!("{load:.2} over the last minute")).or_warn(load > cores as f64,
+    Finding::good_finding("load", format!("{load:.2} over the last minute")).with_warning_if(load > cores as f64,
         "other processes want all cores: real time will miss deadlines; wait, or try --realtime-priority",
     )
 }
 
 /// Measures the wake-up latency of the timer that agents use.
-fn wake_ups() -> Finding {
+fn check_wake_up_latency() -> Finding {
     let measure = || {
         tighten_timer_slack();
         let slack_ns = rustix::thread::current_timer_slack().unwrap_or(0);
-        let mut timer = Timer::new(WAKE_UP_EVERY_NS, now_ns() % WAKE_UP_EVERY_NS);
-        let wakes = (0..WAKE_UPS).filter_map(|_| timer.wait());
+        let mut timer = Timer::new(WAKE_UP_INTERVAL_NS, now_ns() % WAKE_UP_INTERVAL_NS);
+        let wakes = (0..MEASURED_WAKE_UPS).filter_map(|_| timer.wait());
         let mut late_ns: Vec<u64> = wakes.map(|wake| wake.lateness_ns).collect();
         late_ns.sort_unstable();
         Ok((slack_ns, late_ns))
@@ -288,10 +310,10 @@ fn wake_ups() -> Finding {
     let (median, worst) = (us(median_ns), us(worst_ns));
     Finding::good_finding(
         "timer",
-        format!("wakes up {median} us late, at worst {worst} us of {WAKE_UPS}"),
+        format!("wakes up {median} us late, at worst {worst} us of {MEASURED_WAKE_UPS}"),
     )
-    .or_warn(
-        slack_ns > 1 || *median_ns > LATENESS_NS_MAX,
+    .with_warning_if(
+        slack_ns > 1 || *median_ns > MEDIAN_LATENESS_NS_MAX,
         format!(
             "timer slack is {slack_ns} ns; a virtual machine, power saving or load may add more"
         ),
@@ -299,22 +321,24 @@ fn wake_ups() -> Finding {
 }
 
 /// Checks which causes of late wake-ups can be determined here.
-fn lateness_causes() -> Finding {
+fn check_lateness_causes() -> Finding {
     let untold = CounterReader::new().undetectable_causes();
-    let words =
-        |causes: Vec<Cause>| causes.into_iter().map(Cause::text).collect::<Vec<_>>().join(", ");
-    let told: Vec<Cause> = Cause::ALL.into_iter().filter(|cause| !untold.contains(cause)).collect();
+    let words = |causes: Vec<LatenessCause>| {
+        causes.into_iter().map(LatenessCause::text).collect::<Vec<_>>().join(", ")
+    };
+    let told: Vec<LatenessCause> =
+        LatenessCause::ALL.into_iter().filter(|cause| !untold.contains(cause)).collect();
     Finding::good_finding(
         "causes",
         format!("causes of late wake-ups that this machine can report: {}", words(told)),
     )
-    .or_warn(
+    .with_warning_if(
         !untold.is_empty(),
         format!("late wake-ups of these causes count as unknown: {}", words(untold)),
     )
 }
 
-fn governor() -> Option<Finding> {
+fn check_governor() -> Option<Finding> {
     let mut governors: Vec<String> = (0..4096)
         .map_while(|cpu| {
             let file = format!("/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor");
@@ -327,61 +351,67 @@ fn governor() -> Option<Finding> {
     let slow = governors.iter().any(|governor| governor != "performance");
     (!governors.is_empty()).then(|| {
         Finding::good_finding("cpu frequency", format!("governor {}", governors.join(", ")))
-            .or_warn(
+            .with_warning_if(
                 slow,
                 "a core that was asleep is slow at first: cpupower frequency-set -g performance",
             )
     })
 }
 
-fn descriptors(robots: usize) -> Finding {
+fn check_descriptor_limit(robots: usize) -> Finding {
     let needed = descriptors::needed_descriptors(robots);
     let limit = descriptors::read_limit();
     let found = format!("{} (RLIMIT_NOFILE), {robots} robots need {needed}", format_limit(limit));
     let advice = format!("ulimit -n {needed} as root, or nofile in /etc/security/limits.conf");
-    Finding::good_finding("open files", found).or_verdict(
-        Verdict::Wrong,
+    Finding::good_finding("open files", found).with_severity_if(
+        FindingSeverity::Wrong,
         limit.is_some_and(|n| n < needed),
         advice,
     )
 }
 
 /// Checks how many more processes may be started, under the tightest limit.
-fn processes(robots: usize) -> Finding {
-    let left = |limit: &Limit| limit.most.saturating_sub(limit.used);
+fn check_process_limit(robots: usize) -> Finding {
+    let left = |limit: &ProcessCountLimit| limit.most.saturating_sub(limit.used);
     let tightest = limits::read_process_limits().into_iter().min_by_key(left);
     let Some(limit) = tightest else { return Finding::good_finding("processes", "unlimited") };
     let (needed, left) = (limits::needed_processes(robots), left(&limit));
-    let Limit { what, most, remedy, .. } = limit;
+    let ProcessCountLimit { what, most, remedy, .. } = limit;
     let found = format!("{left} of {most} left ({what}), {robots} robots need {needed}");
-    Finding::good_finding("processes", found).or_verdict(Verdict::Wrong, left < needed, remedy)
+    Finding::good_finding("processes", found).with_severity_if(
+        FindingSeverity::Wrong,
+        left < needed,
+        remedy,
+    )
 }
 
 fn format_limit(limit: Option<u64>) -> String {
     limit.map_or("unlimited".into(), |limit| limit.to_string())
 }
 
-fn realtime_priority() -> Finding {
+fn examine_realtime_priority() -> Finding {
     let limit = format_limit(getrlimit(Resource::Rtprio).current);
-    match try_realtime_priority() {
+    match check_realtime_priority() {
         Ok(()) => {
-            let runtime = fs::read_to_string(REALTIME_RUNTIME).unwrap_or_default();
+            let runtime = fs::read_to_string(REALTIME_RUNTIME_PATH).unwrap_or_default();
             let runtime = runtime.trim();
             let found = format!("SCHED_FIFO is permitted, for {runtime} us of each second");
             Finding::good_finding("real-time prio", found)
         }
         Err(error) => {
             let found = match error {
-                PriorityError::Unlimited(_) => "real-time processes are not limited".to_owned(),
+                PriorityError::NoRuntimeLimit(_) => {
+                    "real-time processes are not limited".to_owned()
+                }
                 PriorityError::Refused(_) => format!("not permitted (RLIMIT_RTPRIO {limit})"),
             };
             let advice = format!("--realtime-priority has no effect: {error}");
-            Finding::good_finding("real-time prio", found).or_warn(true, advice)
+            Finding::good_finding("real-time prio", found).with_warning_if(true, advice)
         }
     }
 }
 
-fn locked_memory() -> Finding {
+fn check_locked_memory() -> Finding {
     let bytes = getrlimit(Resource::Memlock).current;
     let found = match (may_lock_memory(), bytes) {
         (true, _) => "may be locked".to_owned(),
@@ -390,7 +420,7 @@ fn locked_memory() -> Finding {
         }
     };
     let advice = "--realtime-priority will not lock memory: ulimit -l unlimited, or CAP_IPC_LOCK";
-    Finding::good_finding("memory", found).or_warn(!may_lock_memory(), advice)
+    Finding::good_finding("memory", found).with_warning_if(!may_lock_memory(), advice)
 }
 
 /// Checks a directory for shared memory: writable, with enough free space, and on tmpfs.
@@ -407,17 +437,17 @@ fn check_directory(topic: &'static str, directory: &Path, robots: usize) -> Find
     };
     let need = RequiredSpace::for_run(robots, LINKS_PER_ROBOT * robots);
     if !room.covers(&need) {
-        return wrong(SpaceError::Short { need, room }.to_string(), "every such run is refused");
+        return wrong(SpaceError::TooSmall { need, room }.to_string(), "every such run is refused");
     }
-    Finding::good_finding(topic, format!("{shown}: {room}")).or_warn(
+    Finding::good_finding(topic, format!("{shown}: {room}")).with_warning_if(
         !room.is_tmpfs(),
         "it is not on tmpfs: starting takes twice as long; see PHALANX_RUN_ROOT",
     )
 }
 
-fn privacy(base: &Path) -> Finding {
+fn check_run_root_privacy(base: &Path) -> Finding {
     let shown = base.display();
-    match run_root::reason_unusable(base) {
+    match run_root::find_unusable_reason(base) {
         None => Finding::good_finding("privacy", format!("{shown} is this user's alone")),
         Some(flaw) => Finding::bad_finding(
             "privacy",
@@ -427,14 +457,14 @@ fn privacy(base: &Path) -> Finding {
     }
 }
 
-fn dead_runs(base: &Path) -> Finding {
-    let dead: Vec<_> = run_root::dead_roots(base).collect();
+fn check_dead_runs(base: &Path) -> Finding {
+    let dead: Vec<_> = run_root::lock_dead_roots(base).collect();
     let left: Vec<String> = dead.iter().map(dead_runs::describe_dead_root).collect();
     let found = match &left[..] {
         [] => "no dead run left anything".to_owned(),
         left => left.join("; "),
     };
-    Finding::good_finding("dead runs", found).or_warn(!left.is_empty(), "phalanx clean")
+    Finding::good_finding("dead runs", found).with_warning_if(!left.is_empty(), "phalanx clean")
 }
 
 #[cfg(test)]
@@ -445,33 +475,42 @@ mod tests {
     fn doctor_warns_of_a_million_robots() {
         let findings = examine(1_000_000);
         let of = |topic| findings.iter().find(|finding| finding.topic == topic).unwrap();
-        assert_eq!(of("cores").verdict, Verdict::WorthKnowing);
+        assert_eq!(of("cores").verdict, FindingSeverity::WorthKnowing);
         let limit = descriptors::read_limit();
         let short = limit.is_some_and(|limit| limit < 18_000_040);
-        assert_eq!(of("open files").verdict == Verdict::Wrong, short, "{findings:?}");
+        assert_eq!(of("open files").verdict == FindingSeverity::Wrong, short, "{findings:?}");
         assert!(of("open files").found.contains("need 18000040"));
-        assert!(short <= is_wrong(&findings));
-        assert!(screen(&findings).contains("1000000 robots need a longer period_s"));
+        assert!(short <= has_error_finding(&findings));
+        assert!(format_findings(&findings).contains("1000000 robots need a longer period_s"));
     }
 
     #[test]
     fn missing_shm_folder_is_bad_and_folder_on_disk_is_a_warning() {
         let gone = check_directory("run root", Path::new("/nowhere/at/all"), 3);
-        assert_eq!(gone.verdict, Verdict::Wrong);
+        assert_eq!(gone.verdict, FindingSeverity::Wrong);
         assert!(gone.found.contains("/nowhere/at/all"), "{gone:?}");
         // procfs is not a tmpfs and cannot hold files.
-        assert_ne!(check_directory("run root", Path::new("/proc"), 3).verdict, Verdict::Fine);
-        assert_eq!(check_directory("run root", Path::new("/dev/shm"), 3).verdict, Verdict::Fine);
+        assert_ne!(
+            check_directory("run root", Path::new("/proc"), 3).verdict,
+            FindingSeverity::Fine
+        );
+        assert_eq!(
+            check_directory("run root", Path::new("/dev/shm"), 3).verdict,
+            FindingSeverity::Fine
+        );
     }
 
     #[test]
     fn world_writable_base_is_refused() {
         use std::os::unix::fs::PermissionsExt as _;
         let folder = tempfile::tempdir().unwrap();
-        for (mode, verdict) in [(0o700, Verdict::Fine), (0o711, Verdict::Wrong)] {
+        for (mode, verdict) in [(0o700, FindingSeverity::Fine), (0o711, FindingSeverity::Wrong)] {
             fs::set_permissions(folder.path(), fs::Permissions::from_mode(mode)).unwrap();
-            assert_eq!(privacy(folder.path()).verdict, verdict);
+            assert_eq!(check_run_root_privacy(folder.path()).verdict, verdict);
         }
-        assert_eq!(privacy(&folder.path().join("not-yet")).verdict, Verdict::Fine);
+        assert_eq!(
+            check_run_root_privacy(&folder.path().join("not-yet")).verdict,
+            FindingSeverity::Fine
+        );
     }
 }

@@ -3,18 +3,15 @@
 
 use std::fs;
 use std::io::{self, Write as _};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use experiment::scenario::Scenario;
-use outcome::results::manifest::Build;
 use protocol::number::format_short;
 
-use super::page;
 use crate::verbs::cell_in_process::format_error;
 
 /// Margin that the calling program computes.
-pub(super) struct Caller {
+pub(super) struct ExternalMargin {
     /// Name of the margin.
     pub(super) name: String,
     folder: PathBuf,
@@ -22,27 +19,35 @@ pub(super) struct Caller {
     margin_requests: Mutex<usize>,
 }
 
-impl Caller {
+impl ExternalMargin {
     /// Creates the margin with this name; runs are written below `folder`.
-    pub(super) fn new(name: String, folder: PathBuf) -> Caller {
-        Caller { name, folder, margin_requests: Mutex::new(0) }
+    pub(super) fn new(name: String, folder: PathBuf) -> ExternalMargin {
+        ExternalMargin { name, folder, margin_requests: Mutex::new(0) }
     }
 
-    /// Writes the run of a scenario with the effective text `text`, and requests its margin. Fails if the
-    /// run cannot be written, or the reply is missing or not a number.
-    pub(super) fn margin(
+    /// Writes a run to a directory by `record`, and requests its margin. Fails if the run cannot be written, or the
+    /// reply is missing or not a number.
+    pub(super) fn record_and_request(
         &self,
-        scenario: &Scenario,
-        text: &str,
-        build: &Build,
+        record: impl FnOnce(&Path) -> Result<(), String>,
     ) -> Result<f64, String> {
         let mut asked = self.margin_requests.lock().map_err(format_error)?;
         *asked += 1;
         let run_dir = self.folder.join(format!("asked-{asked}"));
-        page::record(scenario, text, &self.folder, &run_dir, build)?;
-        let answer = request_margin(&run_dir.to_string_lossy());
+        record(&run_dir)?;
+        let margin = self.read_margin(&run_dir);
         let _ = fs::remove_dir_all(&run_dir);
-        let answer = answer.map_err(format_error)?;
+        margin
+    }
+
+    /// Requests the margin of a run that has been written to `run_dir`. Fails if the reply is missing or not a number.
+    pub(super) fn request(&self, run_dir: &Path) -> Result<f64, String> {
+        let _one_at_a_time = self.margin_requests.lock().map_err(format_error)?;
+        self.read_margin(run_dir)
+    }
+
+    fn read_margin(&self, run_dir: &Path) -> Result<f64, String> {
+        let answer = request_margin(&run_dir.to_string_lossy()).map_err(format_error)?;
         match answer.trim().parse::<f64>() {
             Ok(margin) if !margin.is_nan() => Ok(margin),
             _ if answer.is_empty() => {

@@ -3,52 +3,44 @@
 use std::fs;
 use std::path::Path;
 
-use experiment::campaign::file::Keep;
 use experiment::scenario::Scenario;
-use experiment::scenario::read::{Overrides, read_to_run};
 use outcome::metrics::Metrics;
-use outcome::results::manifest::{Build, Manifest};
-use outcome::results::{checksums, page};
+use outcome::results::manifest::{BuildInfo, Manifest};
+use outcome::results::page;
+use outcome::results::programs::Programs;
 use protocol::brief::Pace;
-use protocol::catalog::Catalog;
-use protocol::process::exit;
+use protocol::process::{StopFlag, exit};
+use supervisor::spawn::Launcher;
 
-use crate::verbs::cell_in_process::{begin, format_error, simulate_to_end};
-use crate::verbs::execute::judge;
+use crate::verbs::cell_in_process::{create_run_dir, format_error, simulate_to_end};
+use crate::verbs::execute::evaluate_and_write;
 
-/// Writes the run of the scenario file `found` to the folder `to`, replacing its contents. `words` is a
-/// sentence about the run, for the top of its page. Fails if the file is invalid or the folder cannot be
-/// written.
-pub(super) fn write(
-    found: &Path,
-    words: &str,
-    to: &Path,
-    catalog: &Catalog,
-    build: &Build,
-) -> Result<(), String> {
-    let read = read_to_run(found, &Overrides::default(), catalog);
-    let (scenario, text, _) = read.map_err(|diagnostic| diagnostic.message)?;
-    record(&scenario, &text, found, to, build)?;
-    checksums::write(to, to).map_err(format_error)?;
-    page::write(to, &scenario, Some(format!("{words}."))).map(|_| ()).map_err(format_error)
+/// Draws the figures and the page of a run in the folder `to`. `words` is a sentence about the run, for the top of its
+/// page.
+pub(super) fn draw_run_page(scenario: &Scenario, words: &str, to: &Path) -> Result<(), String> {
+    page::write_page(to, scenario, Some(format!("{words}."))).map(|_| ()).map_err(format_error)
 }
 
-/// Writes the run of a scenario from the file `from` to the folder `to`, replacing its contents. Fails if
-/// the folder cannot be written.
-pub(super) fn record(
+/// Writes the run of a scenario without programs, from the file `from`, to the folder `to`, replacing its contents.
+/// Fails if the folder cannot be written.
+pub(super) fn record_run(
     scenario: &Scenario,
     text: &str,
     from: &Path,
     to: &Path,
-    build: &Build,
+    build: &BuildInfo,
+    launcher: &Launcher,
+    stop: &StopFlag,
 ) -> Result<(), String> {
     let pace = Pace::Lockstep;
     let manifest = Manifest::collect(scenario, from, pace, build);
     let _ = fs::remove_dir_all(to);
-    let mut run_dir = begin(scenario, text, &manifest, to, Keep::All).map_err(format_error)?;
+    let mut run_dir = create_run_dir(scenario, text, &manifest, to, true, &Programs::default())
+        .map_err(format_error)?;
     let mut metrics = Metrics::new(scenario, pace);
     let (mut outcome, ran) = simulate_to_end(scenario, &mut run_dir, &mut metrics, || true);
     ran.map_err(format_error)?;
-    let judged = judge(scenario, pace, &metrics, &mut outcome, exit::OK, &mut run_dir);
-    judged.unwritten.first().map_or(Ok(()), |error| Err(format_error(error)))
+    let ended = (exit::OK, launcher, stop);
+    let judged = evaluate_and_write(scenario, pace, &metrics, &mut outcome, ended, &mut run_dir);
+    judged.first_error().map_or(Ok(()), Err)
 }

@@ -5,18 +5,18 @@
 
 use formation::Vec2;
 
-use super::{FORMATION, Gains, Law, LawRow, Situation};
+use super::{FORMATION_ROLE, Gains, Law, LawRow, Situation};
 
 pub(super) const ROW: LawRow = LawRow {
     name: "my-law",
-    role: FORMATION,                // the error is relative to a slot
-    source: "PI, our own",          // reference, for documentation
-    gains: &["k_per_s", "reset_s"], // keys in scenarios, all positive
-    feed_forward: true,             // it uses the velocities of the in-neighbors
-    correction_max: None,           // no gain bounds its correction
-    message: None,                  // it sends no message with its beacons
-    withholds: false,               // it sends a beacon with every answer
-    signals: &[],                   // it records no numbers of its own
+    role: FORMATION_ROLE,               // the error is relative to a slot
+    source: "PI, our own",              // reference, for documentation
+    gain_keys: &["k_per_s", "reset_s"], // keys in scenarios, all positive
+    feed_forward: true,                 // it uses the velocities of the in-neighbors
+    correction_max: None,               // no gain bounds its correction
+    message_format: None,               // it sends no message with its beacons
+    may_withhold_beacon: false,         // it sends a beacon with every answer
+    signals: &[],                       // it records no numbers of its own
     build: |gains: &Gains<'_>| {
         Box::new(MyLaw {
             k: gains.get("k_per_s"),

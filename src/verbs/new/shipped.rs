@@ -40,5 +40,5 @@ pub(super) const SCENARIOS: &[(&str, &str)] = shipped![
 ];
 
 /// Names and texts of the files that these scenarios refer to.
-pub(super) const FILES: &[(&str, &str)] =
+pub(super) const REFERENCED_FILES: &[(&str, &str)] =
     &[("swarm64.json", include_str!("../../../scenarios/swarm64.json"))];

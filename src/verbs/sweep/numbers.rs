@@ -6,9 +6,9 @@ use std::str::FromStr;
 
 /// Ranges of run numbers, which start at 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Numbers(Vec<RangeInclusive<usize>>);
+pub(super) struct RunNumbers(Vec<RangeInclusive<usize>>);
 
-impl Numbers {
+impl RunNumbers {
     pub(super) fn contains(&self, number: usize) -> bool {
         self.0.iter().any(|range| range.contains(&number))
     }
@@ -19,8 +19,8 @@ impl Numbers {
 }
 
 /// Collects increasing numbers into ranges.
-impl FromIterator<usize> for Numbers {
-    fn from_iter<I: IntoIterator<Item = usize>>(numbers: I) -> Numbers {
+impl FromIterator<usize> for RunNumbers {
+    fn from_iter<I: IntoIterator<Item = usize>>(numbers: I) -> RunNumbers {
         let mut ranges: Vec<RangeInclusive<usize>> = Vec::new();
         for number in numbers {
             match ranges.last_mut() {
@@ -28,25 +28,25 @@ impl FromIterator<usize> for Numbers {
                 _ => ranges.push(number..=number),
             }
         }
-        Numbers(ranges)
+        RunNumbers(ranges)
     }
 }
 
-impl FromStr for Numbers {
+impl FromStr for RunNumbers {
     type Err = &'static str;
 
-    fn from_str(text: &str) -> Result<Numbers, Self::Err> {
+    fn from_str(text: &str) -> Result<RunNumbers, Self::Err> {
         let range = |part: &str| {
             let (first, last) = part.split_once('-').unwrap_or((part, part));
             let (first, last) = (first.parse().ok()?, last.parse().ok()?);
             (0 < first && first <= last).then_some(first..=last)
         };
         let ranges: Option<_> = text.split(',').map(range).collect();
-        ranges.map(Numbers).ok_or("must be run numbers from 1, as in 1-50,73")
+        ranges.map(RunNumbers).ok_or("must be run numbers from 1, as in 1-50,73")
     }
 }
 
-impl fmt::Display for Numbers {
+impl fmt::Display for RunNumbers {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (place, range) in self.0.iter().enumerate() {
             let comma = if place == 0 { "" } else { "," };
@@ -65,14 +65,14 @@ mod tests {
 
     #[test]
     fn numbers_round_trip_through_text() {
-        let numbers: Numbers = [1, 2, 3, 7, 9, 10].into_iter().collect();
+        let numbers: RunNumbers = [1, 2, 3, 7, 9, 10].into_iter().collect();
         assert_eq!(numbers.to_string(), "1-3,7,9-10");
         assert_eq!(numbers.to_string().parse(), Ok(numbers.clone()));
         let contained = (0..12).filter(|&number| numbers.contains(number));
         assert_eq!(contained.collect::<Vec<_>>(), [1, 2, 3, 7, 9, 10]);
         assert_eq!(numbers.largest_number(), 10);
         for wrong in ["", "0", "3-1", "1,", "1-", "a", "1-2-3", "-1"] {
-            assert!(wrong.parse::<Numbers>().is_err(), "{wrong}");
+            assert!(wrong.parse::<RunNumbers>().is_err(), "{wrong}");
         }
     }
 }

@@ -16,11 +16,11 @@ const ROBOTS_PER_CORE_MIN: usize = 4;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct CoreAssignment {
     /// Processor of each group of robots; robots are assigned to the groups round-robin.
-    pub(super) groups: Vec<usize>,
+    pub(super) group_processors: Vec<usize>,
     /// Processor of the plant: that of the group released last.
-    pub(super) plant: usize,
+    pub(super) plant_processor: usize,
     /// Processor of the supervisor; never that of the plant, for which all processes wait.
-    pub(super) supervisor: usize,
+    pub(super) supervisor_processor: usize,
 }
 
 impl CoreAssignment {
@@ -33,42 +33,48 @@ impl CoreAssignment {
     ) -> Option<CoreAssignment> {
         let wanted =
             ((robots + 1) / ROBOTS_PER_CORE_MIN).clamp(1, topology.whole_cores().min(GROUPS_MAX));
-        let (fast, cores) = fast_together(topology, wanted);
-        let taken = close_together(fast, cores, first);
+        let (fast, cores) = select_fastest_cores(topology, wanted);
+        let taken = select_close_cores(fast, cores, first);
         let groups: Vec<usize> = taken.iter().map(|core| core.threads[0]).collect();
         let plant = *groups.last()?;
         // A free core; otherwise a second thread, the plant's last; otherwise the core of another group.
         let free = topology.cores.iter().filter(|core| !taken.contains(core));
-        let free = free.min_by_key(|core| distance(core, taken[0]));
+        let free = free.min_by_key(|core| core_distance_key(core, taken[0]));
         let second = taken.iter().find_map(|core| core.threads.get(1).copied());
         let other = groups.iter().copied().find(|&cpu| cpu != plant);
         let supervisor = free.map(|core| core.threads[0]).or(second).or(other)?;
-        Some(CoreAssignment { groups, plant, supervisor })
+        Some(CoreAssignment {
+            group_processors: groups,
+            plant_processor: plant,
+            supervisor_processor: supervisor,
+        })
     }
 
     /// Returns the processors on which robots run if `used` groups of robots each have their own processor.
     /// The last of them is the processor of the plant, which one group shares.
-    pub(super) fn used_for_robots(&self, used: usize) -> &[usize] {
-        &self.groups[self.groups.len() - used.clamp(1, self.groups.len())..]
+    pub(super) fn robot_processors(&self, used: usize) -> &[usize] {
+        &self.group_processors
+            [self.group_processors.len() - used.clamp(1, self.group_processors.len())..]
     }
 
     /// Returns the processor of robot `i` if `used` groups have processors of their own.
     pub(super) fn processor_of_robot(&self, i: usize, used: usize) -> usize {
-        let (group, used) = (i % self.groups.len(), self.used_for_robots(used));
+        let (group, used) = (i % self.group_processors.len(), self.robot_processors(used));
         // From the end: the processor released last stays with the plant.
-        used[used.len() - 1 - (self.groups.len() - 1 - group) % used.len()]
+        used[used.len() - 1 - (self.group_processors.len() - 1 - group) % used.len()]
     }
 
     /// Returns all assigned processors.
     pub(super) fn assigned_processors(&self) -> impl Iterator<Item = usize> + '_ {
-        let beside = (!self.groups.contains(&self.supervisor)).then_some(self.supervisor);
-        self.groups.iter().copied().chain(beside)
+        let beside = (!self.group_processors.contains(&self.supervisor_processor))
+            .then_some(self.supervisor_processor);
+        self.group_processors.iter().copied().chain(beside)
     }
 }
 
 /// Returns the cores that may be used, and the number of them, at most `wanted`, on which evenly spread
 /// robots have the highest throughput at the speed of the slowest core.
-fn fast_together(topology: &Topology, wanted: usize) -> (Vec<&Core>, usize) {
+fn select_fastest_cores(topology: &Topology, wanted: usize) -> (Vec<&Core>, usize) {
     let mut speeds: Vec<u64> = topology.cores.iter().map(|core| core.speed).collect();
     speeds.sort_unstable_by_key(|&speed| std::cmp::Reverse(speed));
     let done = |&cores: &usize| cores as u64 * speeds[cores - 1];
@@ -79,13 +85,14 @@ fn fast_together(topology: &Topology, wanted: usize) -> (Vec<&Core>, usize) {
 }
 
 /// Key that is equal for cores of the same domain.
-type Domain = fn(&Core) -> (usize, usize);
+type DomainKey = fn(&Core) -> (usize, usize);
 
 /// Selects `cores` cores: within one last-level cache if one has enough of them, otherwise within one NUMA
 /// node, otherwise adjacent ones.
-fn close_together(mut from: Vec<&Core>, cores: usize, first: usize) -> Vec<&Core> {
-    from.sort_by_key(|core| (core.node, core.cache, core.threads[0]));
-    let by: [Domain; 3] = [|core| (core.node, core.cache), |core| (core.node, 0), |_| (0, 0)];
+fn select_close_cores(mut from: Vec<&Core>, cores: usize, first: usize) -> Vec<&Core> {
+    from.sort_by_key(|core| (core.numa_node, core.cache_id, core.threads[0]));
+    let by: [DomainKey; 3] =
+        [|core| (core.numa_node, core.cache_id), |core| (core.numa_node, 0), |_| (0, 0)];
     for domain in by {
         let domains = from.chunk_by(|a, b| domain(a) == domain(b));
         let enough: Vec<_> = domains.filter(|domain| domain.len() >= cores).collect();
@@ -98,8 +105,8 @@ fn close_together(mut from: Vec<&Core>, cores: usize, first: usize) -> Vec<&Core
 }
 
 /// Returns an ordering key for the distance of two cores; smaller is closer.
-fn distance(a: &Core, b: &Core) -> (bool, bool, u64) {
-    (a.node != b.node, a.cache != b.cache, a.speed.abs_diff(b.speed))
+fn core_distance_key(a: &Core, b: &Core) -> (bool, bool, u64) {
+    (a.numa_node != b.numa_node, a.cache_id != b.cache_id, a.speed.abs_diff(b.speed))
 }
 
 #[cfg(test)]
@@ -109,7 +116,7 @@ mod tests {
     use std::fs;
     use std::path::{Path, PathBuf};
 
-    use super::super::topology::numbers;
+    use super::super::topology::parse_list;
     use super::*;
 
     fn folder() -> PathBuf {
@@ -118,18 +125,18 @@ mod tests {
 
     /// Parses the description of a machine: `quota`, and for each kind of core its threads (threads of a
     /// core joined by `+`), cache, node and speed.
-    fn read(text: &str) -> Topology {
+    fn parse_machine(text: &str) -> Topology {
         let mut topology = Topology::default();
         for line in text.lines().filter(|line| !line.starts_with('#')) {
             let words: Vec<&str> = line.split_whitespace().collect();
             match words[..] {
-                ["quota", quota] => topology.quota = Some(quota.parse().unwrap()),
+                ["quota", quota] => topology.quota_cores = Some(quota.parse().unwrap()),
                 ["cores", threads, "cache", cache, "node", node, "speed", speed] => {
-                    let threads: Vec<Vec<usize>> = threads.split('+').map(numbers).collect();
+                    let threads: Vec<Vec<usize>> = threads.split('+').map(parse_list).collect();
                     topology.cores.extend((0..threads[0].len()).map(|i| Core {
                         threads: threads.iter().map(|thread| thread[i]).collect(),
-                        cache: cache.parse().unwrap(),
-                        node: node.parse().unwrap(),
+                        cache_id: cache.parse().unwrap(),
+                        numa_node: node.parse().unwrap(),
                         speed: speed.parse().unwrap(),
                     }));
                 }
@@ -140,13 +147,13 @@ mod tests {
     }
 
     /// Returns all machines of the folder, by name.
-    fn machines() -> Vec<(String, Topology)> {
+    fn read_machines() -> Vec<(String, Topology)> {
         let files = fs::read_dir(folder()).unwrap().map(|entry| entry.unwrap().path());
         let files = files.filter(|path| path.extension().is_some_and(|of| of == "cores"));
         let mut machines: Vec<_> = files
             .map(|path| {
                 let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
-                (name, read(&fs::read_to_string(&path).unwrap()))
+                (name, parse_machine(&fs::read_to_string(&path).unwrap()))
             })
             .collect();
         machines.sort_by(|a, b| a.0.cmp(&b.0));
@@ -156,7 +163,7 @@ mod tests {
 
     #[test]
     fn groups_have_separate_permitted_cores() {
-        for (name, topology) in machines() {
+        for (name, topology) in read_machines() {
             for (robots, first) in (1..200).flat_map(|robots| (0..40).map(move |i| (robots, i))) {
                 let Some(deal) = CoreAssignment::compute(&topology, robots, first) else {
                     assert!(topology.threads().count() < 2, "{name}");
@@ -166,21 +173,26 @@ mod tests {
                     let found = topology.cores.iter().position(|c| c.threads.contains(&cpu));
                     found.expect("it may be used")
                 };
-                let cores: BTreeSet<_> = deal.groups.iter().map(|&cpu| core(cpu)).collect();
-                assert_eq!(cores.len(), deal.groups.len(), "{name} {deal:?}");
+                let cores: BTreeSet<_> =
+                    deal.group_processors.iter().map(|&cpu| core(cpu)).collect();
+                assert_eq!(cores.len(), deal.group_processors.len(), "{name} {deal:?}");
                 assert!(cores.len() <= topology.whole_cores().min(GROUPS_MAX).min(robots));
-                assert_eq!(Some(&deal.plant), deal.groups.last());
-                core(deal.supervisor);
-                assert_ne!(deal.supervisor, deal.plant, "{name}");
-                for used in 1..=deal.groups.len() {
+                assert_eq!(Some(&deal.plant_processor), deal.group_processors.last());
+                core(deal.supervisor_processor);
+                assert_ne!(deal.supervisor_processor, deal.plant_processor, "{name}");
+                for used in 1..=deal.group_processors.len() {
                     let all: BTreeSet<_> =
                         (0..robots).map(|i| deal.processor_of_robot(i, used)).collect();
                     assert_eq!(all.len(), used, "{name} {deal:?}");
-                    assert!(all.contains(&deal.plant));
-                    assert!(all.iter().all(|cpu| deal.groups.contains(cpu)));
+                    assert!(all.contains(&deal.plant_processor));
+                    assert!(all.iter().all(|cpu| deal.group_processors.contains(cpu)));
                 }
-                let (i, all) = (robots - 1, deal.groups.len());
-                assert_eq!(deal.processor_of_robot(i, all), deal.groups[i % all], "in turns");
+                let (i, all) = (robots - 1, deal.group_processors.len());
+                assert_eq!(
+                    deal.processor_of_robot(i, all),
+                    deal.group_processors[i % all],
+                    "in turns"
+                );
             }
         }
     }
@@ -190,11 +202,15 @@ mod tests {
     fn core_assignments_match_the_reviewed_table() {
         let mut table =
             "machine                robots  groups' processors | plant | supervisor\n".to_owned();
-        for (name, topology) in machines() {
+        for (name, topology) in read_machines() {
             for robots in [3, 8, 64] {
                 let dealt = match CoreAssignment::compute(&topology, robots, 0) {
                     None => "no process is pinned".to_owned(),
-                    Some(CoreAssignment { groups, plant, supervisor }) => {
+                    Some(CoreAssignment {
+                        group_processors: groups,
+                        plant_processor: plant,
+                        supervisor_processor: supervisor,
+                    }) => {
                         let groups: Vec<String> = groups.iter().map(usize::to_string).collect();
                         format!("{} | {plant} | {supervisor}", groups.join(" "))
                     }

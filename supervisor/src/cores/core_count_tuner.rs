@@ -21,22 +21,27 @@ pub(super) struct CoreCountTuner {
     robots: usize,
     cores: usize,
     /// Highest measured rate, ticks/s, and its number of cores, which is larger than the current one.
-    best: Option<(usize, f64)>,
-    stage: Stage,
+    best_rate: Option<(usize, f64)>,
+    stage: SearchStage,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Stage {
+enum SearchStage {
     /// Processes settle on their cores: time and number of ticks at which this began.
     Settling(Duration, u64),
     Counting(Duration, u64),
-    Over,
+    Finished,
 }
 
 impl CoreCountTuner {
     /// Creates the search for `robots` robots that start on `cores` cores.
     pub(super) fn new(robots: usize, cores: usize) -> CoreCountTuner {
-        CoreCountTuner { robots, cores, best: None, stage: Stage::Settling(Duration::ZERO, 0) }
+        CoreCountTuner {
+            robots,
+            cores,
+            best_rate: None,
+            stage: SearchStage::Settling(Duration::ZERO, 0),
+        }
     }
 
     /// Returns the current number of cores.
@@ -49,31 +54,32 @@ impl CoreCountTuner {
     pub(super) fn advance_search(&mut self, time: Duration, ticks: u64) -> Option<usize> {
         let before = self.cores;
         match self.stage {
-            Stage::Settling(since, _) if time < since + COUNTING_TIME => {}
-            Stage::Settling(_, at) if ticks < at + TICKS_MIN => {}
-            Stage::Settling(..) => self.stage = Stage::Counting(time, ticks),
-            Stage::Counting(since, _) if time < since + COUNTING_TIME => {}
-            Stage::Counting(_, from) if ticks < from + TICKS_MIN => {}
-            Stage::Counting(since, from) => {
+            SearchStage::Settling(since, _) if time < since + COUNTING_TIME => {}
+            SearchStage::Settling(_, at) if ticks < at + TICKS_MIN => {}
+            SearchStage::Settling(..) => self.stage = SearchStage::Counting(time, ticks),
+            SearchStage::Counting(since, _) if time < since + COUNTING_TIME => {}
+            SearchStage::Counting(_, from) if ticks < from + TICKS_MIN => {}
+            SearchStage::Counting(since, from) => {
                 let rate = (ticks - from) as f64 / (time - since).as_secs_f64();
-                match self.best {
+                match self.best_rate {
                     Some((more, best)) if rate < SPEEDUP_MIN * best => {
-                        (self.cores, self.stage) = (more, Stage::Over);
+                        (self.cores, self.stage) = (more, SearchStage::Finished);
                     }
-                    _ if self.may_be_fewer() => {
-                        self.best = Some((self.cores, rate));
-                        (self.cores, self.stage) = (self.cores / 2, Stage::Settling(time, ticks));
+                    _ if self.can_halve_cores() => {
+                        self.best_rate = Some((self.cores, rate));
+                        (self.cores, self.stage) =
+                            (self.cores / 2, SearchStage::Settling(time, ticks));
                     }
-                    _ => self.stage = Stage::Over,
+                    _ => self.stage = SearchStage::Finished,
                 }
             }
-            Stage::Over => {}
+            SearchStage::Finished => {}
         }
         (self.cores != before).then_some(self.cores)
     }
 
     /// Returns whether half as many cores may be tried, by the number of robots on each.
-    fn may_be_fewer(&self) -> bool {
+    fn can_halve_cores(&self) -> bool {
         let half = self.cores / 2;
         half > 0 && self.robots <= half * ROBOTS_PER_CORE_MAX
     }

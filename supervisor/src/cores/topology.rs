@@ -21,9 +21,9 @@ pub struct Core {
     /// Usable logical processors of the core, ascending; at least one.
     pub threads: Vec<usize>,
     /// ID of the last-level cache of the core. Cores with the same ID share it.
-    pub cache: usize,
+    pub cache_id: usize,
     /// Number of the NUMA node of the core.
-    pub node: usize,
+    pub numa_node: usize,
     /// Speed of the core. The fastest cores of a machine have 1024.
     pub speed: u64,
 }
@@ -34,7 +34,7 @@ pub struct Topology {
     /// Cores, ascending by their first thread.
     pub cores: Vec<Core>,
     /// CPU quota of the cgroups, in cores; `None` without a limit.
-    pub quota: Option<f64>,
+    pub quota_cores: Option<f64>,
 }
 
 impl Topology {
@@ -50,30 +50,30 @@ impl Topology {
     /// is `/` on a real machine.
     pub fn read(root: &Path, usable: &[usize]) -> Topology {
         let system = root.join("sys/devices/system");
-        let small = list(&root.join("sys/devices/cpu_atom/cpus"));
-        let nodes = nodes(&system.join("node"));
+        let small = read_list(&root.join("sys/devices/cpu_atom/cpus"));
+        let nodes = read_numa_nodes(&system.join("node"));
         let mut cores = BTreeMap::<usize, Core>::new();
         for &cpu in usable {
             let folder = system.join(format!("cpu/cpu{cpu}"));
-            let siblings = list(&folder.join("topology/thread_siblings_list"));
+            let siblings = read_list(&folder.join("topology/thread_siblings_list"));
             let core = siblings.first().copied().unwrap_or(cpu);
             let unknown = if small.contains(&cpu) { SMALL_SPEED } else { FULL_SPEED };
             let core = cores.entry(core).or_insert_with(|| Core {
                 threads: Vec::new(),
-                cache: last_cache(&folder.join("cache")).unwrap_or(0),
-                node: nodes.iter().position(|node| node.contains(&cpu)).unwrap_or(0),
-                speed: number(folder.join("cpu_capacity")).unwrap_or(unknown),
+                cache_id: read_last_cache_id(&folder.join("cache")).unwrap_or(0),
+                numa_node: nodes.iter().position(|node| node.contains(&cpu)).unwrap_or(0),
+                speed: read_number(folder.join("cpu_capacity")).unwrap_or(unknown),
             });
             core.threads.push(cpu);
         }
         let mut cores: Vec<Core> = cores.into_values().collect();
         cores.sort_by_key(|core| core.threads[0]);
-        Topology { cores, quota: quota(root) }
+        Topology { cores, quota_cores: read_smallest_quota(root) }
     }
 
     /// Returns how many whole cores may be busy concurrently: at least one, and at most the quota.
     pub fn whole_cores(&self) -> usize {
-        let paid = self.quota.map_or(usize::MAX, |quota| quota.floor() as usize);
+        let paid = self.quota_cores.map_or(usize::MAX, |quota| quota.floor() as usize);
         self.cores.len().min(paid).max(1)
     }
 
@@ -84,11 +84,11 @@ impl Topology {
 }
 
 /// Parses a file with a list such as `0-3,8`; empty if there is no such file.
-fn list(path: &Path) -> Vec<usize> {
-    fs::read_to_string(path).map(|text| numbers(text.trim())).unwrap_or_default()
+fn read_list(path: &Path) -> Vec<usize> {
+    fs::read_to_string(path).map(|text| parse_list(text.trim())).unwrap_or_default()
 }
 
-pub(super) fn numbers(text: &str) -> Vec<usize> {
+pub(super) fn parse_list(text: &str) -> Vec<usize> {
     let range = |part: &str| {
         let (first, last) = part.split_once('-').unwrap_or((part, part));
         Some(first.trim().parse().ok()?..=last.trim().parse().ok()?)
@@ -97,27 +97,30 @@ pub(super) fn numbers(text: &str) -> Vec<usize> {
 }
 
 /// Parses a file that contains one number.
-pub fn number(path: impl AsRef<Path>) -> Option<u64> {
+pub fn read_number(path: impl AsRef<Path>) -> Option<u64> {
     fs::read_to_string(path).ok()?.trim().parse().ok()
 }
 
 /// Returns the processors of each NUMA node.
-fn nodes(folder: &Path) -> Vec<Vec<usize>> {
-    let nodes = list(&folder.join("online"));
-    nodes.iter().map(|node| list(&folder.join(format!("node{node}/cpulist")))).collect()
+fn read_numa_nodes(folder: &Path) -> Vec<Vec<usize>> {
+    let nodes = read_list(&folder.join("online"));
+    nodes.iter().map(|node| read_list(&folder.join(format!("node{node}/cpulist")))).collect()
 }
 
 /// Returns the first processor that shares the cache of the highest level.
-fn last_cache(folder: &Path) -> Option<usize> {
+fn read_last_cache_id(folder: &Path) -> Option<usize> {
     let caches = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
-    let with_level = caches.filter_map(|cache| Some((number(cache.join("level"))?, cache)));
+    let with_level = caches.filter_map(|cache| Some((read_number(cache.join("level"))?, cache)));
     let (_, last) = with_level.max()?;
-    list(&last.join("shared_cpu_list")).first().copied()
+    read_list(&last.join("shared_cpu_list")).first().copied()
 }
 
 /// Returns the smallest quota of the cgroups of this process and of their ancestors.
-fn quota(root: &Path) -> Option<f64> {
-    cgroup::limits(root).into_iter().map(|limited| limited.quota).min_by(f64::total_cmp)
+fn read_smallest_quota(root: &Path) -> Option<f64> {
+    cgroup::find_limited_cgroups(root)
+        .into_iter()
+        .map(|limited| limited.quota_cores)
+        .min_by(f64::total_cmp)
 }
 
 #[cfg(test)]
@@ -158,8 +161,8 @@ mod tests {
         let root = machine(&files);
         let core = |threads: &[usize], cache, node, speed| Core {
             threads: threads.to_vec(),
-            cache,
-            node,
+            cache_id: cache,
+            numa_node: node,
             speed,
         };
         let all = Topology::read(root.path(), &[0, 1, 2, 3]);
@@ -169,7 +172,7 @@ mod tests {
         );
         let some = Topology::read(root.path(), &[2, 3]);
         assert_eq!(some.cores, [core(&[2], 0, 0, 1024), core(&[3], 1, 1, SMALL_SPEED)]);
-        assert_eq!((all.whole_cores(), some.whole_cores(), all.quota), (3, 2, None));
+        assert_eq!((all.whole_cores(), some.whole_cores(), all.quota_cores), (3, 2, None));
     }
 
     #[test]
@@ -177,7 +180,7 @@ mod tests {
         let files = [("proc/self/cgroup", "0::/"), ("sys/fs/cgroup/cpu.max", "150000 100000")];
         let topology = Topology::read(machine(&files).path(), &[4, 6]);
         let threads: Vec<_> = topology.cores.iter().map(|core| core.threads.clone()).collect();
-        assert_eq!((threads, topology.quota), (vec![vec![4], vec![6]], Some(1.5)));
+        assert_eq!((threads, topology.quota_cores), (vec![vec![4], vec![6]], Some(1.5)));
         assert_eq!(topology.whole_cores(), 1);
     }
 }

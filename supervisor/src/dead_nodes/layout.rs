@@ -8,15 +8,15 @@ use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
-use protocol::run_root::PREFIX;
+use protocol::run_root::ICEORYX2_PREFIX;
 use protocol::service::{self, Node, Qos, ServiceError};
 
 /// Permissions of shared memory under construction.
-pub(super) const HALF_MADE: u32 = 0o200;
+pub(super) const INCOMPLETE_PERMISSIONS: u32 = 0o200;
 /// Permissions of complete shared memory, which may also be read.
 const COMPLETE_PERMISSIONS: u32 = 0o600;
 /// Version of iceoryx2 whose layout this is. The workspace pins it.
-const VERSION: &str = "0.10.0";
+const ICEORYX2_VERSION: &str = "0.10.0";
 
 /// Failure to verify the file layout.
 #[derive(Debug, thiserror::Error)]
@@ -24,14 +24,14 @@ const VERSION: &str = "0.10.0";
 pub enum LayoutError {
     /// A directory cannot be read.
     #[error("cannot read the directory {path}: {source}")]
-    Look { path: PathBuf, source: io::Error },
+    ReadDirectory { path: PathBuf, source: io::Error },
     /// A file or an ID differs from what is expected.
     #[error(
         "the iceoryx2 file layout differs from what phalanx expects, so it could not clean up after \
          a robot that dies: expected {expected} in {directory}, found {found}; phalanx needs iceoryx2 \
-         {VERSION}: build it with its own Cargo.lock"
+         {ICEORYX2_VERSION}: build it with its own Cargo.lock"
     )]
-    Otherwise { expected: String, directory: PathBuf, found: String },
+    UnexpectedLayout { expected: String, directory: PathBuf, found: String },
     /// The service for the test could not be created.
     #[error(transparent)]
     Service(#[from] ServiceError),
@@ -39,7 +39,7 @@ pub enum LayoutError {
 
 /// IDs of the ports and of the node whose files are examined.
 #[derive(Debug, Clone, Copy)]
-struct Ids {
+struct PortAndNodeIds {
     process: u32,
     node: u128,
     sender: u128,
@@ -50,9 +50,9 @@ struct Ids {
 /// # Errors
 /// The first difference found, or a failure to read a directory.
 pub fn verify(run_root: &Path, node: &Node) -> Result<(), LayoutError> {
-    let probe = service::probe().create(node, Qos { subscribers: 1, buffer: 1 })?;
+    let probe = service::probe_topic().create(node, Qos { subscribers: 1, queue_length: 1 })?;
     let (sender, receiver) = (probe.publisher()?, probe.subscriber()?);
-    let ids = Ids {
+    let ids = PortAndNodeIds {
         process: std::process::id(),
         node: node.id().value(),
         sender: sender.id().value(),
@@ -61,32 +61,34 @@ pub fn verify(run_root: &Path, node: &Node) -> Result<(), LayoutError> {
     verify_files(run_root, ids)
 }
 
-fn verify_files(run_root: &Path, ids: Ids) -> Result<(), LayoutError> {
+fn verify_files(run_root: &Path, ids: PortAndNodeIds) -> Result<(), LayoutError> {
     let expect = |holds: bool, expected: String, directory: &Path| match holds {
         true => Ok(()),
         false => {
             let (directory, found) = (directory.to_owned(), list_directory(directory));
-            Err(LayoutError::Otherwise { expected, directory, found })
+            Err(LayoutError::UnexpectedLayout { expected, directory, found })
         }
     };
-    let Ids { process, node, sender, receiver } = ids;
+    let PortAndNodeIds { process, node, sender, receiver } = ids;
     for (what, id) in [("node", node), ("sender", sender), ("receiver", receiver)] {
         let expected = format!("process {process} within the id {id} of its {what}");
         expect(creator_pid(id) == process, expected, run_root)?;
     }
     let of_the_node: Vec<PathBuf> =
-        nodes(run_root)?.filter(|(id, _)| *id == node).map(|(_, path)| path).collect();
+        list_nodes(run_root)?.filter(|(id, _)| *id == node).map(|(_, path)| path).collect();
     let directories = of_the_node.iter().filter(|path| path.is_dir()).count();
     expect(
         directories == 1 && of_the_node.len() > 1,
-        format!("a directory {node} and a file {PREFIX}{node}.*"),
+        format!("a directory {node} and a file {ICEORYX2_PREFIX}{node}.*"),
         &nodes_dir(run_root),
     )?;
-    let connection = connections(run_root)?.find(|(_, ends)| *ends == [sender, receiver]);
+    let connection = list_connections(run_root)?.find(|(_, ends)| *ends == [sender, receiver]);
     let mode = connection.and_then(|(path, _)| Some(fs::metadata(path).ok()?.mode() & 0o777));
     expect(
         mode == Some(COMPLETE_PERMISSIONS),
-        format!("a file {PREFIX}*_{sender}_{receiver}.connection of mode {COMPLETE_PERMISSIONS:o}"),
+        format!(
+            "a file {ICEORYX2_PREFIX}*_{sender}_{receiver}.connection of mode {COMPLETE_PERMISSIONS:o}"
+        ),
         run_root,
     )
 }
@@ -108,7 +110,7 @@ pub(super) fn nodes_dir(run_root: &Path) -> PathBuf {
 }
 
 /// Returns the files and directories of nodes, each with the node's ID.
-pub(super) fn nodes(
+pub(super) fn list_nodes(
     run_root: &Path,
 ) -> Result<impl Iterator<Item = (u128, PathBuf)> + use<>, LayoutError> {
     Ok(list_names(&nodes_dir(run_root))?
@@ -116,7 +118,7 @@ pub(super) fn nodes(
 }
 
 /// Returns the connections of a run with the IDs of their ends, sender first.
-pub(super) fn connections(
+pub(super) fn list_connections(
     run_root: &Path,
 ) -> Result<impl Iterator<Item = (PathBuf, [u128; 2])> + use<>, LayoutError> {
     Ok(list_names(run_root)?.filter_map(|(name, path)| Some((path, parse_connection_ends(&name)?))))
@@ -125,14 +127,14 @@ pub(super) fn connections(
 fn list_names(
     directory: &Path,
 ) -> Result<impl Iterator<Item = (String, PathBuf)> + use<>, LayoutError> {
-    let failed = |source| LayoutError::Look { path: directory.into(), source };
+    let failed = |source| LayoutError::ReadDirectory { path: directory.into(), source };
     let entries = fs::read_dir(directory).map_err(failed)?.flatten();
     Ok(entries.filter_map(|entry| Some((entry.file_name().into_string().ok()?, entry.path()))))
 }
 
 /// Parses the IDs of sender and receiver from `<prefix><type>_<sender>_<receiver>.connection`.
 fn parse_connection_ends(name: &str) -> Option<[u128; 2]> {
-    let name = name.strip_prefix(PREFIX)?.strip_suffix(".connection")?;
+    let name = name.strip_prefix(ICEORYX2_PREFIX)?.strip_suffix(".connection")?;
     let (rest, receiver) = name.rsplit_once('_')?;
     let (_, sender) = rest.rsplit_once('_')?;
     Some([sender.parse().ok()?, receiver.parse().ok()?])
@@ -148,7 +150,7 @@ pub(crate) fn parse_sender_pid(name: &str) -> Option<u32> {
 /// resources, and `<prefix><id>.node_monitor` and similar files show that it is alive.
 fn parse_node_id(name: &str) -> Option<u128> {
     let (stem, _) = name.split_once('.').unwrap_or((name, ""));
-    stem.strip_prefix(PREFIX).unwrap_or(stem).parse().ok()
+    stem.strip_prefix(ICEORYX2_PREFIX).unwrap_or(stem).parse().ok()
 }
 
 /// Returns the process that created the ID of a node or a port: its third 32 bits, after seconds and nanoseconds.
@@ -165,14 +167,14 @@ mod tests {
     const PROCESS: u32 = 77;
 
     /// Creates a run root as iceoryx2 would, and returns it with its IDs.
-    fn create_run_root() -> (tempfile::TempDir, Ids, PathBuf) {
+    fn create_run_root() -> (tempfile::TempDir, PortAndNodeIds, PathBuf) {
         let root = tempfile::tempdir().unwrap();
         let id = |time_s: u128| u128::from(PROCESS) << 64 | time_s;
-        let ids = Ids { process: PROCESS, node: id(1), sender: id(2), receiver: id(3) };
+        let ids = PortAndNodeIds { process: PROCESS, node: id(1), sender: id(2), receiver: id(3) };
         fs::create_dir_all(nodes_dir(root.path()).join(ids.node.to_string())).unwrap();
-        let monitor = format!("{PREFIX}{}.node_monitor", ids.node);
+        let monitor = format!("{ICEORYX2_PREFIX}{}.node_monitor", ids.node);
         fs::write(nodes_dir(root.path()).join(monitor), "").unwrap();
-        let name = format!("{PREFIX}a_A-_{}_{}.connection", ids.sender, ids.receiver);
+        let name = format!("{ICEORYX2_PREFIX}a_A-_{}_{}.connection", ids.sender, ids.receiver);
         let connection = root.path().join(name);
         fs::write(&connection, "").unwrap();
         fs::set_permissions(&connection, fs::Permissions::from_mode(COMPLETE_PERMISSIONS)).unwrap();
@@ -183,16 +185,19 @@ mod tests {
     fn unknown_layout_error_names_expected_and_found_files() {
         let (root, ids, connection) = create_run_root();
         verify_files(root.path(), ids).unwrap();
-        let ends = connections(root.path()).unwrap().collect::<Vec<_>>();
+        let ends = list_connections(root.path()).unwrap().collect::<Vec<_>>();
         assert_eq!(ends, [(connection.clone(), [ids.sender, ids.receiver])]);
-        let refusal = |ids: Ids| verify_files(root.path(), ids).unwrap_err().to_string();
+        let refusal = |ids: PortAndNodeIds| verify_files(root.path(), ids).unwrap_err().to_string();
         let says = |error: &str, parts: &[&str]| {
             assert!(parts.iter().all(|part| error.contains(part)), "{error}");
         };
-        says(&refusal(Ids { process: PROCESS + 1, ..ids }), &["process 78 within the id"]);
-        refusal(Ids { sender: ids.receiver, receiver: ids.sender, ..ids });
+        says(
+            &refusal(PortAndNodeIds { process: PROCESS + 1, ..ids }),
+            &["process 78 within the id"],
+        );
+        refusal(PortAndNodeIds { sender: ids.receiver, receiver: ids.sender, ..ids });
         fs::set_permissions(&connection, fs::Permissions::from_mode(0o640)).unwrap();
-        says(&refusal(ids), &["of mode 600", "(640)", VERSION]);
+        says(&refusal(ids), &["of mode 600", "(640)", ICEORYX2_VERSION]);
         fs::rename(&connection, connection.with_extension("channel")).unwrap();
         says(
             &refusal(ids),

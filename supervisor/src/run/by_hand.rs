@@ -11,42 +11,47 @@ use protocol::fault::LinkFaultKind;
 use protocol::message::LinkFaultByHand;
 use protocol::service::{Publisher, SendError, send_slice};
 
-use crate::view::{Request, RequestedAction, View};
+use crate::view::{ClientRequest, RequestedAction, View};
 use experiment::scenario::{FaultKind, Scenario};
-use run::course::Course;
+use run::course::RunStateMachine;
 use run::journal::Journal;
-use run::lifecycle::{Event, Initiator, Lifecycles, ProcessState};
+use run::lifecycle::{Initiator, LifecycleEvent, Lifecycles, ProcessState};
 
 /// Reason for rejecting a request.
 pub(super) type Refusal = String;
 
 /// Live view, and the requests of its clients.
-pub(super) struct ByHand<'a> {
+pub(super) struct InteractiveActions<'a> {
     /// Live view; `None` without one.
     pub(super) view: Option<&'a mut View>,
     /// Requests that have not been executed or rejected.
-    pending_requests: VecDeque<Request>,
+    pending_requests: VecDeque<ClientRequest>,
     /// Number of actions that were executed.
-    pub(super) acts: u64,
+    pub(super) executed_action_count: u64,
     /// Sender of interactive link faults to each robot, in scenario order; empty unless links may be cut
     /// interactively.
-    links: Vec<Publisher<[LinkFaultByHand]>>,
+    link_fault_publishers: Vec<Publisher<[LinkFaultByHand]>>,
 }
 
-impl<'a> ByHand<'a> {
+impl<'a> InteractiveActions<'a> {
     /// Creates the state without requests.
     pub(super) fn new(
         view: Option<&'a mut View>,
         links: Vec<Publisher<[LinkFaultByHand]>>,
-    ) -> ByHand<'a> {
-        ByHand { view, pending_requests: VecDeque::new(), acts: 0, links }
+    ) -> InteractiveActions<'a> {
+        InteractiveActions {
+            view,
+            pending_requests: VecDeque::new(),
+            executed_action_count: 0,
+            link_fault_publishers: links,
+        }
     }
 
     /// Reads the pending requests of the live view. Returns whether there were any.
     pub(super) fn read_requests(&mut self) -> bool {
         let Some(view) = &self.view else { return false };
         let before = self.pending_requests.len();
-        self.pending_requests.extend(std::iter::from_fn(|| view.request()));
+        self.pending_requests.extend(std::iter::from_fn(|| view.next_request()));
         self.pending_requests.len() > before
     }
 
@@ -56,7 +61,7 @@ impl<'a> ByHand<'a> {
     }
 
     /// Removes and returns the next request that waits.
-    pub(super) fn next_request(&mut self) -> Option<Request> {
+    pub(super) fn next_request(&mut self) -> Option<ClientRequest> {
         self.pending_requests.pop_front()
     }
 
@@ -64,40 +69,40 @@ impl<'a> ByHand<'a> {
     ///
     /// # Errors
     /// The action is impossible in the present state.
-    pub(super) fn event(
+    pub(super) fn register_action(
         &mut self,
         now_ns: u64,
         act: RequestedAction,
         scenario: &Scenario,
-        course: &mut Course<Journal<'_>>,
-    ) -> Result<Event, Refusal> {
+        course: &mut RunStateMachine<Journal<'_>>,
+    ) -> Result<LifecycleEvent, Refusal> {
         self.check_possible(act, scenario, course)?;
-        self.acts += 1;
-        let who = Initiator::Hand;
+        self.executed_action_count += 1;
+        let who = Initiator::LiveViewClient;
         Ok(match act {
             RequestedAction::Kill(robot) => {
                 let kill = FaultKind::Kill { robot, restart_after_ns: None };
                 let fault = course.register_fault(scenario, &kill, who);
-                Event::Kill { robot, fault, restart_at_ns: None, who }
+                LifecycleEvent::Kill { robot, fault, restart_at_ns: None, initiator: who }
             }
             RequestedAction::Freeze(robot) => {
                 let fault = course.register_fault(scenario, &FaultKind::Freeze { robot }, who);
-                Event::Freeze { robot, fault, ends: false, who }
+                LifecycleEvent::Freeze { robot, fault, has_planned_thaw: false, initiator: who }
             }
             RequestedAction::Thaw(robot) => {
-                let fault = course.lifecycles().frozen_by(robot).expect("it is frozen");
-                Event::Thaw { robot, fault, who }
+                let fault = course.lifecycles().freezing_fault(robot).expect("it is frozen");
+                LifecycleEvent::Thaw { robot, fault, initiator: who }
             }
-            RequestedAction::Restart(robot) => Event::Restart { robot },
+            RequestedAction::Restart(robot) => LifecycleEvent::Restart { robot },
             RequestedAction::Cut(edge) => {
-                note_link(course, now_ns, "cut", scenario, edge);
+                record_link_change(course, now_ns, "cut", scenario, edge);
                 let cut = FaultKind::Link { edge, kind: LinkFaultKind::Cut };
                 let fault = course.register_fault(scenario, &cut, who);
-                Event::Cut { edge, fault }
+                LifecycleEvent::CutLink { edge, fault }
             }
-            RequestedAction::Mend(edge) => {
-                note_link(course, now_ns, "mend", scenario, edge);
-                Event::Mend { edge }
+            RequestedAction::RepairEdge(edge) => {
+                record_link_change(course, now_ns, "mend", scenario, edge);
+                LifecycleEvent::RepairLink { edge }
             }
         })
     }
@@ -107,30 +112,30 @@ impl<'a> ByHand<'a> {
         &self,
         act: RequestedAction,
         scenario: &Scenario,
-        course: &Course<Journal<'_>>,
+        course: &RunStateMachine<Journal<'_>>,
     ) -> Result<(), Refusal> {
         let is = |robot: usize| match course.lifecycles().process_state(robot) {
             ProcessState::Starting => "starting",
             ProcessState::Moving => "moving",
             ProcessState::Frozen => "frozen",
-            ProcessState::Ending | ProcessState::Down => "dead",
+            ProcessState::Exiting | ProcessState::Dead => "dead",
         };
         let require_robot_state = |robot: usize, expected: &[&str]| match is(robot) {
             found if expected.contains(&found) => Ok(()),
             found => {
-                let (name, expected) = (course.journal.name(robot), expected.join(" or "));
+                let (name, expected) = (course.journal.robot_name(robot), expected.join(" or "));
                 Err(format!("{name} is {found}, but must be {expected}"))
             }
         };
         let of_edge = |edge: usize, cut: bool| {
-            let link = link(scenario, edge);
-            if self.links.is_empty() {
+            let link = edge_text(scenario, edge);
+            if self.link_fault_publishers.is_empty() {
                 return Err(format!(
                     "in lockstep only the scenario cuts links: --fault 'cut {link} @S for S', or cut \
                      interactively with --pace realtime"
                 ));
             }
-            match (course.lifecycles().is_cut(edge), cut) {
+            match (course.lifecycles().is_link_cut(edge), cut) {
                 (true, false) => Err(format!("{link} is already cut")),
                 (false, true) => Err(format!("{link} was not cut interactively")),
                 _ => Ok(()),
@@ -144,24 +149,24 @@ impl<'a> ByHand<'a> {
             RequestedAction::Thaw(robot) => require_robot_state(robot, &["frozen"]),
             RequestedAction::Restart(robot) => require_robot_state(robot, &["dead"]),
             RequestedAction::Cut(edge) => of_edge(edge, false),
-            RequestedAction::Mend(edge) => of_edge(edge, true),
+            RequestedAction::RepairEdge(edge) => of_edge(edge, true),
         }
     }
 
     /// Sends to a robot which of its incoming links are cut interactively. The robot may be a replacement.
-    pub(super) fn tell_links(
+    pub(super) fn send_cut_links(
         &self,
         hearer: usize,
         scenario: &Scenario,
         lifecycles: &Lifecycles,
     ) -> Result<(), SendError> {
-        let Some(publisher) = self.links.get(hearer) else { return Ok(()) };
+        let Some(publisher) = self.link_fault_publishers.get(hearer) else { return Ok(()) };
         let edges = scenario.graph.edges().iter().enumerate();
         let links: Vec<LinkFaultByHand> = edges
             .filter(|(_, edge)| edge.to == hearer)
             .map(|(place, edge)| LinkFaultByHand {
                 robot: edge.from as u64 + 1,
-                cut: u64::from(lifecycles.is_cut(place)),
+                cut: u64::from(lifecycles.is_link_cut(place)),
             })
             .collect();
         send_slice(publisher, (), links.len(), |place| links[place])?;
@@ -170,20 +175,20 @@ impl<'a> ByHand<'a> {
 }
 
 /// Records that a link was cut or restored.
-fn note_link(
-    course: &mut Course<Journal<'_>>,
+fn record_link_change(
+    course: &mut RunStateMachine<Journal<'_>>,
     t_ns: u64,
     kind: &'static str,
     scenario: &Scenario,
     edge: usize,
 ) {
     let ends = scenario.graph.edges()[edge];
-    let detail = format!("{}, {}", link(scenario, edge), Initiator::Hand.keyword());
-    course.journal.link(t_ns, kind, [ends.from, ends.to], detail);
+    let detail = format!("{}, {}", edge_text(scenario, edge), Initiator::LiveViewClient.keyword());
+    course.journal.add_link_event(t_ns, kind, [ends.from, ends.to], detail);
 }
 
 /// Returns the names of the robots at the ends of an edge.
-fn link(scenario: &Scenario, edge: usize) -> String {
+fn edge_text(scenario: &Scenario, edge: usize) -> String {
     let ends = scenario.graph.edges()[edge];
     let name = |robot: usize| &scenario.robots[robot].name;
     format!("{}->{}", name(ends.from), name(ends.to))

@@ -13,7 +13,7 @@ use protocol::watchdog::Activity;
 use crate::dead_nodes::CleanerError;
 use crate::descriptors;
 use crate::limits;
-use crate::run::helper_process::{Died, GivenUp};
+use crate::run::helper_process::{HelperDeath, RepeatedStartFailure};
 use crate::shm_capacity::SpaceError;
 use crate::spawn::SpawnError;
 use crate::tree::SignalError;
@@ -71,7 +71,7 @@ pub enum RunError {
     Receive { why: String },
     /// The message about an interactive link fault cannot be sent to a robot.
     #[error("cannot send a robot the state of its links: {0}")]
-    Tell(#[from] SendError),
+    SendLinkFaults(#[from] SendError),
     /// A robot did not become ready.
     #[error("{robot} was not ready after {} s (ready_after_s); the last lines of its log:\n{log}", limit.as_secs_f64())]
     NotReady { robot: String, limit: Duration, log: String },
@@ -92,7 +92,7 @@ pub enum RunError {
     NotSignaled { who: String, done: &'static str, source: SignalError },
     /// Another process stopped a process of the run and did not resume it, in lockstep.
     #[error("{who} was stopped by another process {} s ago, and has not been resumed (stopped_after_s)", limit.as_secs_f64())]
-    Stopped { who: String, limit: Duration },
+    ProcessStopped { who: String, limit: Duration },
     /// The plant is alive and waits for no process, but does not advance, in lockstep.
     #[error(
         "the plant has not advanced for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
@@ -130,7 +130,7 @@ impl From<ReceiveError> for RunError {
     /// Returns the error with its cause, if the supervisor lacks a resource.
     fn from(error: ReceiveError) -> RunError {
         let why = match resources::find_missing_resource() {
-            Some(missing) => limits::explain(&missing),
+            Some(missing) => limits::explain_refusal(&missing),
             None => error.to_string(),
         };
         RunError::Receive { why }
@@ -145,7 +145,7 @@ impl RunError {
             RunError::NotReady { robot, .. }
             | RunError::AgentDied { robot, .. }
             | RunError::RobotHung { robot, .. } => robot,
-            RunError::Stopped { who, .. }
+            RunError::ProcessStopped { who, .. }
             | RunError::NotSignaled { who, .. }
             | RunError::DiedOfFullMemory { who, .. }
             | RunError::RunRootGone { who, .. } => who.strip_prefix("the ").unwrap_or(who),
@@ -167,11 +167,13 @@ impl RunError {
     }
 
     /// Returns how the bridge died, or an error if it will not be restarted.
-    pub(crate) fn check_given_up(bridge: Died) -> Result<String, RunError> {
-        let Died { cause: how, given_up } = bridge;
+    pub(crate) fn check_given_up(bridge: HelperDeath) -> Result<String, RunError> {
+        let HelperDeath { cause: how, repeated_failure: given_up } = bridge;
         match given_up {
             None => Ok(how),
-            Some(GivenUp { times, log }) => Err(RunError::BridgeDied { how, times, log }),
+            Some(RepeatedStartFailure { failed_starts: times, log }) => {
+                Err(RunError::BridgeDied { how, times, log })
+            }
         }
     }
 }

@@ -5,16 +5,16 @@ use protocol::message::GoalCounts;
 
 /// Counts over all processes.
 #[derive(Debug, Default)]
-pub(super) struct Goals {
+pub(super) struct GoalCounter {
     /// Sum over processes that have exited.
     earlier_counts: GoalCounts,
     /// Counts of the process that reported last.
     newest_counts: GoalCounts,
 }
 
-impl Goals {
+impl GoalCounter {
     /// Adds the cumulative counts of a process.
-    pub(super) fn add(&mut self, counts: GoalCounts) {
+    pub(super) fn add_counts(&mut self, counts: GoalCounts) {
         if counts.began_ns != self.newest_counts.began_ns {
             self.earlier_counts = self.total();
         }
@@ -22,7 +22,7 @@ impl Goals {
     }
 
     fn total(&self) -> GoalCounts {
-        let Goals { earlier_counts: before, newest_counts: newest } = self;
+        let GoalCounter { earlier_counts: before, newest_counts: newest } = self;
         GoalCounts {
             began_ns: 0,
             taken: before.taken + newest.taken,
@@ -41,18 +41,18 @@ impl Goals {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::goal::Refused;
+    use protocol::goal::RefusalReason;
 
     #[test]
     fn counts_include_those_of_replaced_processes() {
-        let mut goals = Goals::default();
+        let mut goals = GoalCounter::default();
         let counts = |began_ns, taken, frame: u64| {
             let mut counts = GoalCounts { began_ns, taken, ..GoalCounts::default() };
-            (0..frame).for_each(|_| counts.refuse(Refused::Frame));
+            (0..frame).for_each(|_| counts.count_refusal(RefusalReason::WrongFrame));
             counts
         };
         for told in [counts(7, 1, 0), counts(7, 2, 1), counts(9, 0, 0), counts(9, 3, 2)] {
-            goals.add(told);
+            goals.add_counts(told);
         }
         let refused = vec![("frame".to_owned(), 3)];
         assert_eq!(goals.summary(), GoalSummary { taken: 5, refused });

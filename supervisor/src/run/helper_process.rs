@@ -8,16 +8,16 @@ use outcome::metrics::summary::ProcessUsage;
 use outcome::results::usage::Usage;
 
 use crate::child::{self, Child};
-use crate::dead_nodes::{Cleaner, Dead};
-use crate::run::processes::end_all;
-use crate::spawn::{Launcher, Role, SpawnError};
+use crate::dead_nodes::{Cleaner, DeadProcessOwner};
+use crate::run::processes::terminate_all;
+use crate::spawn::{Launcher, ProcessRole, SpawnError};
 
 /// Minimum uptime for a start to count as successful.
 const HEALTHY_UPTIME_MIN: Duration = Duration::from_secs(2);
 /// Maximum number of consecutive failed starts, after which the helper is given up.
 const FAILURES_MAX: u64 = 3;
 /// Number of lines of a helper's log that are shown.
-const LOG_LINES: usize = 8;
+const SHOWN_LOG_LINES: usize = 8;
 
 /// Kind of helper process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,10 +29,10 @@ pub(crate) enum HelperKind {
 }
 
 impl HelperKind {
-    fn dead_process(self) -> Dead {
+    fn dead_process(self) -> DeadProcessOwner {
         match self {
-            HelperKind::Bridge => Dead::Bridge,
-            HelperKind::Ros2 => Dead::Ros2,
+            HelperKind::Bridge => DeadProcessOwner::Bridge,
+            HelperKind::Ros2 => DeadProcessOwner::Ros2,
         }
     }
 
@@ -46,18 +46,18 @@ impl HelperKind {
 
 /// Death of a helper process.
 #[derive(Debug)]
-pub(crate) struct Died {
+pub(crate) struct HelperDeath {
     /// Cause of death, as text.
     pub(crate) cause: String,
     /// Reason why the helper is not restarted; `None` if it is.
-    pub(crate) given_up: Option<GivenUp>,
+    pub(crate) repeated_failure: Option<RepeatedStartFailure>,
 }
 
 /// Helper that failed to start too often.
 #[derive(Debug)]
-pub(crate) struct GivenUp {
+pub(crate) struct RepeatedStartFailure {
     /// Number of consecutive failed starts.
-    pub(crate) times: u64,
+    pub(crate) failed_starts: u64,
     /// Last lines of the helper's log.
     pub(crate) log: String,
 }
@@ -69,7 +69,7 @@ pub(crate) struct HelperProcess {
     log: PathBuf,
     launcher: Launcher,
     child: Option<Child>,
-    started: Instant,
+    last_start_time: Instant,
     starts: u64,
     failures: u64,
     usage: Usage,
@@ -91,7 +91,7 @@ impl HelperProcess {
             log,
             launcher,
             child: None,
-            started,
+            last_start_time: started,
             starts,
             failures,
             usage,
@@ -103,33 +103,33 @@ impl HelperProcess {
     fn spawn(&mut self) -> Result<(), SpawnError> {
         let brief = &self.brief;
         let role = match self.kind {
-            HelperKind::Bridge => Role::Bridge { brief },
-            HelperKind::Ros2 => Role::Ros2 { brief },
+            HelperKind::Bridge => ProcessRole::Bridge { brief },
+            HelperKind::Ros2 => ProcessRole::Ros2 { brief },
         };
         self.child = Some(self.launcher.spawn(role, &self.log)?);
-        self.started = Instant::now();
+        self.last_start_time = Instant::now();
         self.starts += 1;
         Ok(())
     }
 
     /// Polls the helper process. Returns how it died if it has just exited. The replacement is started
     /// after the stale resources of the dead process have been removed.
-    pub(crate) fn watch(&mut self, cleaner: &Cleaner) -> Option<Died> {
+    pub(crate) fn poll(&mut self, cleaner: &Cleaner) -> Option<HelperDeath> {
         let child = self.child.as_mut()?;
         let status = child.try_reap()?;
         self.usage += child.usage().unwrap_or_default();
         self.child = None;
         // A process that was killed says nothing about whether starts succeed.
-        let failed = self.started.elapsed() < HEALTHY_UPTIME_MIN && status.code().is_some();
+        let failed = self.last_start_time.elapsed() < HEALTHY_UPTIME_MIN && status.code().is_some();
         self.failures = if failed { self.failures + 1 } else { 0 };
-        let given_up = self.is_given_up().then(|| GivenUp {
-            times: self.failures,
-            log: child::format_log_lines(&child::last_entries(&self.log, LOG_LINES)),
+        let given_up = self.is_given_up().then(|| RepeatedStartFailure {
+            failed_starts: self.failures,
+            log: child::format_log_lines(&child::read_last_log_entries(&self.log, SHOWN_LOG_LINES)),
         });
         if given_up.is_none() {
-            cleaner.request(self.kind.dead_process());
+            cleaner.request_cleanup(self.kind.dead_process());
         }
-        Some(Died { cause: child::describe_exit(status), given_up })
+        Some(HelperDeath { cause: child::describe_exit(status), repeated_failure: given_up })
     }
 
     fn is_given_up(&self) -> bool {
@@ -137,7 +137,7 @@ impl HelperProcess {
     }
 
     /// Starts a replacement, after the stale resources of the dead process have been removed.
-    pub(crate) fn cleaned(&mut self) -> Result<(), SpawnError> {
+    pub(crate) fn restart_after_cleanup(&mut self) -> Result<(), SpawnError> {
         if self.child.is_some() || self.is_given_up() { Ok(()) } else { self.spawn() }
     }
 
@@ -152,9 +152,9 @@ impl HelperProcess {
     }
 
     /// Terminates the process, and kills it if it does not exit. Returns its resource usage.
-    pub(crate) fn end(&mut self) -> ProcessUsage {
+    pub(crate) fn terminate(&mut self) -> ProcessUsage {
         if let Some(mut child) = self.child.take() {
-            end_all(vec![&mut child]);
+            terminate_all(vec![&mut child]);
             self.usage += child.usage().unwrap_or_default();
         }
         ProcessUsage { name: self.kind.name().into(), starts: self.starts, usage: self.usage }

@@ -14,33 +14,33 @@ use std::time::{Duration, Instant};
 
 use protocol::barrier::Barrier;
 use protocol::message::TruthHeader;
-use protocol::watchdog::{Activity, GAP_MAX, ProcessSample, SchedulingState, Watchdog};
+use protocol::watchdog::{Activity, ProcessSample, SAMPLE_GAP_MAX, SchedulingState, Watchdog};
 
 use super::error::RunError;
-use super::processes::{LOG_LINES, Process};
+use super::processes::{SHOWN_LOG_LINES, WatchedProcess};
 use crate::child::Child;
 use outcome::metrics::expect::FailedRobot;
 
 /// Polling interval for processes with pending responses.
-const LOOK_EVERY: Duration = Duration::from_millis(200);
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Wall time after which a pending response is reported. If half of the limit that ends the run is less,
 /// that applies.
-const REPORT_AFTER: Duration = Duration::from_secs(5);
+const PENDING_REPORT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time without a report after which a robot counts as silent in real time. Robots report ten times per
 /// second, unless they are slowed down on purpose.
-const SILENT_AFTER: Duration = Duration::from_secs(5);
+const SILENCE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Maximum number of processes reported one by one.
-const REPORTED_MAX: usize = 4;
+const REPORTED_PROCESSES_MAX: usize = 4;
 /// Value in place of a tick for the first status of a process.
-const FIRST_STATUS: u64 = u64::MAX;
+const FIRST_STATUS_MARKER: u64 = u64::MAX;
 
 /// Watched process of a robot.
 #[derive(Clone, Copy)]
-pub(super) struct Watched<'a> {
+pub(super) struct WatchedRobot<'a> {
     /// Index of the robot in the scenario.
     pub(super) robot: usize,
     pub(super) name: &'a str,
-    pub(super) process: Process<'a>,
+    pub(super) process: WatchedProcess<'a>,
     /// Start time of the process, while its first status is pending.
     pub(super) starting_since: Option<Instant>,
     /// Number of statuses of the robot that were read.
@@ -48,10 +48,10 @@ pub(super) struct Watched<'a> {
 }
 
 /// Watchdog of all processes of a run.
-pub(super) struct Watch {
-    limit: Duration,
+pub(super) struct RunWatchdog {
+    hung_timeout: Duration,
     /// Maximum time for a robot to start.
-    ready_after: Duration,
+    ready_timeout: Duration,
     last_poll: Instant,
     plant: PendingResponse,
     robots: Vec<PendingResponse>,
@@ -59,12 +59,12 @@ pub(super) struct Watch {
     silent_robots: Vec<Option<Activity>>,
 }
 
-impl Watch {
+impl RunWatchdog {
     /// Creates the watchdog. A process whose response is pending for `limit` is hung.
-    pub(super) fn new(robots: usize, limit: Duration, ready_after: Duration) -> Watch {
-        Watch {
-            limit,
-            ready_after,
+    pub(super) fn new(robots: usize, limit: Duration, ready_after: Duration) -> RunWatchdog {
+        RunWatchdog {
+            hung_timeout: limit,
+            ready_timeout: ready_after,
             last_poll: Instant::now(),
             plant: PendingResponse::default(),
             silent_robots: vec![None; robots],
@@ -73,8 +73,8 @@ impl Watch {
     }
 
     /// Returns the maximum time for a robot to start, in time of its own.
-    pub(super) fn ready_after(&self) -> Duration {
-        self.ready_after
+    pub(super) fn ready_timeout(&self) -> Duration {
+        self.ready_timeout
     }
 
     /// Checks in real time, if due, which robots have become silent, and reports each once. `slow` is the
@@ -83,28 +83,28 @@ impl Watch {
     /// A robot has not become ready in time.
     pub(super) fn check_silence<'a>(
         &mut self,
-        robots: impl Iterator<Item = Watched<'a>>,
+        robots: impl Iterator<Item = WatchedRobot<'a>>,
         slow: impl Fn(usize) -> Duration,
     ) -> Result<(), RunError> {
-        if self.last_poll.elapsed() < LOOK_EVERY {
+        if self.last_poll.elapsed() < POLL_INTERVAL {
             return Ok(());
         }
         self.last_poll = Instant::now();
         let before = std::mem::take(&mut self.silent_robots);
         self.silent_robots = vec![None; before.len()];
-        for Watched { robot, name, process, starting_since, statuses } in robots {
+        for WatchedRobot { robot, name, process, starting_since, statuses } in robots {
             if starting_since.is_some() {
                 // The start of a process on another host cannot be observed.
-                if let Process::Elsewhere(_) = process {
+                if let WatchedProcess::Remote(_) = process {
                     continue;
                 }
-                let found = self.robots[robot].poll_start(process, self.ready_after, true);
+                let found = self.robots[robot].poll_start(process, self.ready_timeout, true);
                 if let ResponseState::Hung(_) = found {
-                    return Err(not_ready(name, process, self.ready_after));
+                    return Err(not_ready_error(name, process, self.ready_timeout));
                 }
                 continue;
             }
-            let limit = SILENT_AFTER + slow(robot);
+            let limit = SILENCE_TIMEOUT + slow(robot);
             let found = self.robots[robot].poll(Some(statuses), 1.0, process, limit);
             if let ResponseState::Hung(instead) = found {
                 self.silent_robots[robot] = Some(instead);
@@ -136,22 +136,24 @@ impl Watch {
         barrier: &Barrier,
         newest: Option<&TruthHeader>,
         plant: &Child,
-        robots: impl Iterator<Item = Watched<'a>>,
+        robots: impl Iterator<Item = WatchedRobot<'a>>,
     ) -> Result<(), RunError> {
-        if self.last_poll.elapsed() < LOOK_EVERY {
+        if self.last_poll.elapsed() < POLL_INTERVAL {
             return Ok(());
         }
         self.last_poll = Instant::now();
-        let awaited = barrier.awaited();
+        let awaited = barrier.pending_members();
         let mut any_starting = false;
         let mut late = Vec::new();
-        for Watched { robot, name, process, starting_since, .. } in robots {
+        for WatchedRobot { robot, name, process, starting_since, .. } in robots {
             any_starting |= starting_since.is_some();
             let tick = awaited.iter().find(|(slot, _)| *slot == robot).map(|(_, tick)| *tick);
             let debt = &mut self.robots[robot];
             let found = match starting_since {
-                Some(_) => debt.poll_start(process, self.ready_after, false),
-                None => debt.poll(tick, 1.0 / awaited.len().max(1) as f64, process, self.limit),
+                Some(_) => debt.poll_start(process, self.ready_timeout, false),
+                None => {
+                    debt.poll(tick, 1.0 / awaited.len().max(1) as f64, process, self.hung_timeout)
+                }
             };
             match found {
                 ResponseState::InTime => {}
@@ -160,11 +162,11 @@ impl Watch {
                     None => format!("{name} is not ready, and {doing}"),
                 }),
                 ResponseState::Hung(_) if starting_since.is_some() => {
-                    return Err(not_ready(name, process, self.ready_after));
+                    return Err(not_ready_error(name, process, self.ready_timeout));
                 }
                 ResponseState::Hung(instead) => {
                     let (robot, log) = (name.to_owned(), process.last_lines());
-                    let (tick, limit) = (tick.unwrap_or_default(), self.limit);
+                    let (tick, limit) = (tick.unwrap_or_default(), self.hung_timeout);
                     return Err(RunError::RobotHung { robot, tick, limit, instead, log });
                 }
             }
@@ -173,23 +175,23 @@ impl Watch {
         let waits = any_starting || !awaited.is_empty() || barrier.paused_before_tick().is_some();
         let taken = newest.map_or(0, |truth| truth.tick + 1);
         let owed = (!waits).then_some(taken << 32 | u64::from(barrier.ticks_begun()));
-        match self.plant.poll(owed, 1.0, Process::Here(plant), self.limit) {
+        match self.plant.poll(owed, 1.0, WatchedProcess::Local(plant), self.hung_timeout) {
             ResponseState::InTime => {}
             ResponseState::Late(doing) => {
                 late.push(format!("the plant has not advanced from tick {taken}, and {doing}"));
             }
             ResponseState::Hung(instead) => {
-                let (limit, log) = (self.limit, plant.last_lines(LOG_LINES));
+                let (limit, log) = (self.hung_timeout, plant.last_lines(SHOWN_LOG_LINES));
                 return Err(RunError::PlantHung { limit, instead, log });
             }
         }
-        report_late(&late, report_timeout(self.limit));
+        warn_of_late_processes(&late, report_timeout(self.hung_timeout));
         Ok(())
     }
 }
 
 /// Returns the error for a robot that has not become ready.
-fn not_ready(name: &str, process: Process<'_>, limit: Duration) -> RunError {
+fn not_ready_error(name: &str, process: WatchedProcess<'_>, limit: Duration) -> RunError {
     RunError::NotReady { robot: name.to_owned(), limit, log: process.last_lines() }
 }
 
@@ -205,16 +207,16 @@ fn load_per_processor() -> f64 {
 
 /// Returns the wall time after which a pending response is reported, for the `limit` that ends the run.
 fn report_timeout(limit: Duration) -> Duration {
-    REPORT_AFTER.min(limit / 2)
+    PENDING_REPORT_TIMEOUT.min(limit / 2)
 }
 
 /// Reports the processes that block the run.
-fn report_late(late: &[String], after: Duration) {
+fn warn_of_late_processes(late: &[String], after: Duration) {
     let after_s = after.as_secs_f64();
-    for who in late.iter().take(REPORTED_MAX) {
+    for who in late.iter().take(REPORTED_PROCESSES_MAX) {
         tracing::warn!("{who}, for {after_s} s of wall time; all other processes wait");
     }
-    if let Some(more) = late.len().checked_sub(REPORTED_MAX).filter(|&more| more > 0) {
+    if let Some(more) = late.len().checked_sub(REPORTED_PROCESSES_MAX).filter(|&more| more > 0) {
         tracing::warn!("so have {more} more");
     }
 }
@@ -234,14 +236,14 @@ enum ResponseState {
 #[derive(Debug, Default)]
 struct PendingResponse {
     /// Number of the response, and number of the process.
-    owed: Option<(u64, u64)>,
-    dog: Watchdog,
+    pending_response: Option<(u64, u64)>,
+    watchdog: Watchdog,
     /// Time of the newest poll, ns.
-    looked_ns: Option<u64>,
+    last_poll_ns: Option<u64>,
     /// Wall time that the response has been pending, without time in which the process was stopped.
-    owed_for: Duration,
+    pending_time: Duration,
     /// Part of that time in which the process was blocked.
-    blocked_for: Duration,
+    blocked_time: Duration,
     is_reported: bool,
     /// Highest load per processor while the first status is pending.
     load_max: f64,
@@ -253,12 +255,12 @@ impl PendingResponse {
         &mut self,
         owed: Option<u64>,
         share: f64,
-        process: Process<'_>,
+        process: WatchedProcess<'_>,
         limit: Duration,
     ) -> ResponseState {
         let owed = owed.map(|owed| (owed, process.number()));
-        if owed.is_none() || self.owed != owed {
-            *self = PendingResponse { owed, ..PendingResponse::default() };
+        if owed.is_none() || self.pending_response != owed {
+            *self = PendingResponse { pending_response: owed, ..PendingResponse::default() };
             return ResponseState::InTime;
         }
         // Deaths are processed elsewhere.
@@ -274,13 +276,17 @@ impl PendingResponse {
     /// stopped counts as blocked.
     fn poll_start(
         &mut self,
-        process: Process<'_>,
+        process: WatchedProcess<'_>,
         limit: Duration,
         stopped_counts: bool,
     ) -> ResponseState {
-        let owed = Some((FIRST_STATUS, process.number()));
-        if self.owed != owed {
-            *self = PendingResponse { owed, load_max: 1.0, ..PendingResponse::default() };
+        let owed = Some((FIRST_STATUS_MARKER, process.number()));
+        if self.pending_response != owed {
+            *self = PendingResponse {
+                pending_response: owed,
+                load_max: 1.0,
+                ..PendingResponse::default()
+            };
             return ResponseState::InTime;
         }
         self.load_max = self.load_max.max(load_per_processor());
@@ -290,7 +296,7 @@ impl PendingResponse {
                     sample.state = SchedulingState::Blocked;
                 }
                 match self.add_sample(sample, 0.0, limit) {
-                    ResponseState::Hung(Activity::Waited) if !self.has_waited(limit) => {
+                    ResponseState::Hung(Activity::Waiting) if !self.has_waited(limit) => {
                         ResponseState::InTime
                     }
                     found => found,
@@ -302,31 +308,33 @@ impl PendingResponse {
 
     /// Returns whether the process has had a pending response for `limit`, scaled by the load of the machine.
     fn has_waited(&self, limit: Duration) -> bool {
-        self.dog.hung_activity(limit.mul_f64(self.load_max)).is_some()
+        self.watchdog.hung_activity(limit.mul_f64(self.load_max)).is_some()
     }
 
     fn add_sample(&mut self, sample: ProcessSample, share: f64, limit: Duration) -> ResponseState {
-        self.dog.add_sample_with_share(sample, share);
-        let since_ns = self.looked_ns.replace(sample.at_ns).unwrap_or(sample.at_ns);
-        let since = Duration::from_nanos(sample.at_ns - since_ns).min(GAP_MAX);
+        self.watchdog.add_sample_with_cpu_fraction(sample, share);
+        let since_ns = self.last_poll_ns.replace(sample.time_ns).unwrap_or(sample.time_ns);
+        let since = Duration::from_nanos(sample.time_ns - since_ns).min(SAMPLE_GAP_MAX);
         if sample.state != SchedulingState::Stopped {
-            self.owed_for += since;
+            self.pending_time += since;
         }
         if sample.state == SchedulingState::Blocked {
-            self.blocked_for += since;
+            self.blocked_time += since;
         }
-        if let Some(instead) = self.dog.hung_activity(limit) {
+        if let Some(instead) = self.watchdog.hung_activity(limit) {
             return ResponseState::Hung(instead);
         }
-        if self.owed_for < report_timeout(limit) || std::mem::replace(&mut self.is_reported, true) {
+        if self.pending_time < report_timeout(limit)
+            || std::mem::replace(&mut self.is_reported, true)
+        {
             return ResponseState::InTime;
         }
         // One poll is not enough: on a busy machine a process is blocked only briefly, between long waits
         // for a processor.
-        let mostly_blocked = self.blocked_for > self.owed_for / 2;
+        let mostly_blocked = self.blocked_time > self.pending_time / 2;
         ResponseState::Late(match sample.state {
             SchedulingState::Stopped => "is stopped",
-            SchedulingState::Gone => "is dead",
+            SchedulingState::Exited => "is dead",
             _ if mostly_blocked => "is blocked (on a file, a timer or another process)",
             _ => "runs or waits for a processor",
         })
@@ -343,9 +351,9 @@ mod tests {
         let found = |looks: std::ops::RangeInclusive<u64>, state, debt: &mut PendingResponse| {
             let sample = |look: u64| ProcessSample {
                 state,
-                computed: Duration::from_millis(40 * look.saturating_sub(18_000)),
-                at_ns: look * 200_000_000,
-                started: 7,
+                cpu_time: Duration::from_millis(40 * look.saturating_sub(18_000)),
+                time_ns: look * 200_000_000,
+                start_time_ticks: 7,
             };
             let all = looks.map(|look| debt.add_sample(sample(look), 1.0, Duration::from_secs(60)));
             all.filter(|found| *found != ResponseState::InTime).collect::<Vec<_>>()
@@ -354,7 +362,7 @@ mod tests {
         assert_eq!(found(0..=18_000, SchedulingState::Stopped, &mut debt), []);
         let late = ResponseState::Late("runs or waits for a processor");
         assert_eq!(found(18_001..=18_299, SchedulingState::Runnable, &mut debt), [late]);
-        let hung = ResponseState::Hung(Activity::Computed);
+        let hung = ResponseState::Hung(Activity::Computing);
         assert_eq!(
             found(18_300..=18_301, SchedulingState::Runnable, &mut debt).last(),
             Some(&hung)
@@ -374,9 +382,9 @@ mod tests {
                     if is_blocked { SchedulingState::Blocked } else { SchedulingState::Runnable };
                 let sample = ProcessSample {
                     state,
-                    computed: Duration::ZERO,
-                    at_ns: look * 200_000_000,
-                    started: 7,
+                    cpu_time: Duration::ZERO,
+                    time_ns: look * 200_000_000,
+                    start_time_ticks: 7,
                 };
                 debt.add_sample(sample, 0.0, Duration::from_secs(60))
             });

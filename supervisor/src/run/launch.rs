@@ -6,48 +6,46 @@ use std::time::Instant;
 use formation::random::SplitMix64;
 use protocol::brief::{AgentBrief, BridgeBrief, Pace};
 use protocol::incarnations::Incarnations;
-use protocol::process::Stop;
+use protocol::process::StopFlag;
 use protocol::ros2::Ros2Brief;
 use protocol::run_root::{self, RunRoot};
 use protocol::service::{self, Node};
 use serde::Serialize;
 
-use super::by_hand::ByHand;
+use super::by_hand::InteractiveActions;
 use super::error::RunError;
 use super::helper_process::{HelperKind, HelperProcess};
 use super::hosts::coordinator::{HostServices, Hosts};
-use super::hosts::remote::Remote;
-use super::intake::Intake;
+use super::hosts::remote::RemoteRobot;
+use super::intake::MessageReceivers;
 use super::processes::{Processes, RobotProcess};
 use super::services::{RunServices, has_control_timer};
-use super::standstill::Standstill;
-use super::stops::Stops;
 use super::time_mode::TimeMode;
-use super::{Detectors, Ending, Helpers, Run, SharedResources};
+use super::{FailureDetectors, Helpers, Run, SharedResources, TerminationState};
 use crate::dead_nodes::Cleaner;
 use crate::descriptors::{self, ViewUse};
-use crate::limits::{self, OutOfMemory};
+use crate::limits;
 use crate::logs::Logs;
 use crate::orphan_processes::{self, OrphanReaper};
-use crate::shm_capacity::{self, RequiredSpace};
-use crate::spawn::{Launcher, Role};
+use crate::shm_capacity::{self, Allocator, RequiredSpace};
+use crate::spawn::{Launcher, ProcessRole};
 use crate::view::View;
 use experiment::briefs;
 use experiment::scenario::Scenario;
-use outcome::results::latency::Latency;
-use run::course::Course;
+use outcome::results::latency::LatencyCollector;
+use run::course::RunStateMachine;
 use run::journal::Journal;
 
 /// Live view and other hosts of a run, if it has any.
 #[derive(Debug, Default)]
-pub struct Connections<'a> {
+pub struct RunConnections<'a> {
     /// Live view.
     pub view: Option<&'a mut View>,
     /// Whether clients of a live view may inject faults.
-    pub hands: bool,
+    pub accepts_requests: bool,
     /// Configuration of this host's bridge on several hosts, without its run root. The run waits for the
     /// other hosts.
-    pub hosts: Option<BridgeBrief>,
+    pub bridge_brief: Option<BridgeBrief>,
     /// Configuration of the ROS 2 bridge, without its run root.
     pub ros2: Option<Ros2Brief>,
 }
@@ -58,45 +56,40 @@ impl<'a> Run<'a> {
         scenario: &'a Scenario,
         pace: Pace,
         launcher: &Launcher,
-        open_to: Connections<'a>,
+        open_to: RunConnections<'a>,
         mut journal: Journal<'a>,
-        stop: Stop,
+        stop: StopFlag,
     ) -> Result<Run<'a>, RunError> {
         let launcher = match pace {
             Pace::Lockstep => launcher.clone().with_same_addresses(),
             Pace::Realtime => launcher.clone(),
         };
-        let logs = journal.run_dir.logs();
+        let logs = journal.run_dir.logs_path();
         let mut left_behind = OrphanReaper::watch(&logs);
         let receivers = scenario.graph_of_receivers().edges().len();
-        let view = match (&open_to.view, open_to.hands) {
+        let view = match (&open_to.view, open_to.accepts_requests) {
             (None, _) => ViewUse::Off,
             (Some(_), false) => ViewUse::Watch,
             (Some(_), true) => ViewUse::Control,
         };
         if view != ViewUse::Off {
-            journal.keep_added();
+            journal.collect_added_events();
         }
         limits::check(scenario.robots.len(), pace == Pace::Lockstep)?;
         let run_root = make_run_root(scenario.robots.len(), receivers, view)?;
-        let node = service::node("supervisor")?;
+        let node = service::create_node("supervisor")?;
         let launcher = launcher.with_run_root(run_root.path());
-        if scenario.programs().next().is_some() {
-            left_behind.reap_after_a_kill(&launcher, run_root.path())?;
+        if scenario.process_programs().next().is_some() {
+            left_behind.start_reaper_process(&launcher, run_root.path())?;
         }
         let time_mode = TimeMode::new(scenario, pace, &run_root, &launcher)?;
         // Each takes descriptors and memory, so they are created only if they may be used.
-        let links_by_hand = open_to.hands && time_mode.cuts_links_by_hand();
-        let Connections { view, hosts: fleet, ros2, .. } = open_to;
-        let services = RunServices::create(
-            &node,
-            scenario,
-            pace,
-            links_by_hand,
-            fleet.is_some(),
-            ros2.as_ref(),
-        )?;
-        let intake = Intake::new(&services, Latency::new(scenario, pace))?;
+        let links_by_hand = open_to.accepts_requests && time_mode.can_cut_links();
+        let RunConnections { view, bridge_brief: fleet, ros2, .. } = open_to;
+        let (has_fleet, ros2_brief) = (fleet.is_some(), ros2.as_ref());
+        let services =
+            RunServices::create(&node, scenario, pace, links_by_hand, has_fleet, ros2_brief)?;
+        let intake = MessageReceivers::new(&services, LatencyCollector::new(scenario, pace))?;
         let heard = |i| scenario.graph.incoming_edges(i).count();
         let to_robots = services.faults.iter().enumerate();
         let faults_by_hand =
@@ -104,42 +97,44 @@ impl<'a> Run<'a> {
         let cleaner = Cleaner::start(&run_root, &node)?;
         let incarnations = Incarnations::create(run_root.path(), scenario.robots.len());
         let incarnations = incarnations.map_err(RunError::Incarnations)?;
-        shm_capacity::allocate(run_root.path(), None)?;
+        shm_capacity::allocate_reserved_memory(run_root.path(), None)?;
 
         let mut start =
             StartInputs { scenario, pace, launcher, run_root: run_root.path(), journal };
-        let mut robots = start.robots(fleet.as_ref(), ros2.as_ref(), links_by_hand)?;
+        let mut robots = start.write_robot_briefs(fleet.as_ref(), ros2.as_ref(), links_by_hand)?;
         let hosts = fleet
-            .map(|fleet| start.hosts(&node, fleet, &mut robots, &cleaner, &stop))
+            .map(|fleet| start.start_hosts(&node, fleet, &mut robots, &cleaner, &stop))
             .transpose()?;
-        let ros2 = ros2.map(|brief| start.ros2(brief)).transpose()?;
+        let ros2 = ros2.map(|brief| start.start_ros2(brief)).transpose()?;
         let launched = Instant::now();
-        let mut processes = start.plant(robots, incarnations)?;
+        let mut processes = start.start_plant(robots, incarnations)?;
         for robot in start_order(scenario.seed, scenario.robots.len()) {
-            processes.start(robot, 0)?;
+            processes.start_robot(robot, 0)?;
         }
-        let course = Course::new(scenario, time_mode.restarts_before_cleanup(), start.journal);
+        let course =
+            RunStateMachine::new(scenario, time_mode.restarts_before_cleanup(), start.journal);
         Ok(Run {
             scenario,
-            ending: Ending { stop, launched, interrupted: false, failed: false },
-            detectors: Detectors {
-                stops: Stops::new(scenario),
-                standstill: Standstill::new(),
-                out_of_memory: OutOfMemory::watch(),
-                all_seen_alive_ns: 0,
+            termination_state: TerminationState {
+                stop_flag: stop,
+                launch_time: launched,
+                interrupted: false,
+                has_failed: false,
             },
-            course,
+            detectors: FailureDetectors::start(scenario),
+            state_machine: course,
             processes,
-            intake,
-            by_hand: ByHand::new(view, faults_by_hand),
+            receivers: intake,
+            interactive_actions: InteractiveActions::new(view, faults_by_hand),
             helpers: Helpers { cleaner, hosts, ros2 },
             time_mode,
-            shared: SharedResources {
+            shared_resources: SharedResources {
                 _services: services,
                 _node: node,
                 run_root,
+                allocator: Allocator::default(),
                 logs: Logs::new(&logs),
-                left_behind,
+                orphan_reaper: left_behind,
             },
         })
     }
@@ -152,9 +147,9 @@ pub(super) fn make_run_root(
     links: usize,
     view: ViewUse,
 ) -> Result<RunRoot, RunError> {
-    descriptors::make_room(descriptors::Need::for_run(robots, view))?;
-    let base = run_root::base();
-    for dead in run_root::dead_roots(&base) {
+    descriptors::raise_descriptor_limit(descriptors::RequiredDescriptors::for_run(robots, view))?;
+    let base = run_root::base_directory();
+    for dead in run_root::lock_dead_roots(&base) {
         for named in orphan_processes::kill_processes_of_run(&dead.path, None) {
             tracing::warn!("in a dead run, {named}");
         }
@@ -184,21 +179,22 @@ struct StartInputs<'a, 'r> {
 
 impl StartInputs<'_, '_> {
     /// Writes the brief of each robot of this host.
-    fn robots(
+    fn write_robot_briefs(
         &mut self,
         fleet: Option<&BridgeBrief>,
         ros2: Option<&Ros2Brief>,
         links_by_hand: bool,
     ) -> Result<Vec<RobotProcess>, RunError> {
         let run_dir = &mut *self.journal.run_dir;
+        let briefs = briefs::AgentBriefs::new(self.scenario);
         let mut robots = Vec::new();
         for (i, robot) in self.scenario.robots.iter().enumerate() {
             let host = fleet.map(|fleet| fleet.robots[i].host);
             if let Some(host) = host.filter(|&host| fleet.is_some_and(|fleet| fleet.here != host)) {
-                robots.push(RobotProcess::new_remote(Remote::new(i, host)));
+                robots.push(RobotProcess::new_remote(RemoteRobot::new(i, host)));
                 continue;
             }
-            let brief = briefs::agent(self.scenario, i, self.pace, self.run_root);
+            let brief = briefs.brief(i, self.pace, self.run_root);
             let goals_from_outside = ros2.is_some_and(|ros2| ros2.accepts_goals(&robot.name));
             let brief = AgentBrief { links_by_hand, goals_from_outside, ..brief };
             let brief = run_dir.write_brief(&robot.name, &brief)?;
@@ -213,24 +209,24 @@ impl StartInputs<'_, '_> {
     }
 
     /// Starts the bridge, and waits for the other hosts.
-    fn hosts(
+    fn start_hosts(
         &mut self,
         node: &Node,
         fleet: BridgeBrief,
         robots: &mut [RobotProcess],
         cleaner: &Cleaner,
-        stop: &Stop,
+        stop: &StopFlag,
     ) -> Result<Hosts, RunError> {
         let services = HostServices::create(node, &fleet)?;
         let fleet = BridgeBrief { run_root: self.run_root.into(), ..fleet };
         let bridge = self.start_helper(HelperKind::Bridge, "bridge", &fleet)?;
         let mut hosts = Hosts::new(fleet, bridge, services)?;
-        let mut remotes: Vec<_> = robots.iter_mut().map(RobotProcess::remote).collect();
+        let mut remotes: Vec<_> = robots.iter_mut().map(RobotProcess::remote_robot).collect();
         hosts.wait_for_hosts(&mut remotes, cleaner, stop)?;
         Ok(hosts)
     }
 
-    fn ros2(&mut self, brief: Ros2Brief) -> Result<HelperProcess, RunError> {
+    fn start_ros2(&mut self, brief: Ros2Brief) -> Result<HelperProcess, RunError> {
         let brief = Ros2Brief { run_root: self.run_root.into(), ..brief };
         self.start_helper(HelperKind::Ros2, "ros2", &brief)
     }
@@ -247,23 +243,28 @@ impl StartInputs<'_, '_> {
     }
 
     /// Starts the plant, and the control process if there is one.
-    fn plant(
+    fn start_plant(
         &mut self,
         robots: Vec<RobotProcess>,
         incarnations: Incarnations,
     ) -> Result<Processes, RunError> {
         let StartInputs { scenario, pace, launcher, run_root, journal } = self;
         let run_dir = &mut *journal.run_dir;
-        let brief = run_dir.write_brief("plant", &briefs::plant(scenario, *pace, run_root))?;
-        let program =
-            scenario.plant.as_ref().map(|program| run_dir.program_command(program)).transpose()?;
-        let plant = Role::Plant { brief: &brief, program: program.as_ref() };
+        let brief =
+            run_dir.write_brief("plant", &briefs::plant_brief(scenario, *pace, run_root))?;
+        let program = scenario
+            .plant_program
+            .as_ref()
+            .map(|program| run_dir.program_command(program))
+            .transpose()?;
+        let plant = ProcessRole::Plant { brief: &brief, program: program.as_ref() };
         let plant = launcher.spawn(plant, &run_dir.log_path("plant"))?;
-        let control_timer = has_control_timer(scenario, *pace).then_some(Role::ControlTimer {
-            run_root,
-            period_ns: scenario.period_ns,
-            robots: scenario.robots.len(),
-        });
+        let control_timer =
+            has_control_timer(scenario, *pace).then_some(ProcessRole::ControlTimer {
+                run_root,
+                period_ns: scenario.period_ns,
+                robots: scenario.robots.len(),
+            });
         let control_timer = control_timer
             .map(|role| launcher.spawn(role, &run_dir.log_path("machine")))
             .transpose()?;
@@ -277,7 +278,7 @@ fn start_order(seed: u64, robots: usize) -> Vec<usize> {
     let mut random = SplitMix64::new(seed);
     let mut order: Vec<usize> = (0..robots).collect();
     for last in (1..robots).rev() {
-        order.swap(last, random.between(0, last as u64) as usize);
+        order.swap(last, random.draw_between(0, last as u64) as usize);
     }
     order
 }

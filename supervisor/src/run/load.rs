@@ -4,16 +4,16 @@ use std::path::Path;
 use std::process::ExitStatus;
 
 use crate::child::Child;
-use crate::spawn::{Launcher, Role, SpawnError};
+use crate::spawn::{Launcher, ProcessRole, SpawnError};
 
 /// All load processes, with the faults to which they belong.
 #[derive(Default)]
-pub(super) struct Load {
+pub(super) struct LoadProcesses {
     processes: Vec<(usize, Child)>,
-    missing: Option<SpawnError>,
+    spawn_error: Option<SpawnError>,
 }
 
-impl Load {
+impl LoadProcesses {
     /// Starts load processes for a fault, and returns their number as text. If some cannot be started, no
     /// robot is affected: the run continues, is recorded, and then fails, because the load was not as
     /// planned.
@@ -25,11 +25,11 @@ impl Load {
         log: &Path,
     ) -> String {
         for started in 0..asked {
-            match launcher.spawn(Role::Load, log) {
+            match launcher.spawn(ProcessRole::Load, log) {
                 Ok(child) => self.processes.push((fault, child)),
                 Err(error) => {
                     tracing::warn!(started, asked, "{error}");
-                    self.missing.get_or_insert(error);
+                    self.spawn_error.get_or_insert(error);
                     return format!("{started} of {asked} processes");
                 }
             }
@@ -38,7 +38,7 @@ impl Load {
     }
 
     /// Kills the load processes of a fault.
-    pub(super) fn end(&self, fault: usize) {
+    pub(super) fn kill_fault_processes(&self, fault: usize) {
         let ours = self.processes.iter().filter(|(of, _)| *of == fault);
         ours.for_each(|(_, child)| drop(child.kill()));
     }
@@ -69,6 +69,6 @@ impl Load {
 
     /// Returns an error if fewer load processes could be started than planned.
     pub(super) fn check_load_processes(&mut self) -> Result<(), SpawnError> {
-        self.missing.take().map_or(Ok(()), Err)
+        self.spawn_error.take().map_or(Ok(()), Err)
     }
 }

@@ -44,68 +44,80 @@ mod time_mode;
 
 use std::time::{Duration, Instant};
 
-use protocol::process::{Stop, drain_stderr, exit};
+use protocol::process::{StopFlag, drain_stderr, exit};
 use protocol::run_root::RunRoot;
 use protocol::service::Node;
 use rustix::event::{PollFd, PollFlags};
 
-use crate::dead_nodes::{Cleaner, Dead};
-use crate::limits::OutOfMemory;
+use crate::dead_nodes::{Cleaner, DeadProcessOwner};
+use crate::limits::OutOfMemoryCounter;
 use crate::live;
 use crate::logs::Logs;
 use crate::orphan_processes::OrphanReaper;
-use crate::shm_capacity;
-use by_hand::ByHand;
+use crate::shm_capacity::{self, Allocator};
+use by_hand::InteractiveActions;
 pub use error::RunError;
-use experiment::scenario::{Scenario, Settings, Silenced, Struck};
-use helper_process::{Died, GivenUp, HelperProcess};
-use hosts::coordinator::{HostNews, Hosts};
-use hung::Watched;
-use intake::Intake;
-use outcome::results::outcome::Outcome;
+use experiment::scenario::{AffectedComponent, Scenario, Settings, SilencedSource};
+use helper_process::{HelperDeath, HelperProcess, RepeatedStartFailure};
+use hosts::coordinator::{HostChange, Hosts};
+use hung::WatchedRobot;
+use intake::MessageReceivers;
+use outcome::results::outcome::RunOutcome;
 use processes::Processes;
-use run::course::Course;
+use run::course::RunStateMachine;
 use run::journal::Journal;
-use run::lifecycle::{Event, ProcessState};
+use run::lifecycle::{LifecycleEvent, ProcessState};
 use services::RunServices;
-use standstill::Standstill;
-use stops::Stops;
+use standstill::StandstillDetector;
+use stops::ExternalStops;
 use time_mode::TimeMode;
 
-/// Run in progress: the driver of a [`Course`] with processes.
+/// Run in progress: the driver of a [`RunStateMachine`] with processes.
 pub struct Run<'a> {
     scenario: &'a Scenario,
-    ending: Ending,
-    detectors: Detectors,
+    termination_state: TerminationState,
+    detectors: FailureDetectors,
     /// Pure part of the run: it decides what follows from an event.
-    course: Course<Journal<'a>>,
+    state_machine: RunStateMachine<Journal<'a>>,
     // In the order in which they must be dropped: processes before services before the run root.
     processes: Processes,
-    intake: Intake,
-    by_hand: ByHand<'a>,
+    receivers: MessageReceivers,
+    interactive_actions: InteractiveActions<'a>,
     helpers: Helpers,
     time_mode: TimeMode,
-    shared: SharedResources,
+    shared_resources: SharedResources,
 }
 
 /// Beginning and end of a run.
-struct Ending {
+struct TerminationState {
     /// Request to end the run early.
-    stop: Stop,
+    stop_flag: StopFlag,
     /// Time at which the first process was started.
-    launched: Instant,
+    launch_time: Instant,
     interrupted: bool,
     /// Whether an unplanned failure occurred.
-    failed: bool,
+    has_failed: bool,
 }
 
 /// Detection of failures for which no process is at fault.
-struct Detectors {
-    stops: Stops,
-    standstill: Standstill,
-    out_of_memory: OutOfMemory,
+struct FailureDetectors {
+    external_stops: ExternalStops,
+    standstill: StandstillDetector,
+    out_of_memory_counter: OutOfMemoryCounter,
     /// Run time of the last check for deaths, ns. Deaths found by the next check occurred after it.
     all_seen_alive_ns: u64,
+}
+
+impl FailureDetectors {
+    /// Starts to watch the system for a run of this scenario.
+    fn start(scenario: &Scenario) -> FailureDetectors {
+        FailureDetectors {
+            external_stops: ExternalStops::new(scenario),
+            standstill: StandstillDetector::new(),
+            out_of_memory_counter: OutOfMemoryCounter::start(),
+            all_seen_alive_ns: 0,
+        }
+    }
 }
 
 /// Helper processes, and the thread that removes what dead processes left.
@@ -122,19 +134,23 @@ struct SharedResources {
     _services: RunServices,
     _node: Node,
     run_root: RunRoot,
+    allocator: Allocator,
     logs: Logs,
-    left_behind: OrphanReaper,
+    orphan_reaper: OrphanReaper,
 }
 
 impl<'a> Run<'a> {
     /// Runs to the end, to a signal, or to an error; then ends every process and removes the shared files.
     /// Calls `progress` with the run time of the newest ground truth, ns.
-    pub fn run_to_end(mut self, mut progress: impl FnMut(u64)) -> (Outcome, Result<(), RunError>) {
+    pub fn run_to_end(
+        mut self,
+        mut progress: impl FnMut(u64),
+    ) -> (RunOutcome, Result<(), RunError>) {
         let ran = self.run_main_loop(&mut progress);
-        self.ending.failed = ran.is_err();
+        self.termination_state.has_failed = ran.is_err();
         // A run that reaches its end is over at its last ground truth sample.
-        let whole = ran.is_ok() && !self.ending.interrupted;
-        let over = if whole { self.intake.last_news } else { Instant::now() };
+        let whole = ran.is_ok() && !self.termination_state.interrupted;
+        let over = if whole { self.receivers.last_truth_arrival } else { Instant::now() };
         if let Err(error) = &ran {
             tracing::debug!(%error, "the run ends early");
         }
@@ -144,45 +160,51 @@ impl<'a> Run<'a> {
 
     fn run_main_loop(&mut self, progress: &mut impl FnMut(u64)) -> Result<(), RunError> {
         loop {
-            if self.ending.stop.is_requested() {
-                self.ending.interrupted = true;
+            if self.termination_state.stop_flag.is_requested() {
+                self.termination_state.interrupted = true;
                 return Ok(());
             }
-            self.wait_for_news();
+            self.wait_for_message_or_exit();
             drain_stderr(Duration::ZERO);
             self.check_standstill()?;
             self.read_truths()?;
             self.exchange_with_hosts()?;
             self.watch_ros2();
             // Deaths first, so that a robot that reports another as stale does so after the fault is known.
-            self.take_deaths()?;
-            for event in self.check_stops()? {
-                self.handle(self.intake.now_ns(), event)?;
+            self.process_deaths()?;
+            for event in self.check_stopped_processes()? {
+                self.handle_event(self.receivers.now_ns(), event)?;
             }
-            self.shared.logs.truncate_if_due();
+            self.shared_resources.logs.truncate_if_due();
             self.read_reports()?;
+            self.allocate_memory_if_due()?;
             while let Some(dead) = self.helpers.cleaner.next_cleaned_owner() {
                 let kept = match dead {
-                    Dead::Robot(robot) => {
-                        self.handle(self.intake.now_ns(), Event::Cleaned { robot })?;
+                    DeadProcessOwner::Robot(robot) => {
+                        self.handle_event(
+                            self.receivers.now_ns(),
+                            LifecycleEvent::CleanedUp { robot },
+                        )?;
                         continue;
                     }
-                    Dead::Bridge => self.helpers.hosts.as_mut().map(|hosts| &mut hosts.bridge),
-                    Dead::Ros2 => self.helpers.ros2.as_mut(),
+                    DeadProcessOwner::Bridge => {
+                        self.helpers.hosts.as_mut().map(|hosts| &mut hosts.bridge)
+                    }
+                    DeadProcessOwner::Ros2 => self.helpers.ros2.as_mut(),
                 };
-                kept.map_or(Ok(()), HelperProcess::cleaned)?;
+                kept.map_or(Ok(()), HelperProcess::restart_after_cleanup)?;
             }
-            if self.by_hand.read_requests() {
+            if self.interactive_actions.read_requests() {
                 self.set_next_pause();
             }
             self.update_view();
-            self.course.journal.run_dir.flush_if_due(Instant::now())?;
-            progress(self.intake.now_ns());
+            self.state_machine.journal.run_dir.flush_if_due(Instant::now())?;
+            progress(self.receivers.now_ns());
             if self.is_over() {
                 self.time_mode.finish_current_tick();
                 return Ok(());
             }
-            self.act()?;
+            self.execute_due_actions()?;
             self.check_deadlines()?;
             self.pin_processes();
         }
@@ -190,21 +212,21 @@ impl<'a> Run<'a> {
 
     /// Returns whether the newest ground truth sample is the last of the run.
     fn is_over(&self) -> bool {
-        self.intake.now_ns() >= self.end_ns() || self.course.journal.metrics.ends_early()
+        self.receivers.now_ns() >= self.end_ns() || self.state_machine.journal.metrics.ends_early()
     }
 
     /// Returns the run time of the last ground truth sample, ns: in lockstep at a whole tick.
     fn end_ns(&self) -> u64 {
         let &Settings { duration_ns, period_ns, .. } = &self.scenario.settings;
-        match self.time_mode.continues_without_stopped() {
+        match self.time_mode.continues_despite_stopped_process() {
             true => duration_ns,
             false => duration_ns / period_ns * period_ns,
         }
     }
 
     /// Waits for a message or a process exit.
-    fn wait_for_news(&self) {
-        self.time_mode.wait_for_news(|| {
+    fn wait_for_message_or_exit(&self) {
+        self.time_mode.wait_for_message_or_exit(|| {
             let mut news = self.processes.pidfds();
             news.push(PollFd::from_borrowed_fd(self.helpers.cleaner.results_fd(), PollFlags::IN));
             news
@@ -214,61 +236,76 @@ impl<'a> Run<'a> {
     /// Polls the ROS 2 bridge, and records its death.
     fn watch_ros2(&mut self) {
         let Some(ros2) = &mut self.helpers.ros2 else { return };
-        if let Some(Died { cause: how, given_up }) = ros2.watch(&self.helpers.cleaner) {
+        if let Some(HelperDeath { cause: how, repeated_failure: given_up }) =
+            ros2.poll(&self.helpers.cleaner)
+        {
             let what = match given_up {
                 None => how,
-                Some(GivenUp { log, .. }) => {
+                Some(RepeatedStartFailure { log, .. }) => {
                     tracing::warn!("ROS 2 cannot listen ({how}); the log says:\n{log}");
                     format!("{how}, and did not become ready; the run continues without it")
                 }
             };
-            self.course.record_event(self.intake.now_ns(), "ros2-died", None, what);
+            self.state_machine.record_event(self.receivers.now_ns(), "ros2-died", None, what);
         }
     }
 
     /// Reads the messages of other hosts, and sends orders to them.
     fn exchange_with_hosts(&mut self) -> Result<(), RunError> {
         let Some(hosts) = &mut self.helpers.hosts else { return Ok(()) };
-        let mut remotes = self.processes.remotes();
+        let mut remotes = self.processes.remote_robots();
         let mut news = hosts.read_reports(&mut remotes)?;
         let cleaned: Vec<usize> = (remotes.iter_mut().enumerate())
-            .filter_map(|(robot, remote)| remote.as_mut()?.is_cleaned().then_some(robot))
+            .filter_map(|(robot, remote)| remote.as_mut()?.take_cleanup().then_some(robot))
             .collect();
         hosts.send_orders(&remotes)?;
-        let (now_ns, silence_ns) = (self.intake.now_ns(), hosts.silence_ns());
+        let (now_ns, silence_ns) = (self.receivers.now_ns(), hosts.silence_max_ns());
         if let Some(how) = hosts.watch_bridge(&self.helpers.cleaner)? {
-            self.course.record_event(now_ns, "bridge-died", None, format!("of this host: {how}"));
+            self.state_machine.record_event(
+                now_ns,
+                "bridge-died",
+                None,
+                format!("of this host: {how}"),
+            );
         }
         for robot in cleaned {
-            self.handle(now_ns, Event::Cleaned { robot })?;
+            self.handle_event(now_ns, LifecycleEvent::CleanedUp { robot })?;
         }
         for news in news.drain(..) {
             let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
-            let name = |host| hosts.name(host).to_owned();
+            let name = |host| hosts.host_name(host).to_owned();
             match news {
-                HostNews::BridgeRestarted(host) => {
+                HostChange::BridgeRestarted(host) => {
                     let detail = format!("host {}", name(host));
-                    self.course.record_event(now_ns, "bridge-restarted", None, detail);
+                    self.state_machine.record_event(now_ns, "bridge-restarted", None, detail);
                 }
-                HostNews::Lost(host) => {
+                HostChange::Lost(host) => {
                     let why = format!("host {} is unreachable", name(host));
                     // It became unreachable before that was detected.
-                    self.lose_host(host, now_ns.saturating_sub(silence_ns), &why)?;
+                    self.record_host_loss(host, now_ns.saturating_sub(silence_ns), &why)?;
                 }
-                HostNews::Left(host) => {
+                HostChange::Left(host) => {
                     let why = format!("the supervisor of host {} ended", name(host));
-                    self.lose_host(host, now_ns, &why)?;
+                    self.record_host_loss(host, now_ns, &why)?;
                 }
-                HostNews::SupervisorSilent(host) => tracing::warn!(
+                HostChange::SupervisorSilent(host) => tracing::warn!(
                     "the supervisor of host {} sends no reports; until it does, it is not known whether its robots are alive",
                     name(host)
                 ),
-                HostNews::Back(host) => {
-                    let (name, robots) = (name(host), hosts.robots_of(host));
-                    self.course.record_event(now_ns, "host-back", None, format!("host {name}"));
+                HostChange::ReachableAgain(host) => {
+                    let (name, robots) = (name(host), hosts.robots_of_host(host));
+                    self.state_machine.record_event(
+                        now_ns,
+                        "host-back",
+                        None,
+                        format!("host {name}"),
+                    );
                     for robot in robots {
                         let why = format!("host {name} is reachable again");
-                        self.handle(now_ns, Event::Reachable { robot, why })?;
+                        self.handle_event(
+                            now_ns,
+                            LifecycleEvent::HostReachable { robot, reason: why },
+                        )?;
                     }
                 }
             }
@@ -277,26 +314,34 @@ impl<'a> Run<'a> {
     }
 
     /// Records that a host and its robots are lost. `at_ns` is the run time since which they are.
-    fn lose_host(&mut self, host: usize, at_ns: u64, why: &str) -> Result<(), RunError> {
+    fn record_host_loss(&mut self, host: usize, at_ns: u64, why: &str) -> Result<(), RunError> {
         let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
-        let (name, robots) = (hosts.name(host).to_owned(), hosts.robots_of(host));
-        let now_ns = self.intake.now_ns();
-        self.course.record_event(now_ns, "host-lost", None, format!("host {name}"));
+        let (name, robots) = (hosts.host_name(host).to_owned(), hosts.robots_of_host(host));
+        let now_ns = self.receivers.now_ns();
+        self.state_machine.record_event(now_ns, "host-lost", None, format!("host {name}"));
         tracing::warn!(host = name, t_s = now_ns as f64 / 1e9, why, "out of reach");
         for robot in robots {
-            let silenced = Silenced::Robot(robot);
-            let struck = Struck { robot: Some(robot), silenced, ..Struck::default() };
-            let what = format!("{} out of reach, on {name}", self.course.journal.name(robot));
-            let fault = self.course.journal.metrics.register_fault(what, struck);
-            self.handle(at_ns, Event::Unreachable { robot, fault, why: why.into() })?;
+            let silenced = SilencedSource::Robot(robot);
+            let struck = AffectedComponent {
+                robot: Some(robot),
+                silenced_source: silenced,
+                ..AffectedComponent::default()
+            };
+            let what =
+                format!("{} out of reach, on {name}", self.state_machine.journal.robot_name(robot));
+            let fault = self.state_machine.journal.metrics.register_fault(what, struck);
+            self.handle_event(
+                at_ns,
+                LifecycleEvent::HostUnreachable { robot, fault, reason: why.into() },
+            )?;
         }
         Ok(())
     }
 
     /// Returns the events of processes that were stopped or resumed from outside of the run.
-    fn check_stops(&mut self) -> Result<Vec<Event>, RunError> {
-        let Run { scenario, detectors, course, processes, time_mode, .. } = self;
-        detectors.stops.check(scenario, course, processes, time_mode)
+    fn check_stopped_processes(&mut self) -> Result<Vec<LifecycleEvent>, RunError> {
+        let Run { scenario, detectors, state_machine: course, processes, time_mode, .. } = self;
+        detectors.external_stops.detect_stops(scenario, course, processes, time_mode)
     }
 
     /// Reports a standstill of the supervisor in real time, postpones all deadlines by it, and processes
@@ -306,20 +351,21 @@ impl<'a> Run<'a> {
     /// A process has died whose death ends the run.
     fn check_standstill(&mut self) -> Result<(), RunError> {
         let stood = self.detectors.standstill.detect_standstill(Instant::now());
-        let Some(stood) = stood.filter(|_| self.time_mode.continues_without_stopped()) else {
+        let Some(stood) = stood.filter(|_| self.time_mode.continues_despite_stopped_process())
+        else {
             return Ok(());
         };
         let for_s = format!("{:.1} s", stood.as_secs_f64());
         tracing::warn!(
             "the supervisor did not run for {for_s} (stopped, or its container or machine was paused): it detected nothing in that time, and planned actions are late"
         );
-        self.course.record_event(
-            self.intake.now_ns(),
-            standstill::EVENT,
+        self.state_machine.record_event(
+            self.receivers.now_ns(),
+            standstill::EVENT_KIND,
             None,
             format!("supervisor, for {for_s}"),
         );
-        self.intake.last_news += stood;
+        self.receivers.last_truth_arrival += stood;
         self.processes.postpone_deadlines(stood);
         // A plant that has ended as planned has sent its last ground truth, which is newer than all deaths.
         match self.processes.plant.try_reap() {
@@ -331,15 +377,17 @@ impl<'a> Run<'a> {
     /// Reads the robots' reports, if due.
     fn read_reports(&mut self) -> Result<(), RunError> {
         // While the plant waits, all messages sent before its next action are read before that action.
-        if self.intake.is_due()
-            || self.time_mode.plant_waits_for_supervisor(self.intake.newest.as_ref())
+        if self.receivers.is_report_poll_due()
+            || self.time_mode.plant_waits_for_supervisor(self.receivers.newest_truth.as_ref())
         {
             self.read_statuses()?;
-            self.intake.read_latencies()?;
-            self.intake.read_goal_counts()?;
+            self.receivers.read_latencies()?;
+            self.receivers.read_goal_counts()?;
         }
-        if let Some(newest) = &self.intake.newest {
-            self.course.journal.known_before(self.time_mode.known_before(newest))?;
+        if let Some(newest) = &self.receivers.newest_truth {
+            self.state_machine
+                .journal
+                .write_events_before(self.time_mode.known_until_ns(newest))?;
         }
         Ok(())
     }
@@ -347,30 +395,38 @@ impl<'a> Run<'a> {
     /// Sends frames, latencies and events to the live view. Never waits.
     fn update_view(&mut self) {
         self.pass_events_to_view();
-        let Some(view) = &mut self.by_hand.view else { return };
+        let Some(view) = &mut self.interactive_actions.view else { return };
         view.flush_events();
-        if view.wants_latency(Instant::now()) {
-            view.latency(live::stages(&self.intake.latency));
+        if view.is_latency_due(Instant::now()) {
+            view.send_latency(live::summarize_stages(&self.receivers.latency_collector));
         }
     }
 
     /// Hands the events that are new in the journal to the live view.
     fn pass_events_to_view(&mut self) {
-        let Some(view) = &mut self.by_hand.view else { return };
-        let added = self.course.journal.take_added().into_iter();
+        let Some(view) = &mut self.interactive_actions.view else { return };
+        let added = self.state_machine.journal.take_added_events().into_iter();
         added.for_each(|event| view.record_event(event.into()));
     }
 
     /// Checks the timeouts of all processes.
     fn check_deadlines(&mut self) -> Result<(), RunError> {
-        let Run { course, processes, intake, time_mode, shared, helpers, .. } = self;
+        let Run {
+            state_machine: course,
+            processes,
+            receivers: intake,
+            time_mode,
+            shared_resources: shared,
+            helpers,
+            ..
+        } = self;
         let (lifecycles, journal) = (course.lifecycles(), &course.journal);
-        if lifecycles.is_any_starting() && intake.newest.is_none() {
+        if lifecycles.is_any_process_starting() && intake.newest_truth.is_none() {
             // The plant waits for robots.
-            intake.last_news = Instant::now();
+            intake.last_truth_arrival = Instant::now();
         }
         let ready_after = Duration::from_nanos(self.scenario.ready_after_ns);
-        let nobody_moves = intake.newest.is_none();
+        let nobody_moves = intake.newest_truth.is_none();
         if let Some(hosts) = &helpers.hosts {
             // The timeout of an unreachable robot is not checked, unless no robot has moved yet: then the
             // plant waits for it.
@@ -384,9 +440,10 @@ impl<'a> Run<'a> {
             // cores of their host.
             let limit = ready_after * starting.len() as u32;
             if let Some(&robot) =
-                starting.iter().find(|&&robot| processes.started(robot).elapsed() > limit)
+                starting.iter().find(|&&robot| processes.start_time(robot).elapsed() > limit)
             {
-                let (robot, log) = (journal.name(robot).to_owned(), processes.last_lines(robot));
+                let (robot, log) =
+                    (journal.robot_name(robot).to_owned(), processes.last_lines(robot));
                 return Err(RunError::NotReady { robot, limit, log });
             }
         }
@@ -395,14 +452,20 @@ impl<'a> Run<'a> {
             |host: usize| helpers.hosts.as_ref().is_none_or(|hosts| hosts.is_reachable(host));
         let watched = processes.watched_robots(is_reachable).map(|(robot, process)| {
             let starts = lifecycles.process_state(robot) == ProcessState::Starting;
-            let starting_since = starts.then(|| processes.started(robot));
+            let starting_since = starts.then(|| processes.start_time(robot));
             let statuses = course.report(robot).statuses_read;
-            Watched { robot, name: journal.name(robot), process, starting_since, statuses }
+            WatchedRobot {
+                robot,
+                name: journal.robot_name(robot),
+                process,
+                starting_since,
+                statuses,
+            }
         });
-        let slow = |robot| Duration::from_nanos(self.scenario.slow_ns_max(robot));
-        let newest = intake.newest.as_ref();
+        let slow = |robot| Duration::from_nanos(self.scenario.slow_fault_delay_ns_max(robot));
+        let newest = intake.newest_truth.as_ref();
         time_mode
-            .check_deadlines(newest, intake.last_news, &processes.plant, watched, slow)
+            .check_deadlines(newest, intake.last_truth_arrival, &processes.plant, watched, slow)
             .map_err(|error| {
                 shm_capacity::find_space_error(shared.run_root.path())
                     .map_or(error, RunError::Space)
@@ -411,20 +474,20 @@ impl<'a> Run<'a> {
 
     /// Pins all processes to the cores on which they are fastest.
     fn pin_processes(&mut self) {
-        if self.intake.began.is_some() {
+        if self.receivers.first_truth_arrival.is_some() {
             let Processes { plant, .. } = &self.processes;
-            let log = self.course.journal.run_dir.log_path("awake");
+            let log = self.state_machine.journal.run_dir.log_path("awake");
             self.time_mode.pin_processes(plant, self.processes.robot_children(), &log);
         }
     }
 }
 
 /// Returns the exit code of a run that ended with this outcome and error.
-pub fn exit_code(outcome: &Outcome, ran: &Result<(), RunError>) -> u8 {
+pub fn exit_code(outcome: &RunOutcome, ran: &Result<(), RunError>) -> u8 {
     match ran {
         Err(RunError::Interrupted { .. }) => exit::INTERRUPTED,
-        Err(_) => exit::INFRASTRUCTURE,
-        Ok(()) if outcome.interrupted => exit::INTERRUPTED,
+        Err(_) => exit::INFRASTRUCTURE_FAILURE,
+        Ok(()) if outcome.was_interrupted => exit::INTERRUPTED,
         Ok(()) => exit::OK,
     }
 }

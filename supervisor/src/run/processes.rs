@@ -6,24 +6,24 @@ use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use protocol::incarnations::Incarnations;
-use protocol::message::Wanted;
+use protocol::message::WantedState;
 use protocol::watchdog::ProcessSample;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::hosts::remote::Remote;
-use super::load::Load;
-use crate::child::{self, Child, Entry};
-use crate::spawn::{Launcher, Role, SpawnError};
+use super::hosts::remote::RemoteRobot;
+use super::load::LoadProcesses;
+use crate::child::{self, Child, LogEntry};
+use crate::spawn::{Launcher, ProcessRole, SpawnError};
 use crate::tree::SignalError;
 use outcome::results::programs::ProgramCommand;
 use outcome::results::usage::Usage;
 
 /// Time after SIGTERM at which a process is killed.
-pub(crate) const GRACE: Duration = Duration::from_secs(2);
+pub(crate) const TERMINATION_GRACE_TIME: Duration = Duration::from_secs(2);
 /// Number of lines of a dead child's log that are shown.
-pub(super) const LOG_LINES: usize = 8;
+pub(super) const SHOWN_LOG_LINES: usize = 8;
 /// Printed in place of the log of a process of another host.
-const LOG_ELSEWHERE: &str = "  (on the host of the process)";
+const REMOTE_LOG_PLACEHOLDER: &str = "  (on the host of the process)";
 
 /// All processes of a run.
 pub(super) struct Processes {
@@ -34,27 +34,27 @@ pub(super) struct Processes {
     /// Control process, if there is one.
     control_timer: Option<Child>,
     /// Usage of the control process, if it died before the end.
-    dead_control_timer: Option<Usage>,
+    dead_control_timer_usage: Option<Usage>,
     /// Load processes.
-    pub(super) load: Load,
+    pub(super) load: LoadProcesses,
     pub(super) launcher: Launcher,
 }
 
 /// Process of a robot that is watched for silence.
 #[derive(Clone, Copy)]
-pub(super) enum Process<'a> {
+pub(super) enum WatchedProcess<'a> {
     /// A child of this supervisor.
-    Here(&'a Child),
+    Local(&'a Child),
     /// A process of another host.
-    Elsewhere(&'a Remote),
+    Remote(&'a RemoteRobot),
 }
 
-impl Process<'_> {
+impl WatchedProcess<'_> {
     /// Returns a number that no earlier process of the same robot had.
     pub(super) fn number(self) -> u64 {
         match self {
-            Process::Here(child) => child.pid().into(),
-            Process::Elsewhere(remote) => remote.starts(),
+            WatchedProcess::Local(child) => child.pid().into(),
+            WatchedProcess::Remote(remote) => remote.starts(),
         }
     }
 
@@ -62,16 +62,16 @@ impl Process<'_> {
     /// another host is as old as that host's newest report, by that host's clock.
     pub(super) fn sample(self) -> Option<ProcessSample> {
         match self {
-            Process::Here(child) => child.sample().ok(),
-            Process::Elsewhere(remote) => remote.sample(),
+            WatchedProcess::Local(child) => child.sample().ok(),
+            WatchedProcess::Remote(remote) => remote.sample(),
         }
     }
 
     /// Returns the last lines of the process's log, for the screen.
     pub(super) fn last_lines(self) -> String {
         match self {
-            Process::Here(child) => child.last_lines(LOG_LINES),
-            Process::Elsewhere(_) => LOG_ELSEWHERE.into(),
+            WatchedProcess::Local(child) => child.last_lines(SHOWN_LOG_LINES),
+            WatchedProcess::Remote(_) => REMOTE_LOG_PLACEHOLDER.into(),
         }
     }
 }
@@ -84,9 +84,9 @@ pub(crate) struct RobotProcess {
     log: PathBuf,
     child: Option<Child>,
     /// State of a robot whose process runs on another host.
-    remote: Option<Remote>,
+    remote_robot: Option<RemoteRobot>,
     /// Start time of the newest process.
-    started: Instant,
+    start_time: Instant,
     /// Resource usage of the robot's reaped processes.
     usage: Usage,
 }
@@ -99,18 +99,29 @@ impl RobotProcess {
         log: PathBuf,
     ) -> RobotProcess {
         let (started, usage) = (Instant::now(), Usage::default());
-        RobotProcess { brief, program, log, child: None, remote: None, started, usage }
+        RobotProcess {
+            brief,
+            program,
+            log,
+            child: None,
+            remote_robot: None,
+            start_time: started,
+            usage,
+        }
     }
 
     /// Creates a robot whose process runs on another host.
-    pub(super) fn new_remote(remote: Remote) -> RobotProcess {
+    pub(super) fn new_remote(remote: RemoteRobot) -> RobotProcess {
         let nowhere = PathBuf::new();
-        RobotProcess { remote: Some(remote), ..RobotProcess::new(nowhere.clone(), None, nowhere) }
+        RobotProcess {
+            remote_robot: Some(remote),
+            ..RobotProcess::new(nowhere.clone(), None, nowhere)
+        }
     }
 
     /// Returns the state of a robot whose process runs on another host; `None` for one of this host.
-    pub(super) fn remote(&mut self) -> Option<&mut Remote> {
-        self.remote.as_mut()
+    pub(super) fn remote_robot(&mut self) -> Option<&mut RemoteRobot> {
+        self.remote_robot.as_mut()
     }
 
     /// Starts the robot's process. The robot must not have a process.
@@ -119,8 +130,9 @@ impl RobotProcess {
         launcher: &Launcher,
         incarnation: u64,
     ) -> Result<(), SpawnError> {
-        self.started = Instant::now();
-        let role = Role::Agent { brief: &self.brief, program: self.program.as_ref(), incarnation };
+        self.start_time = Instant::now();
+        let role =
+            ProcessRole::Agent { brief: &self.brief, program: self.program.as_ref(), incarnation };
         self.child = Some(launcher.spawn(role, &self.log)?);
         Ok(())
     }
@@ -136,12 +148,12 @@ impl RobotProcess {
     }
 
     /// Sets the wanted state of its process, if there is one. Fails if a signal could not be sent.
-    pub(crate) fn set_wanted_state(&self, wanted: Wanted) -> Result<(), SignalError> {
+    pub(crate) fn set_wanted_state(&self, wanted: WantedState) -> Result<(), SignalError> {
         let Some(child) = &self.child else { return Ok(()) };
         match wanted {
-            Wanted::Killed => child.kill(),
-            Wanted::Stopped => child.stop(),
-            Wanted::Running => child.resume(),
+            WantedState::Killed => child.kill(),
+            WantedState::Stopped => child.stop(),
+            WantedState::Running => child.resume(),
         }
     }
 
@@ -170,17 +182,25 @@ impl Processes {
         incarnations: Incarnations,
         launcher: Launcher,
     ) -> Processes {
-        let (dead_control_timer, load) = (None, Load::default());
-        Processes { plant, robots, incarnations, control_timer, dead_control_timer, load, launcher }
+        let (dead_control_timer, load) = (None, LoadProcesses::default());
+        Processes {
+            plant,
+            robots,
+            incarnations,
+            control_timer,
+            dead_control_timer_usage: dead_control_timer,
+            load,
+            launcher,
+        }
     }
 
     /// Starts a robot's process. It must not have one.
-    pub(super) fn start(&mut self, robot: usize, incarnation: u64) -> Result<(), SpawnError> {
+    pub(super) fn start_robot(&mut self, robot: usize, incarnation: u64) -> Result<(), SpawnError> {
         let robot = &mut self.robots[robot];
-        match &mut robot.remote {
+        match &mut robot.remote_robot {
             Some(remote) => {
-                robot.started = Instant::now();
-                remote.start();
+                robot.start_time = Instant::now();
+                remote.order_start();
                 Ok(())
             }
             None => robot.start(&self.launcher, incarnation),
@@ -191,53 +211,53 @@ impl Processes {
     pub(super) fn set_wanted_state(
         &mut self,
         robot: usize,
-        wanted: Wanted,
+        wanted: WantedState,
     ) -> Result<(), SignalError> {
         let robot = &mut self.robots[robot];
-        if let Some(remote) = &mut robot.remote {
+        if let Some(remote) = &mut robot.remote_robot {
             remote.order_state(wanted);
         }
         robot.set_wanted_state(wanted)
     }
 
     /// Returns the state of each robot whose process runs on another host, by index; `None` for others.
-    pub(super) fn remotes(&mut self) -> Vec<Option<&mut Remote>> {
-        self.robots.iter_mut().map(|robot| robot.remote.as_mut()).collect()
+    pub(super) fn remote_robots(&mut self) -> Vec<Option<&mut RemoteRobot>> {
+        self.robots.iter_mut().map(|robot| robot.remote_robot.as_mut()).collect()
     }
 
     /// Returns the index of the host of a robot's process, if it is another host.
     pub(super) fn remote_host(&self, robot: usize) -> Option<usize> {
-        self.robots[robot].remote.as_ref().map(|remote| remote.host)
+        self.robots[robot].remote_robot.as_ref().map(|remote| remote.host)
     }
 
     /// Returns the start time of a robot's newest process.
-    pub(super) fn started(&self, robot: usize) -> Instant {
-        self.robots[robot].started
+    pub(super) fn start_time(&self, robot: usize) -> Instant {
+        self.robots[robot].start_time
     }
 
     /// Postpones the deadlines of starting robots by a time in which the supervisor did not run.
     pub(super) fn postpone_deadlines(&mut self, by: Duration) {
-        self.robots.iter_mut().for_each(|robot| robot.started += by);
+        self.robots.iter_mut().for_each(|robot| robot.start_time += by);
     }
 
     /// Returns the end of a robot's log, for the screen.
     pub(super) fn last_lines(&self, robot: usize) -> String {
-        if self.robots[robot].remote.is_some() {
-            return LOG_ELSEWHERE.into();
+        if self.robots[robot].remote_robot.is_some() {
+            return REMOTE_LOG_PLACEHOLDER.into();
         }
         child::format_log_lines(&self.last_entries(robot))
     }
 
     /// Returns the last lines of a robot's log; empty for a robot of another host.
-    pub(super) fn last_entries(&self, robot: usize) -> Vec<Entry> {
-        child::last_entries(&self.robots[robot].log, LOG_LINES)
+    pub(super) fn last_entries(&self, robot: usize) -> Vec<LogEntry> {
+        child::read_last_log_entries(&self.robots[robot].log, SHOWN_LOG_LINES)
     }
 
     /// Returns whether a robot's process is stopped. For a process on another host: whether it was stopped
     /// without an order when that host last polled it.
     pub(super) fn is_stopped(&mut self, robot: usize) -> bool {
         let robot = &mut self.robots[robot];
-        match &robot.remote {
+        match &robot.remote_robot {
             Some(remote) => remote.is_stopped(),
             None => robot.child.as_mut().is_some_and(Child::is_stopped),
         }
@@ -247,15 +267,15 @@ impl Processes {
     pub(super) fn watched_robots(
         &self,
         is_reachable: impl Fn(usize) -> bool + Clone,
-    ) -> impl Iterator<Item = (usize, Process<'_>)> + Clone {
+    ) -> impl Iterator<Item = (usize, WatchedProcess<'_>)> + Clone {
         let robots = self.robots.iter().enumerate();
         robots.filter_map(move |(place, robot)| {
-            let process = match &robot.remote {
+            let process = match &robot.remote_robot {
                 Some(remote) => {
                     let is_watched = is_reachable(remote.host) && !remote.has_ended();
-                    is_watched.then_some(Process::Elsewhere(remote))?
+                    is_watched.then_some(WatchedProcess::Remote(remote))?
                 }
-                None => Process::Here(robot.child.as_ref()?),
+                None => WatchedProcess::Local(robot.child.as_ref()?),
             };
             Some((place, process))
         })
@@ -270,15 +290,15 @@ impl Processes {
     /// Returns the descriptors that become readable when the plant or a robot dies.
     pub(super) fn pidfds(&self) -> Vec<PollFd<'_>> {
         let children = self.robot_children().map(|(_, child)| child).chain([&self.plant]);
-        children.chain(&self.control_timer).map(watch).collect()
+        children.chain(&self.control_timer).map(death_poll_fd).collect()
     }
 
     /// Returns whether the plant or a robot may have died. Polls all at once, because nearly always none did.
     pub(super) fn has_any_died(&self) -> bool {
         let mut watched = self.pidfds();
-        watched.extend(self.load.children().map(watch));
-        let mut elsewhere = self.robots.iter().filter_map(|robot| robot.remote.as_ref());
-        if elsewhere.any(Remote::has_ended) {
+        watched.extend(self.load.children().map(death_poll_fd));
+        let mut elsewhere = self.robots.iter().filter_map(|robot| robot.remote_robot.as_ref());
+        if elsewhere.any(RemoteRobot::has_ended) {
             return true;
         }
         // If the call was interrupted, each is checked.
@@ -286,9 +306,9 @@ impl Processes {
     }
 
     /// Returns the exit status of a robot's process if that has exited, and removes the process.
-    pub(super) fn reap(&mut self, robot: usize) -> Option<ExitStatus> {
+    pub(super) fn reap_robot(&mut self, robot: usize) -> Option<ExitStatus> {
         let robot = &mut self.robots[robot];
-        match &mut robot.remote {
+        match &mut robot.remote_robot {
             Some(remote) => remote.reap(),
             None => robot.reap(),
         }
@@ -306,7 +326,7 @@ impl Processes {
     pub(super) fn reap_control_timer(&mut self) -> Option<ExitStatus> {
         let child = self.control_timer.as_mut()?;
         let status = child.try_reap()?;
-        self.dead_control_timer = Some(child.usage().unwrap_or_default());
+        self.dead_control_timer_usage = Some(child.usage().unwrap_or_default());
         self.control_timer = None;
         Some(status)
     }
@@ -314,24 +334,24 @@ impl Processes {
     /// Returns the resource usage of the control process, once it has exited.
     pub(super) fn control_timer_usage(&self) -> Option<Usage> {
         let ended = self.control_timer.as_ref().map(|child| child.usage().unwrap_or_default());
-        ended.or(self.dead_control_timer)
+        ended.or(self.dead_control_timer_usage)
     }
 
     /// Returns the resource usage of each robot's processes on this host, once they have exited, by index.
     pub(super) fn usages(&self) -> impl Iterator<Item = (usize, Usage)> {
-        let here = self.robots.iter().enumerate().filter(|(_, robot)| robot.remote.is_none());
+        let here = self.robots.iter().enumerate().filter(|(_, robot)| robot.remote_robot.is_none());
         here.map(|(place, robot)| (place, robot.usage()))
     }
 }
 
 /// Waits until one of these is readable, at most for `turn`. Returns early if interrupted.
-pub(crate) fn wait_for_news(news: &mut [PollFd<'_>], turn: Duration) {
+pub(crate) fn wait_until_readable(news: &mut [PollFd<'_>], turn: Duration) {
     let turn = Timespec { tv_sec: 0, tv_nsec: turn.as_nanos() as i64 };
     let _ = poll(news, Some(&turn));
 }
 
 /// Terminates all children, and kills each that does not exit in [`GRACE`].
-pub(crate) fn end_all(mut children: Vec<&mut Child>) {
+pub(crate) fn terminate_all(mut children: Vec<&mut Child>) {
     let asked = Instant::now();
     let mut killed = false;
     children.iter().for_each(|child| child.terminate());
@@ -340,7 +360,7 @@ pub(crate) fn end_all(mut children: Vec<&mut Child>) {
         if children.is_empty() {
             return;
         }
-        if !killed && asked.elapsed() > GRACE {
+        if !killed && asked.elapsed() > TERMINATION_GRACE_TIME {
             killed = true;
             for child in &children {
                 tracing::warn!("{} did not exit on request, and was killed", child.name());
@@ -348,7 +368,7 @@ pub(crate) fn end_all(mut children: Vec<&mut Child>) {
                     tracing::warn!("{}: {error}", child.name());
                 }
             }
-        } else if asked.elapsed() > 2 * GRACE {
+        } else if asked.elapsed() > 2 * TERMINATION_GRACE_TIME {
             tracing::error!("a killed process does not exit: it is in an uninterruptible wait");
             return;
         }
@@ -357,6 +377,6 @@ pub(crate) fn end_all(mut children: Vec<&mut Child>) {
 }
 
 /// Returns a poll entry that becomes readable when the child is dead.
-pub(crate) fn watch(child: &Child) -> PollFd<'_> {
+pub(crate) fn death_poll_fd(child: &Child) -> PollFd<'_> {
     PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)
 }

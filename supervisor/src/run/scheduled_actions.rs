@@ -4,34 +4,35 @@ use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
-use protocol::message::Wanted;
+use protocol::message::WantedState;
 use protocol::process::exit;
 
 use super::Run;
 use super::error::RunError;
-use super::processes::{LOG_LINES, Processes};
+use super::processes::{Processes, SHOWN_LOG_LINES};
 use crate::child;
-use crate::dead_nodes::Dead;
+use crate::dead_nodes::DeadProcessOwner;
 use crate::shm_capacity;
-use run::lifecycle::{Death, Event, Order, ProcessState};
+use run::lifecycle::{DriverOrder, LifecycleEvent, ProcessDeath, ProcessState};
 
 impl Run<'_> {
     /// Executes the actions that are due, if the supervisor may act now. In lockstep, lets the plant
     /// continue once all consequences are complete.
-    pub(super) fn act(&mut self) -> Result<(), RunError> {
-        if !self.time_mode.may_act(self.intake.newest.as_ref()) {
+    pub(super) fn execute_due_actions(&mut self) -> Result<(), RunError> {
+        if !self.time_mode.may_act(self.receivers.newest_truth.as_ref()) {
             return Ok(());
         }
         // In lockstep a plan that begins at t = 0 requires that all robots have started.
-        let starting_up = self.time_mode.starting_up(self.intake.newest.as_ref());
-        let awaited = starting_up && self.course.lifecycles().is_any_starting();
-        let (now_ns, begun) = (self.intake.now_ns(), self.intake.newest.is_some() && !awaited);
-        while begun && let Some(orders) = self.course.handle_planned(now_ns) {
-            self.execute(now_ns, orders)?;
+        let starting_up = self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref());
+        let awaited = starting_up && self.state_machine.lifecycles().is_any_process_starting();
+        let (now_ns, begun) =
+            (self.receivers.now_ns(), self.receivers.newest_truth.is_some() && !awaited);
+        while begun && let Some(orders) = self.state_machine.handle_planned_event(now_ns) {
+            self.execute_orders(now_ns, orders)?;
         }
         self.apply_requests(now_ns)?;
-        self.handle(now_ns, Event::Due)?;
-        if begun && self.course.lifecycles().is_at_rest(now_ns) {
+        self.handle_event(now_ns, LifecycleEvent::TimePassed)?;
+        if begun && self.state_machine.lifecycles().is_idle(now_ns) {
             self.set_next_pause();
             self.time_mode.resume();
         }
@@ -40,13 +41,18 @@ impl Run<'_> {
 
     /// Executes the pending requests of the live view.
     fn apply_requests(&mut self, now_ns: u64) -> Result<(), RunError> {
-        while let Some(request) = self.by_hand.next_request() {
-            let event = match self.intake.newest {
-                Some(_) => self.by_hand.event(now_ns, request.act, self.scenario, &mut self.course),
+        while let Some(request) = self.interactive_actions.next_request() {
+            let event = match self.receivers.newest_truth {
+                Some(_) => self.interactive_actions.register_action(
+                    now_ns,
+                    request.action,
+                    self.scenario,
+                    &mut self.state_machine,
+                ),
                 None => Err("the run has not begun: not all robots are ready".into()),
             };
             let done = match event {
-                Ok(event) => Ok(self.handle(now_ns, event)?),
+                Ok(event) => Ok(self.handle_event(now_ns, event)?),
                 Err(refusal) => Err(refusal),
             };
             request.send_result(done);
@@ -55,49 +61,61 @@ impl Run<'_> {
     }
 
     /// Handles an event, and executes the orders that follow from it.
-    pub(super) fn handle(&mut self, now_ns: u64, event: Event) -> Result<(), RunError> {
-        let orders = self.course.handle(now_ns, event);
-        self.execute(now_ns, orders)
+    pub(super) fn handle_event(
+        &mut self,
+        now_ns: u64,
+        event: LifecycleEvent,
+    ) -> Result<(), RunError> {
+        let orders = self.state_machine.handle_event(now_ns, event);
+        self.execute_orders(now_ns, orders)
     }
 
     /// Executes orders at this run time, ns.
-    fn execute(&mut self, now_ns: u64, orders: Vec<Order>) -> Result<(), RunError> {
+    fn execute_orders(&mut self, now_ns: u64, orders: Vec<DriverOrder>) -> Result<(), RunError> {
         for order in orders {
             match order {
-                Order::Start { robot, incarnation } => {
-                    self.processes.start(robot, incarnation)?;
-                    self.intake.last_news = Instant::now();
+                DriverOrder::Start { robot, incarnation } => {
+                    self.processes.start_robot(robot, incarnation)?;
+                    self.receivers.last_truth_arrival = Instant::now();
                 }
-                Order::Kill(robot) => {
-                    let incarnation = self.course.lifecycles().incarnation(robot);
+                DriverOrder::Kill(robot) => {
+                    let incarnation = self.state_machine.lifecycles().incarnation(robot);
                     self.processes.incarnations.retire(robot, incarnation);
-                    self.set_wanted_state(robot, Wanted::Killed)?;
+                    self.set_wanted_state(robot, WantedState::Killed)?;
                 }
-                Order::Stop(robot) => self.set_wanted_state(robot, Wanted::Stopped)?,
-                Order::GoOn(robot) => self.set_wanted_state(robot, Wanted::Running)?,
-                Order::Join(robot) => self.time_mode.join(robot),
-                Order::Leave(robot) => self.time_mode.remove_robot(robot),
+                DriverOrder::Stop(robot) => self.set_wanted_state(robot, WantedState::Stopped)?,
+                DriverOrder::Resume(robot) => self.set_wanted_state(robot, WantedState::Running)?,
+                DriverOrder::JoinBarrier(robot) => self.time_mode.add_robot(robot),
+                DriverOrder::LeaveBarrier(robot) => self.time_mode.remove_robot(robot),
                 // The robot's host removes its stale resources.
-                Order::CleanUp(robot) if self.processes.remote_host(robot).is_some() => {}
-                Order::CleanUp(robot) => self.helpers.cleaner.request(Dead::Robot(robot)),
-                Order::TellLinks(robot) => {
-                    self.by_hand.tell_links(robot, self.scenario, self.course.lifecycles())?;
+                DriverOrder::CleanUp(robot) if self.processes.remote_host(robot).is_some() => {}
+                DriverOrder::CleanUp(robot) => {
+                    self.helpers.cleaner.request_cleanup(DeadProcessOwner::Robot(robot))
                 }
-                Order::KillPlant => {
+                DriverOrder::SendCutLinks(robot) => {
+                    self.interactive_actions.send_cut_links(
+                        robot,
+                        self.scenario,
+                        self.state_machine.lifecycles(),
+                    )?;
+                }
+                DriverOrder::KillPlant => {
                     let killed = self.processes.plant.kill();
                     killed.map_err(|error| RunError::signal_failure("the plant", error))?;
                 }
-                Order::StartLoad { fault, processes } => {
-                    let log = self.course.journal.run_dir.log_path("load");
+                DriverOrder::StartLoad { fault, processes } => {
+                    let log = self.state_machine.journal.run_dir.log_path("load");
                     let Processes { load, launcher, .. } = &mut self.processes;
                     let detail = load.start(launcher, fault, processes, &log);
-                    self.handle(now_ns, Event::LoadStarted { fault, detail })?;
+                    self.handle_event(now_ns, LifecycleEvent::LoadStarted { fault, detail })?;
                 }
-                Order::EndLoad { fault } => self.processes.load.end(fault),
-                Order::WarnOfDeath { robot, how, again } => {
+                DriverOrder::EndLoad { fault } => self.processes.load.kill_fault_processes(fault),
+                DriverOrder::WarnOfDeath { robot, cause: how, is_replacement: again } => {
                     self.warn_of_death(now_ns, robot, &how, again);
                 }
-                Order::EndRun { robot, how } => return Err(self.gave_up(robot, how)),
+                DriverOrder::EndRun { robot, cause: how } => {
+                    return Err(self.gave_up_error(robot, how));
+                }
             }
         }
         Ok(())
@@ -105,7 +123,7 @@ impl Run<'_> {
 
     /// Warns of an unplanned death: of a replacement that died `again`, or of another process.
     fn warn_of_death(&self, now_ns: u64, robot: usize, how: &str, again: bool) {
-        let (name, t_s) = (self.course.journal.name(robot), now_ns as f64 / 1e9);
+        let (name, t_s) = (self.state_machine.journal.robot_name(robot), now_ns as f64 / 1e9);
         if again {
             let log = self.processes.last_lines(robot);
             tracing::warn!(
@@ -114,7 +132,7 @@ impl Run<'_> {
                 how,
                 "its replacement died as well; the last lines of its log:\n{log}"
             );
-        } else if let Some(said) = self.last_words(robot) {
+        } else if let Some(said) = self.last_log_message(robot) {
             tracing::warn!(robot = name, t_s, how, "died unexpectedly; its last message:\n{said}");
         } else {
             tracing::warn!(robot = name, t_s, how, "died unexpectedly");
@@ -122,27 +140,33 @@ impl Run<'_> {
     }
 
     /// Returns the error of a robot that gave up and will not be replaced.
-    fn gave_up(&self, robot: usize, mut how: String) -> RunError {
+    fn gave_up_error(&self, robot: usize, mut how: String) -> RunError {
         let program = self.scenario.program(robot).is_some();
-        if program && self.time_mode.starting_up(self.intake.newest.as_ref()) {
+        if program && self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref()) {
             how += ", before it was ready";
         }
         let log = self.processes.last_lines(robot);
-        RunError::AgentDied { robot: self.course.journal.name(robot).to_owned(), how, log }
+        RunError::AgentDied {
+            robot: self.state_machine.journal.robot_name(robot).to_owned(),
+            how,
+            log,
+        }
     }
 
     /// Sets the wanted state of a robot's process. A signal that cannot be sent ends the run: in lockstep
     /// all other processes would wait for its effect, and the measurements would not match the plan.
-    fn set_wanted_state(&mut self, robot: usize, wanted: Wanted) -> Result<(), RunError> {
+    fn set_wanted_state(&mut self, robot: usize, wanted: WantedState) -> Result<(), RunError> {
         let wanted = self.processes.set_wanted_state(robot, wanted);
-        wanted.map_err(|error| RunError::signal_failure(self.course.journal.name(robot), error))
+        wanted.map_err(|error| {
+            RunError::signal_failure(self.state_machine.journal.robot_name(robot), error)
+        })
     }
 
     /// Returns the last message of a robot's program, beyond its exit status. During the start-up it is
     /// printed if the run ends because of it.
-    fn last_words(&self, robot: usize) -> Option<String> {
+    fn last_log_message(&self, robot: usize) -> Option<String> {
         let program = self.scenario.program(robot).is_some();
-        let told = program && !self.time_mode.starting_up(self.intake.newest.as_ref());
+        let told = program && !self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref());
         let log = told.then(|| self.processes.last_entries(robot))?;
         let routine = log.iter().rposition(|entry| entry.level.as_deref() == Some("INFO"));
         let said = &log[routine.map_or(0, |at| at + 1)..];
@@ -152,20 +176,20 @@ impl Run<'_> {
     }
 
     /// Reaps all processes that have exited, and processes their deaths.
-    pub(super) fn take_deaths(&mut self) -> Result<(), RunError> {
+    pub(super) fn process_deaths(&mut self) -> Result<(), RunError> {
         if self.processes.has_any_died() {
-            self.take_plants_death()?;
+            self.check_plant_alive()?;
             self.process_robot_deaths()?;
-            self.take_deaths_of_helpers();
+            self.warn_of_helper_deaths();
         }
-        self.detectors.all_seen_alive_ns = self.intake.now_ns();
+        self.detectors.all_seen_alive_ns = self.receivers.now_ns();
         Ok(())
     }
 
     /// Reaps the robots' processes that have exited, and processes their deaths at the newest ground truth.
     pub(super) fn process_robot_deaths(&mut self) -> Result<(), RunError> {
         for robot in 0..self.scenario.robots.len() {
-            if let Some(status) = self.processes.reap(robot) {
+            if let Some(status) = self.processes.reap_robot(robot) {
                 self.process_death(robot, status)?;
             }
         }
@@ -173,7 +197,7 @@ impl Run<'_> {
     }
 
     /// Warns of helper processes that died and were not ended on purpose. No robot needs them.
-    fn take_deaths_of_helpers(&mut self) {
+    fn warn_of_helper_deaths(&mut self) {
         if let Some(status) = self.processes.reap_control_timer() {
             tracing::warn!(
                 "the control timer died ({}); the latencies of `machine` end there",
@@ -186,15 +210,15 @@ impl Run<'_> {
         }
     }
 
-    fn take_plants_death(&mut self) -> Result<(), RunError> {
+    fn check_plant_alive(&mut self) -> Result<(), RunError> {
         let Some(status) = self.processes.plant.try_reap() else { return Ok(()) };
         // The plant may have sent its last ground truth between the last read and its exit.
         while !self.read_truths()? {}
         if self.is_over() {
             return Ok(());
         }
-        let log = self.processes.plant.last_lines(LOG_LINES);
-        self.died_of_full_memory("the plant", status, &log)?;
+        let log = self.processes.plant.last_lines(SHOWN_LOG_LINES);
+        self.check_full_memory("the plant", status, &log)?;
         Err(RunError::PlantDied { how: self.cause_of_death(status, false), log })
     }
 
@@ -203,7 +227,7 @@ impl Run<'_> {
     fn cause_of_death(&mut self, status: ExitStatus, planned: bool) -> String {
         let how = child::describe_exit(status);
         let is_killed = status.signal() == Some(libc::SIGKILL) && !planned;
-        match is_killed.then(|| self.detectors.out_of_memory.cause()).flatten() {
+        match is_killed.then(|| self.detectors.out_of_memory_counter.find_kill_cause()).flatten() {
             Some(cause) => format!("{how}: {cause}"),
             None => how,
         }
@@ -211,18 +235,14 @@ impl Run<'_> {
 
     /// Returns an error if a process gave up or was killed by SIGBUS while shared memory is full, because a
     /// replacement would fail too.
-    fn died_of_full_memory(
-        &self,
-        who: &str,
-        status: ExitStatus,
-        log: &str,
-    ) -> Result<(), RunError> {
+    fn check_full_memory(&self, who: &str, status: ExitStatus, log: &str) -> Result<(), RunError> {
         let may_be = match status.signal() {
             Some(signal) => signal == libc::SIGBUS,
             None => !status.success(),
         };
-        let Some(room) =
-            may_be.then(|| shm_capacity::find_space_error(self.shared.run_root.path())).flatten()
+        let Some(room) = may_be
+            .then(|| shm_capacity::find_space_error(self.shared_resources.run_root.path()))
+            .flatten()
         else {
             return Ok(());
         };
@@ -231,8 +251,8 @@ impl Run<'_> {
     }
 
     /// Returns an error if a process gave up after the run root was removed: no replacement can start without it.
-    fn died_without_run_root(&self, who: &str, status: ExitStatus) -> Result<(), RunError> {
-        let run_root = self.shared.run_root.path();
+    fn check_run_root_exists(&self, who: &str, status: ExitStatus) -> Result<(), RunError> {
+        let run_root = self.shared_resources.run_root.path();
         if status.code().unwrap_or(0) == 0 || run_root.exists() {
             return Ok(());
         }
@@ -241,7 +261,7 @@ impl Run<'_> {
     }
 
     /// Returns the run time at which a robot whose death was just found was last known to live, ns.
-    fn seen_alive_ns(&self, robot: usize) -> u64 {
+    fn last_seen_alive_ns(&self, robot: usize) -> u64 {
         let host = self.processes.remote_host(robot).zip(self.helpers.hosts.as_ref());
         let unknown_for = host.map_or(Duration::ZERO, |(host, hosts)| hosts.report_interval(host));
         self.detectors.all_seen_alive_ns.saturating_sub(unknown_for.as_nanos() as u64)
@@ -254,24 +274,26 @@ impl Run<'_> {
         status: ExitStatus,
     ) -> Result<(), RunError> {
         // Read before the clean-up removes the last messages of the process.
-        self.intake.read_latencies()?;
-        let planned = self.course.lifecycles().process_state(robot) == ProcessState::Ending;
-        let death = Death {
+        self.receivers.read_latencies()?;
+        let planned = self.state_machine.lifecycles().process_state(robot) == ProcessState::Exiting;
+        let death = ProcessDeath {
             robot,
             cause: self.cause_of_death(status, planned),
-            success: status.success(),
-            gave_up: status.code() == Some(exit::INFRASTRUCTURE.into()),
-            starting_up: self.time_mode.starting_up(self.intake.newest.as_ref()),
-            alive_ns: self.seen_alive_ns(robot),
-            fault: self.course.journal.metrics.next_fault_number(),
+            exited_successfully: status.success(),
+            is_infrastructure_failure: status.code() == Some(exit::INFRASTRUCTURE_FAILURE.into()),
+            is_before_motion: self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref()),
+            last_seen_alive_ns: self.last_seen_alive_ns(robot),
+            fault: self.state_machine.journal.metrics.next_fault_number(),
         };
-        let dead = self.course.lifecycles().incarnation(robot);
-        let happened = self.handle(self.intake.now_ns(), Event::Died(death));
+        let dead = self.state_machine.lifecycles().incarnation(robot);
+        let happened =
+            self.handle_event(self.receivers.now_ns(), LifecycleEvent::ProcessDied(death));
         // In lockstep the plant no longer waits for its command.
         self.processes.incarnations.retire(robot, dead);
-        let (who, log) = (self.course.journal.name(robot), self.processes.last_lines(robot));
-        self.died_of_full_memory(who, status, &log)?;
-        self.died_without_run_root(who, status)?;
+        let (who, log) =
+            (self.state_machine.journal.robot_name(robot), self.processes.last_lines(robot));
+        self.check_full_memory(who, status, &log)?;
+        self.check_run_root_exists(who, status)?;
         happened?;
         self.set_next_pause();
         Ok(())
@@ -279,10 +301,10 @@ impl Run<'_> {
 
     /// Sets the run time at which the plant pauses next, because an action is due.
     pub(super) fn set_next_pause(&self) {
-        let asked = self.by_hand.has_requests().then_some(0);
+        let asked = self.interactive_actions.has_requests().then_some(0);
         // The plant must not pass the earliest time at which the run may end.
-        let end = self.course.journal.metrics.earliest_end_ns();
-        let next = [self.course.next_action_ns(), asked, end];
+        let end = self.state_machine.journal.metrics.earliest_end_ns();
+        let next = [self.state_machine.next_action_ns(), asked, end];
         self.time_mode.pause_at(next.into_iter().flatten().min());
     }
 }

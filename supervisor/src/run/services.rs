@@ -2,8 +2,8 @@
 
 use protocol::brief::{BridgeBrief, Pace};
 use protocol::message::{
-    Beacon, Command, Goal, GoalCounts, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus,
-    Odometry, StatusHeader, TruthHeader, TruthRow,
+    Beacon, Command, Goal, GoalCounts, LatencyHeader, LatencyRow, LinkFaultByHand, Odometry,
+    StatusHeader, TruthHeader, TruthRow,
 };
 use protocol::ros2::Ros2Brief;
 use protocol::service::{self, Factory, Node, Qos, ServiceError, Topic};
@@ -11,12 +11,12 @@ use protocol::service::{self, Factory, Node, Qos, ServiceError, Topic};
 use experiment::scenario::Scenario;
 
 /// Services of robots, kept open.
-pub(crate) struct Services {
+pub(crate) struct RobotServices {
     _odometry: Vec<Factory<Odometry>>,
     _command: Vec<Factory<Command>>,
     _beacon: Vec<Factory<[u8], Beacon>>,
     /// Status services of the robots, in scenario order.
-    pub(super) status: Vec<Factory<[NeighborStatus], StatusHeader>>,
+    pub(super) status: Vec<Factory<[u8], StatusHeader>>,
     /// Latency services: of the plant, then of the robots in scenario order, then of the control process if
     /// there is one.
     pub(super) latencies: Vec<Factory<[LatencyRow], LatencyHeader>>,
@@ -24,7 +24,7 @@ pub(crate) struct Services {
 
 /// Services of the whole run, kept open.
 pub(super) struct RunServices {
-    pub(super) robots: Services,
+    pub(super) robots: RobotServices,
     pub(super) truth: Factory<[TruthRow], TruthHeader>,
     /// Services of interactive link faults for the robots, in scenario order; empty unless links may be cut
     /// interactively.
@@ -40,14 +40,14 @@ pub(super) fn has_control_timer(scenario: &Scenario, pace: Pace) -> bool {
     pace == Pace::Realtime && scenario.realtime.control_timer
 }
 
-impl Services {
+impl RobotServices {
     /// Creates the services on a host without the plant: for its robots, and for the beacons of remote
     /// robots that they receive.
     pub(crate) fn open_for_host(
         node: &Node,
         scenario: &Scenario,
         brief: &BridgeBrief,
-    ) -> Result<Services, ServiceError> {
+    ) -> Result<RobotServices, ServiceError> {
         let is_here = |robot: usize| brief.robots[robot].host == brief.here;
         let one = Qos::for_robot(Pace::Realtime, 1).with_additional_receiver();
         let graph = scenario.graph_of_receivers();
@@ -58,7 +58,7 @@ impl Services {
                 Qos::for_beacons(Pace::Realtime, here, with_messages).with_additional_receiver();
             (is_here(robot) || here > 0).then_some(qos)
         };
-        Services::create(node, scenario, is_here, one, one, hearers, [None, None])
+        RobotServices::create(node, scenario, is_here, one, one, hearers, [None, None])
     }
 
     /// Creates the services of robots of this host, of the beacons that a robot here `hears`, and the
@@ -71,23 +71,23 @@ impl Services {
         command: Qos,
         hears: impl Fn(usize) -> Option<Qos>,
         [before, after]: [Option<Topic<[LatencyRow], LatencyHeader>>; 2],
-    ) -> Result<Services, ServiceError> {
+    ) -> Result<RobotServices, ServiceError> {
         let names: Vec<&str> = scenario.robots.iter().map(|robot| robot.name.as_str()).collect();
         let here = || (0..names.len()).filter(|&robot| is_here(robot)).map(|robot| names[robot]);
         let heard = (0..names.len()).filter_map(|robot| Some((names[robot], hears(robot)?)));
-        let latencies = here().map(service::latency);
-        Ok(Services {
+        let latencies = here().map(service::latency_topic);
+        Ok(RobotServices {
             _odometry: here()
-                .map(|name| service::odometry(name).create(node, odometry))
+                .map(|name| service::odometry_topic(name).create(node, odometry))
                 .collect::<Result<_, _>>()?,
             _command: here()
-                .map(|name| service::command(name).create(node, command))
+                .map(|name| service::command_topic(name).create(node, command))
                 .collect::<Result<_, _>>()?,
             _beacon: heard
-                .map(|(name, qos)| service::beacon(name).create(node, qos))
+                .map(|(name, qos)| service::beacon_topic(name).create(node, qos))
                 .collect::<Result<_, _>>()?,
             status: here()
-                .map(|name| service::status(name).create(node, Qos::for_status(1)))
+                .map(|name| service::status_topic(name).create(node, Qos::for_status(1)))
                 .collect::<Result<_, _>>()?,
             latencies: before
                 .into_iter()
@@ -119,23 +119,33 @@ impl RunServices {
             let heard_by = graph.outgoing_edges(i).count();
             Some(with_bridge(Qos::for_beacons(pace, heard_by, with_messages)))
         };
-        let timer = has_control_timer(scenario, pace).then(service::machine_latency);
-        let others = [Some(service::plant_latency()), timer];
+        let timer = has_control_timer(scenario, pace).then(service::machine_latency_topic);
+        let others = [Some(service::plant_latency_topic()), timer];
         let takers = ros2.map_or(&[][..], |ros2| &ros2.goals);
         let names = scenario.robots.iter().map(|robot| robot.name.as_str());
         Ok(RunServices {
-            robots: Services::create(node, scenario, |_| true, odometry, one, hearers, others)?,
-            truth: service::truth().create(node, Qos::for_truth(pace, 1))?,
+            robots: RobotServices::create(
+                node,
+                scenario,
+                |_| true,
+                odometry,
+                one,
+                hearers,
+                others,
+            )?,
+            truth: service::truth_topic().create(node, Qos::for_truth(pace, 1))?,
             faults: names
                 .filter(|_| links_by_hand)
-                .map(|name| service::faults(name).create(node, one))
+                .map(|name| service::link_faults_topic(name).create(node, one))
                 .collect::<Result<_, _>>()?,
             _goals: takers
                 .iter()
-                .map(|taker| service::goal(&taker.robot).create(node, Qos::for_robot(pace, 1)))
+                .map(|taker| {
+                    service::goal_topic(&taker.robot).create(node, Qos::for_robot(pace, 1))
+                })
                 .collect::<Result<_, _>>()?,
             goal_counts: (!takers.is_empty())
-                .then(|| service::goal_counts().create(node, Qos::for_robot(pace, 1)))
+                .then(|| service::goal_counts_topic().create(node, Qos::for_robot(pace, 1)))
                 .transpose()?,
         })
     }

@@ -6,43 +6,59 @@ use std::time::{Duration, Instant};
 
 use super::error::RunError;
 use super::hosts::coordinator::Hosts;
-use super::processes::end_all;
+use super::processes::terminate_all;
 use super::{Run, SharedResources};
 use outcome::metrics::expect::FailedRobot;
 use outcome::metrics::summary::ProcessUsage;
-use outcome::results::outcome::Outcome;
+use outcome::results::outcome::RunOutcome;
 use outcome::results::usage;
 
 impl Run<'_> {
     /// Ends every process and removes the shared files. Returns the outcome, and the first error of the
     /// shutdown. `over` is when the run ended.
-    pub(super) fn shut_down(mut self, over: Instant) -> (Outcome, Result<(), RunError>) {
+    pub(super) fn shut_down(mut self, over: Instant) -> (RunOutcome, Result<(), RunError>) {
         let told = self.drain_messages();
-        end_all(self.processes.children_mut().collect());
+        terminate_all(self.processes.children_mut().collect());
         let released = self.release_hosts();
         let failed_robots = self.failed_robots();
-        let alive = self.alive_at_end();
-        self.course.journal.metrics.mark_alive_at_end(&alive);
+        let alive = self.robots_alive_at_end();
+        self.state_machine.journal.metrics.mark_alive_at_end(&alive);
         // Processes send their last latencies when they exit.
-        let taken = self.intake.read_latencies();
+        let taken = self.receivers.read_latencies();
         let complete = self.processes.load.check_load_processes().map_err(RunError::from);
         let mut usages = self.usages();
-        let counted = self.intake.read_goal_counts();
-        usages.extend(self.helpers.hosts.as_mut().map(|hosts| hosts.bridge.end()));
-        usages.extend(self.helpers.ros2.as_mut().map(|ros2| ros2.end()));
+        let counted = self.receivers.read_goal_counts();
+        usages.extend(self.helpers.hosts.as_mut().map(|hosts| hosts.bridge.terminate()));
+        usages.extend(self.helpers.ros2.as_mut().map(|ros2| ros2.terminate()));
         self.pass_events_to_view();
-        let Run { ending, course, processes, intake, by_hand, helpers, time_mode, shared, .. } =
-            self;
-        let SharedResources { _services, _node, run_root, mut logs, left_behind } = shared;
+        let Run {
+            termination_state: ending,
+            state_machine: course,
+            processes,
+            receivers: intake,
+            interactive_actions: by_hand,
+            helpers,
+            time_mode,
+            shared_resources: shared,
+            ..
+        } = self;
+        let SharedResources {
+            _services,
+            _node,
+            run_root,
+            mut logs,
+            orphan_reaper: left_behind,
+            ..
+        } = shared;
         drop(processes);
         drop(left_behind);
         logs.shorten_all();
-        let wall = intake.began.map_or(Duration::ZERO, |began| over - began);
-        let outcome = Outcome {
-            interrupted: ending.interrupted,
-            startup: intake.began.map(|began| began - ending.launched),
-            wall,
-            acts_by_hand: by_hand.acts,
+        let wall = intake.first_truth_arrival.map_or(Duration::ZERO, |began| over - began);
+        let outcome = RunOutcome {
+            was_interrupted: ending.interrupted,
+            startup_time: intake.first_truth_arrival.map(|began| began - ending.launch_time),
+            wall_time: wall,
+            manual_interventions: by_hand.executed_action_count,
             failed_robots,
             hosts: helpers.hosts.as_ref().map_or(Vec::new(), Hosts::summaries),
             usages,
@@ -57,13 +73,13 @@ impl Run<'_> {
 
     /// Returns the robots that are lost without a plan, after all messages were read.
     fn failed_robots(&self) -> Vec<FailedRobot> {
-        let dead = self.course.lifecycles().failed_robots();
+        let dead = self.state_machine.lifecycles().failed_robots();
         let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause });
         let stopped = self
             .detectors
-            .stops
+            .external_stops
             .stopped_robots()
-            .filter(|_| self.time_mode.continues_without_stopped());
+            .filter(|_| self.time_mode.continues_despite_stopped_process());
         let mut failed: Vec<_> = dead.chain(stopped).chain(self.time_mode.hung_robots()).collect();
         failed.extend(self.unreachable_robots());
         failed.sort_by_key(|failed| failed.robot);
@@ -72,24 +88,26 @@ impl Run<'_> {
 
     /// Returns for each robot whether it was alive at the end. A robot of another host that did not report the states
     /// of its robots does not count as alive: a failed run does not wait for such a host.
-    fn alive_at_end(&self) -> Vec<bool> {
-        let mut alive = self.course.lifecycles().alive_robots().to_vec();
+    fn robots_alive_at_end(&self) -> Vec<bool> {
+        let mut alive = self.state_machine.lifecycles().alive_robots().to_vec();
         if let Some(hosts) = &self.helpers.hosts {
-            let silent = hosts.without_confirmed_end().into_iter();
-            silent.flat_map(|host| hosts.robots_of(host)).for_each(|robot| alive[robot] = false);
+            let silent = hosts.hosts_without_confirmed_end().into_iter();
+            silent
+                .flat_map(|host| hosts.robots_of_host(host))
+                .for_each(|robot| alive[robot] = false);
         }
         alive
     }
 
     /// Returns the robots whose host is out of reach, unless a planned partition explains it.
     fn unreachable_robots(&self) -> impl Iterator<Item = FailedRobot> {
-        let now_ns = self.intake.now_ns();
+        let now_ns = self.receivers.now_ns();
         let is_planned = move |robot: usize| {
             let host = self.processes.remote_host(robot).zip(self.helpers.hosts.as_ref());
-            host.is_some_and(|(host, hosts)| hosts.is_apart(host, now_ns))
+            host.is_some_and(|(host, hosts)| hosts.is_partitioned(host, now_ns))
         };
         let robots = self
-            .course
+            .state_machine
             .lifecycles()
             .unreachable_robots()
             .filter(move |&(robot, _)| !is_planned(robot));
@@ -102,7 +120,7 @@ impl Run<'_> {
     /// Reads and records all messages that have been sent.
     fn drain_messages(&mut self) -> Result<(), RunError> {
         let taken = self.read_statuses();
-        self.course.journal.known_before(u64::MAX)?;
+        self.state_machine.journal.write_events_before(u64::MAX)?;
         taken
     }
 
@@ -111,10 +129,10 @@ impl Run<'_> {
         let Some(mut hosts) = self.helpers.hosts.take() else { return Ok(()) };
         let mut taken = Ok(());
         let mut remotes: Vec<_> =
-            self.processes.remotes().into_iter().map(|r| r.cloned()).collect();
+            self.processes.remote_robots().into_iter().map(|r| r.cloned()).collect();
         let mut remotes: Vec<_> = remotes.iter_mut().map(Option::as_mut).collect();
-        let released = hosts.release(&mut remotes, self.ending.failed, || {
-            let now = self.read_statuses().and_then(|()| self.intake.read_latencies());
+        let released = hosts.announce_end(&mut remotes, self.termination_state.has_failed, || {
+            let now = self.read_statuses().and_then(|()| self.receivers.read_latencies());
             if taken.is_ok() {
                 taken = now;
             }
@@ -125,25 +143,32 @@ impl Run<'_> {
         });
         let ended_early: Vec<_> = ended_early.collect();
         self.helpers.hosts = Some(hosts);
-        let judged = if self.ending.failed { Ok(()) } else { self.take_end_of_hosts(ended_early) };
-        self.course.journal.known_before(u64::MAX)?;
+        let judged = if self.termination_state.has_failed {
+            Ok(())
+        } else {
+            self.read_final_host_states(ended_early)
+        };
+        self.state_machine.journal.write_events_before(u64::MAX)?;
         released.and(taken).and(judged)
     }
 
     /// Reads the states of other hosts' robots at the end of the run. `ended_early` has those found to have
     /// died by then. Robots of a host that does not reply count as lost, because they may have died.
-    fn take_end_of_hosts(&mut self, ended_early: Vec<(usize, ExitStatus)>) -> Result<(), RunError> {
+    fn read_final_host_states(
+        &mut self,
+        ended_early: Vec<(usize, ExitStatus)>,
+    ) -> Result<(), RunError> {
         for (robot, status) in ended_early {
             self.process_death(robot, status)?;
         }
         let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
-        for host in hosts.without_confirmed_end() {
+        for host in hosts.hosts_without_confirmed_end() {
             let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
-            let mut robots = hosts.robots_of(host).into_iter();
-            if robots.any(|robot| !self.course.lifecycles().is_unreachable(robot)) {
-                let name = hosts.name(host);
+            let mut robots = hosts.robots_of_host(host).into_iter();
+            if robots.any(|robot| !self.state_machine.lifecycles().is_unreachable(robot)) {
+                let name = hosts.host_name(host);
                 let why = format!("host {name} did not report the states of its robots at the end");
-                self.lose_host(host, self.intake.now_ns(), &why)?;
+                self.record_host_loss(host, self.receivers.now_ns(), &why)?;
             }
         }
         Ok(())
@@ -155,13 +180,13 @@ impl Run<'_> {
         let plant = self.processes.plant.usage().unwrap_or_default();
         let robots = self.processes.usages().map(|(robot, usage)| {
             of(
-                self.course.journal.name(robot),
-                self.course.lifecycles().incarnation(robot) + 1,
+                self.state_machine.journal.robot_name(robot),
+                self.state_machine.lifecycles().incarnation(robot) + 1,
                 usage,
             )
         });
         let timer = self.processes.control_timer_usage().map(|usage| of("machine", 1, usage));
-        let awake = self.time_mode.end().map(|usage| of("awake", 1, usage));
+        let awake = self.time_mode.release_cores().map(|usage| of("awake", 1, usage));
         let first = [of("supervisor", 1, usage::read_this_process()), of("plant", 1, plant)];
         first.into_iter().chain(robots).chain(timer).chain(awake).collect()
     }

@@ -9,23 +9,23 @@ use std::time::{Duration, Instant};
 const STANDSTILL_MIN: Duration = Duration::from_secs(2);
 
 /// The kind of the event.
-pub(super) const EVENT: &str = "stood-still";
+pub(super) const EVENT_KIND: &str = "stood-still";
 
 /// Measures the time between two iterations of the supervisor's loop.
 #[derive(Debug)]
-pub(super) struct Standstill {
-    last_turn: Instant,
+pub(super) struct StandstillDetector {
+    last_iteration: Instant,
 }
 
-impl Standstill {
+impl StandstillDetector {
     /// Starts to measure now.
-    pub(super) fn new() -> Standstill {
-        Standstill { last_turn: Instant::now() }
+    pub(super) fn new() -> StandstillDetector {
+        StandstillDetector { last_iteration: Instant::now() }
     }
 
     /// Returns the time since the last iteration if that was a standstill.
     pub(super) fn detect_standstill(&mut self, now: Instant) -> Option<Duration> {
-        let since = now.saturating_duration_since(std::mem::replace(&mut self.last_turn, now));
+        let since = now.saturating_duration_since(std::mem::replace(&mut self.last_iteration, now));
         (since >= STANDSTILL_MIN).then_some(since)
     }
 }
@@ -36,8 +36,8 @@ mod tests {
 
     #[test]
     fn standstill_is_a_long_time_between_iterations() {
-        let mut standstill = Standstill::new();
-        let began = standstill.last_turn;
+        let mut standstill = StandstillDetector::new();
+        let began = standstill.last_iteration;
         let after_ms = |ms: u64| began + Duration::from_millis(ms);
         assert_eq!(standstill.detect_standstill(after_ms(900)), None);
         assert_eq!(standstill.detect_standstill(after_ms(1_800)), None);

@@ -14,8 +14,8 @@ use protocol::run_root::RunRoot;
 use rustix::event::PollFd;
 
 use super::error::{RunError, TRUTH_SILENCE_MAX};
-use super::hung::{Watch, Watched};
-use super::processes::wait_for_news;
+use super::hung::{RunWatchdog, WatchedRobot};
+use super::processes::wait_until_readable;
 use crate::child::Child;
 use crate::cores::{Cores, Placement};
 use crate::spawn::Launcher;
@@ -34,10 +34,10 @@ pub(super) enum TimeMode {
         /// Assignment of the processes to cores; `None` if unavailable.
         placement: Option<Box<Placement>>,
         period_ns: u64,
-        watch: Box<Watch>,
+        watch: Box<RunWatchdog>,
     },
     /// Real time, by the machine's clock.
-    Realtime { period_ns: u64, watch: Box<Watch> },
+    Realtime { period_ns: u64, watch: Box<RunWatchdog> },
 }
 
 impl TimeMode {
@@ -51,7 +51,7 @@ impl TimeMode {
         let (robots, period_ns) = (scenario.robots.len(), scenario.period_ns);
         let hung_timeout = Duration::from_nanos(scenario.hung_after_ns);
         let ready_after = Duration::from_nanos(scenario.ready_after_ns);
-        let watch = Box::new(Watch::new(robots, hung_timeout, ready_after));
+        let watch = Box::new(RunWatchdog::new(robots, hung_timeout, ready_after));
         if pace == Pace::Realtime {
             return Ok(TimeMode::Realtime { period_ns, watch });
         }
@@ -69,7 +69,7 @@ impl TimeMode {
     }
 
     /// Returns whether links can be cut interactively: in real time only, because messages about them have no tick.
-    pub(super) fn cuts_links_by_hand(&self) -> bool {
+    pub(super) fn can_cut_links(&self) -> bool {
         matches!(self, TimeMode::Realtime { .. })
     }
 
@@ -80,25 +80,25 @@ impl TimeMode {
     }
 
     /// Returns whether other processes continue while one is stopped. In lockstep they wait.
-    pub(super) fn continues_without_stopped(&self) -> bool {
+    pub(super) fn continues_despite_stopped_process(&self) -> bool {
         matches!(self, TimeMode::Realtime { .. })
     }
 
     /// Waits for a message or a process exit, at most one iteration. `news` returns the descriptors to wait
     /// for in real time; in lockstep the plant wakes the supervisor.
-    pub(super) fn wait_for_news<'f>(&self, news: impl FnOnce() -> Vec<PollFd<'f>>) {
+    pub(super) fn wait_for_message_or_exit<'f>(&self, news: impl FnOnce() -> Vec<PollFd<'f>>) {
         match self {
             TimeMode::Lockstep { barrier, .. } => {
-                barrier.wait_attention(ITERATION_MAX);
+                barrier.wait_for_attention(ITERATION_MAX);
             }
-            TimeMode::Realtime { .. } => wait_for_news(&mut news(), ITERATION_MAX),
+            TimeMode::Realtime { .. } => wait_until_readable(&mut news(), ITERATION_MAX),
         }
     }
 
     /// Processes the arrival of a ground truth sample.
     pub(super) fn record_truth_arrival(&self, truth: &TruthHeader) {
         if let TimeMode::Lockstep { barrier, .. } = self {
-            barrier.consumed(truth.tick + 1);
+            barrier.set_consumed_ticks(truth.tick + 1);
         }
     }
 
@@ -107,14 +107,14 @@ impl TimeMode {
     /// plant waits.
     pub(super) fn reports_before_truth(&self) -> Option<u32> {
         match self {
-            TimeMode::Lockstep { barrier, .. } => Some(barrier.reports()),
+            TimeMode::Lockstep { barrier, .. } => Some(barrier.report_count()),
             TimeMode::Realtime { .. } => None,
         }
     }
 
     /// Returns the run time, ns, before which all events are known after this ground truth, and in lockstep
     /// all messages before it, were read.
-    pub(super) fn known_before(&self, newest: &TruthHeader) -> u64 {
+    pub(super) fn known_until_ns(&self, newest: &TruthHeader) -> u64 {
         match self {
             TimeMode::Lockstep { .. } => newest.t_ns,
             // Messages in transit are not waited for.
@@ -140,7 +140,7 @@ impl TimeMode {
     }
 
     /// Returns whether no robot has moved yet.
-    pub(super) fn starting_up(&self, newest: Option<&TruthHeader>) -> bool {
+    pub(super) fn is_starting_up(&self, newest: Option<&TruthHeader>) -> bool {
         match self {
             TimeMode::Lockstep { .. } => {
                 newest.is_none_or(|truth| truth.t_ns == 0)
@@ -160,7 +160,7 @@ impl TimeMode {
     }
 
     /// Makes the plant wait for this robot from the next tick on.
-    pub(super) fn join(&self, robot: usize) {
+    pub(super) fn add_robot(&self, robot: usize) {
         if let TimeMode::Lockstep { barrier, .. } = self {
             barrier.set_member(robot, barrier.paused_before_tick().unwrap_or(0));
         }
@@ -197,7 +197,7 @@ impl TimeMode {
         newest: Option<&TruthHeader>,
         last_news: Instant,
         plant: &Child,
-        robots: impl Iterator<Item = Watched<'c>> + Clone,
+        robots: impl Iterator<Item = WatchedRobot<'c>> + Clone,
         slow: impl Fn(usize) -> Duration,
     ) -> Result<(), RunError> {
         match self {
@@ -208,7 +208,7 @@ impl TimeMode {
                 watch.check_silence(robots, slow)?;
                 // The start of a plant of the scenario has the timeout of a robot's start.
                 let limit = match newest {
-                    None => TRUTH_SILENCE_MAX.max(watch.ready_after()),
+                    None => TRUTH_SILENCE_MAX.max(watch.ready_timeout()),
                     Some(_) => TRUTH_SILENCE_MAX,
                 };
                 match last_news.elapsed() > limit {
@@ -248,9 +248,11 @@ impl TimeMode {
     }
 
     /// Releases the cores. Returns the resource usage of the processes that kept them awake.
-    pub(super) fn end(&mut self) -> Option<Usage> {
+    pub(super) fn release_cores(&mut self) -> Option<Usage> {
         match self {
-            TimeMode::Lockstep { placement: Some(placement), .. } => Some(placement.end()),
+            TimeMode::Lockstep { placement: Some(placement), .. } => {
+                Some(placement.end_placement())
+            }
             _ => None,
         }
     }

@@ -19,29 +19,29 @@ pub enum RequestedAction {
     /// Cut of this edge.
     Cut(usize),
     /// Repair of this edge, after a cut.
-    Mend(usize),
+    RepairEdge(usize),
 }
 
 /// Request of a client, which waits for the response.
 #[derive(Debug)]
-pub struct Request {
+pub struct ClientRequest {
     /// Requested action.
-    pub act: RequestedAction,
-    pub(crate) answer: oneshot::Sender<Result<(), String>>,
+    pub action: RequestedAction,
+    pub(crate) result_sender: oneshot::Sender<Result<(), String>>,
 }
 
-impl Request {
+impl ClientRequest {
     /// Sends to the client that the action was executed, or why it was not.
     pub fn send_result(self, done: Result<(), String>) {
         // The client may have disconnected.
-        let _ = self.answer.send(done);
+        let _ = self.result_sender.send(done);
     }
 }
 
 /// Request in the form in which a client sends it.
 #[derive(Debug, Deserialize)]
 #[serde(tag = "act", rename_all = "lowercase", deny_unknown_fields)]
-enum Wish {
+enum ActionRequest {
     Kill { robot: String },
     Freeze { robot: String },
     Thaw { robot: String },
@@ -51,8 +51,11 @@ enum Wish {
 }
 
 /// Parses a request. An unknown request is answered with status 400, and an unknown robot or edge with 404.
-pub(crate) fn read(body: &[u8], scene: &Scene) -> Result<RequestedAction, (StatusCode, String)> {
-    let wish: Wish = serde_json::from_slice(body).map_err(|error| {
+pub(crate) fn parse_action(
+    body: &[u8],
+    scene: &Scene,
+) -> Result<RequestedAction, (StatusCode, String)> {
+    let wish: ActionRequest = serde_json::from_slice(body).map_err(|error| {
         let reason = format!(
             "{error}; expected such as {{\"act\":\"kill\",\"robot\":\"r1\"}} with kill, freeze, thaw \
              or restart, or {{\"act\":\"cut\",\"from\":\"r1\",\"to\":\"r2\"}} with cut or mend"
@@ -76,12 +79,12 @@ pub(crate) fn read(body: &[u8], scene: &Scene) -> Result<RequestedAction, (Statu
         })
     };
     Ok(match wish {
-        Wish::Kill { robot: name } => RequestedAction::Kill(robot(&name)?),
-        Wish::Freeze { robot: name } => RequestedAction::Freeze(robot(&name)?),
-        Wish::Thaw { robot: name } => RequestedAction::Thaw(robot(&name)?),
-        Wish::Restart { robot: name } => RequestedAction::Restart(robot(&name)?),
-        Wish::Cut { from, to } => RequestedAction::Cut(edge(&from, &to)?),
-        Wish::Mend { from, to } => RequestedAction::Mend(edge(&from, &to)?),
+        ActionRequest::Kill { robot: name } => RequestedAction::Kill(robot(&name)?),
+        ActionRequest::Freeze { robot: name } => RequestedAction::Freeze(robot(&name)?),
+        ActionRequest::Thaw { robot: name } => RequestedAction::Thaw(robot(&name)?),
+        ActionRequest::Restart { robot: name } => RequestedAction::Restart(robot(&name)?),
+        ActionRequest::Cut { from, to } => RequestedAction::Cut(edge(&from, &to)?),
+        ActionRequest::Mend { from, to } => RequestedAction::RepairEdge(edge(&from, &to)?),
     })
 }
 
@@ -95,6 +98,7 @@ pub(crate) mod tests {
             name: name.into(),
             role: "formation".into(),
             front_point_m: 0.1,
+            keep_m: None,
         };
         Scene {
             name: "two".into(),

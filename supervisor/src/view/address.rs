@@ -3,11 +3,11 @@
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 
 /// Default address: this machine alone, at any free port, so that concurrent runs do not conflict.
-pub const DEFAULT: &str = "127.0.0.1:0";
+pub const DEFAULT_ADDRESS: &str = "127.0.0.1:0";
 
 /// Parses an address of the command line, such as `8080`, `127.0.0.1`, `localhost:8080` or `[::1]:8080`.
 /// Port 0, or none, means any free port.
-pub fn address(word: &str) -> Result<SocketAddr, String> {
+pub fn parse_address(word: &str) -> Result<SocketAddr, String> {
     let loopback = IpAddr::V4(Ipv4Addr::LOCALHOST);
     if let Ok(port) = word.parse::<u16>() {
         return Ok(SocketAddr::new(loopback, port));
@@ -29,7 +29,7 @@ pub fn address(word: &str) -> Result<SocketAddr, String> {
 }
 
 /// Returns the address for a browser to connect to a server that listens at `listens`.
-pub(crate) fn reachable(listens: SocketAddr) -> SocketAddr {
+pub(crate) fn reachable_address(listens: SocketAddr) -> SocketAddr {
     let ip = match listens.ip() {
         IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
         IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
@@ -53,12 +53,12 @@ mod tests {
             ("192.168.1.2", "192.168.1.2:0"),
             ("::1", "[::1]:0"),
             ("[::1]:82", "[::1]:82"),
-            (DEFAULT, "127.0.0.1:0"),
+            (DEFAULT_ADDRESS, "127.0.0.1:0"),
         ] {
-            assert_eq!(address(word), Ok(expected.parse().unwrap()), "{word}");
+            assert_eq!(parse_address(word), Ok(expected.parse().unwrap()), "{word}");
         }
         for word in ["", "localhosts", "localhost:", "70000", "example.org:80", "127.0.0.1:x"] {
-            assert!(address(word).unwrap_err().contains("such as 8080"), "{word}");
+            assert!(parse_address(word).unwrap_err().contains("such as 8080"), "{word}");
         }
     }
 
@@ -69,7 +69,7 @@ mod tests {
             ("[::]:80", "[::1]:80"),
             ("10.0.0.1:80", "10.0.0.1:80"),
         ] {
-            assert_eq!(reachable(listens.parse().unwrap()).to_string(), url);
+            assert_eq!(reachable_address(listens.parse().unwrap()).to_string(), url);
         }
     }
 }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use async_stream::stream;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse as _, Response};
-use outcome::report::scene::Frame;
+use outcome::report::scene::SceneFrame;
 use serde::Serialize;
 use tokio::sync::watch;
 
@@ -23,10 +23,10 @@ pub(crate) struct ClientSnapshot {
     /// Newest events, each as JSON.
     events: VecDeque<Arc<str>>,
     /// Number of events before these.
-    forgotten: u64,
+    dropped_event_count: u64,
     /// Number and JSON of the newest latencies.
     latency: Option<(u64, Arc<str>)>,
-    ended: Option<Arc<str>>,
+    run_end: Option<Arc<str>>,
 }
 
 impl ClientSnapshot {
@@ -37,34 +37,34 @@ impl ClientSnapshot {
             ViewMessage::Event(event) => {
                 if self.events.len() == EVENTS_MAX {
                     self.events.pop_front();
-                    self.forgotten += 1;
+                    self.dropped_event_count += 1;
                 }
-                self.events.push_back(json(&event));
+                self.events.push_back(to_json(&event));
             }
             ViewMessage::Latency(latency) => {
                 let number = self.latency.as_ref().map_or(0, |(number, _)| *number);
-                self.latency = Some((number + 1, json(&latency)));
+                self.latency = Some((number + 1, to_json(&latency)));
             }
-            ViewMessage::Ended(ended) => self.ended = Some(json(&ended)),
+            ViewMessage::RunEnd(ended) => self.run_end = Some(to_json(&ended)),
         }
-        self.ended.is_some()
+        self.run_end.is_some()
     }
 }
 
 /// Data that one client has received.
 #[derive(Debug, Default)]
 struct ClientCursor {
-    frame: u64,
-    dropped: u64,
-    events: u64,
-    latency: u64,
+    frame_number: u64,
+    dropped_count: u64,
+    event_count: u64,
+    latency_number: u64,
 }
 
 /// Frame in the format for clients.
 #[derive(Serialize)]
 struct ShownFrame<'a> {
     #[serde(flatten)]
-    frame: &'a Frame,
+    frame: &'a SceneFrame,
     /// Time at which the frame was made, ms since 1970.
     at_unix_ms: u64,
     /// Age of the frame, ms.
@@ -79,34 +79,34 @@ type SseMessage = (&'static str, Arc<str>);
 impl ClientCursor {
     /// Returns the data that is new to this client, and whether it is the last.
     fn collect_new(&mut self, snapshot: &ClientSnapshot) -> (Vec<SseMessage>, bool) {
-        let seen = self.events.saturating_sub(snapshot.forgotten) as usize;
+        let seen = self.event_count.saturating_sub(snapshot.dropped_event_count) as usize;
         let unseen = snapshot.events.iter().skip(seen);
         let mut lines: Vec<SseMessage> = unseen.map(|json| ("happened", json.clone())).collect();
-        self.events = snapshot.forgotten + snapshot.events.len() as u64;
+        self.event_count = snapshot.dropped_event_count + snapshot.events.len() as u64;
         if let Some(numbered) =
-            snapshot.frame.as_ref().filter(|numbered| numbered.number > self.frame)
+            snapshot.frame.as_ref().filter(|numbered| numbered.number > self.frame_number)
         {
             // Frames before its first are not counted as dropped.
-            let first = self.frame == 0;
-            self.dropped += if first { 0 } else { numbered.number - self.frame - 1 };
-            self.frame = numbered.number;
+            let first = self.frame_number == 0;
+            self.dropped_count += if first { 0 } else { numbered.number - self.frame_number - 1 };
+            self.frame_number = numbered.number;
             let shown = ShownFrame {
                 frame: &numbered.frame,
-                at_unix_ms: numbered.at_unix_ms,
-                behind_ms: numbered.created.elapsed().as_millis() as u64,
-                dropped: self.dropped,
+                at_unix_ms: numbered.unix_time_ms,
+                behind_ms: numbered.creation_time.elapsed().as_millis() as u64,
+                dropped: self.dropped_count,
             };
-            lines.push(("", json(&shown)));
+            lines.push(("", to_json(&shown)));
         }
-        let latency = snapshot.latency.as_ref().filter(|(number, _)| *number > self.latency);
+        let latency = snapshot.latency.as_ref().filter(|(number, _)| *number > self.latency_number);
         if let Some((number, json)) = latency {
-            self.latency = *number;
+            self.latency_number = *number;
             lines.push(("latency", json.clone()));
         }
-        if let Some(ended) = &snapshot.ended {
+        if let Some(ended) = &snapshot.run_end {
             lines.push(("ended", ended.clone()));
         }
-        (lines, snapshot.ended.is_some())
+        (lines, snapshot.run_end.is_some())
     }
 }
 
@@ -135,7 +135,7 @@ pub(crate) fn stream_to_client(
     Sse::new(events).keep_alive(KeepAlive::default()).into_response()
 }
 
-fn json(value: &impl Serialize) -> Arc<str> {
+fn to_json(value: &impl Serialize) -> Arc<str> {
     serde_json::to_string(value).expect("string keys and plain values only").into()
 }
 
@@ -148,8 +148,8 @@ mod tests {
     use std::time::Instant;
 
     fn frame(number: u64) -> NumberedFrame {
-        let frame = Frame { t_s: number as f64, ..Frame::default() };
-        NumberedFrame { number, created: Instant::now(), at_unix_ms: 0, frame }
+        let frame = SceneFrame { t_s: number as f64, ..SceneFrame::default() };
+        NumberedFrame { number, creation_time: Instant::now(), unix_time_ms: 0, frame }
     }
 
     fn event(number: u64) -> RunEvent {
@@ -200,7 +200,7 @@ mod tests {
     fn end_of_the_run_is_the_last_message() {
         let mut snapshot = ClientSnapshot::default();
         assert!(!snapshot.add(ViewMessage::Frame(frame(1))));
-        assert!(snapshot.add(ViewMessage::Ended(RunEnd { exit: 1, text: "missed".into() })));
+        assert!(snapshot.add(ViewMessage::RunEnd(RunEnd { exit: 1, text: "missed".into() })));
         let (lines, last) = ClientCursor::default().collect_new(&snapshot);
         assert!(last);
         assert_eq!(lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "ended"]);

@@ -14,29 +14,30 @@ use crate::view::token::Token;
 /// Reason for rejecting a request.
 pub(crate) type HttpRefusal = (StatusCode, &'static str);
 
-const HOST_IS: &str = "the Host header must be an address of this machine or localhost";
-const TOKEN_IS: &str = "the request must contain the token of this run: open the address that phalanx printed after \"view:\"";
+const INVALID_HOST_MESSAGE: &str =
+    "the Host header must be an address of this machine or localhost";
+const MISSING_TOKEN_MESSAGE: &str = "the request must contain the token of this run: open the address that phalanx printed after \"view:\"";
 
 /// Rules by which requests to the live view are permitted or rejected.
 #[derive(Clone, Copy)]
-pub(crate) struct Gate {
+pub(crate) struct AccessPolicy {
     pub(crate) token: Token,
     /// Whether other machines may connect.
-    pub(crate) open_to_others: bool,
+    pub(crate) allows_other_machines: bool,
 }
 
-impl Gate {
+impl AccessPolicy {
     /// Checks whether a request is permitted at all.
     pub(crate) fn check_request(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), HttpRefusal> {
-        let host = text(headers, HOST.as_str()).unwrap_or_default();
+        let host = single_header_text(headers, HOST.as_str()).unwrap_or_default();
         if !self.is_trusted_host(host) {
-            return Err((StatusCode::FORBIDDEN, HOST_IS));
+            return Err((StatusCode::FORBIDDEN, INVALID_HOST_MESSAGE));
         }
         let words = uri.query().unwrap_or_default().split('&');
         let mut tokens = words.filter_map(|word| word.strip_prefix("token="));
         match tokens.next() {
             Some(given) if self.token.matches(given) => Ok(()),
-            _ => Err((StatusCode::FORBIDDEN, TOKEN_IS)),
+            _ => Err((StatusCode::FORBIDDEN, MISSING_TOKEN_MESSAGE)),
         }
     }
 
@@ -55,7 +56,7 @@ impl Gate {
             false => name.parse::<Ipv4Addr>().map(IpAddr::V4),
         };
         match ip {
-            Ok(ip) => ip.is_loopback() || self.open_to_others,
+            Ok(ip) => ip.is_loopback() || self.allows_other_machines,
             Err(_) => name.eq_ignore_ascii_case("localhost"),
         }
     }
@@ -63,20 +64,20 @@ impl Gate {
 
 /// Checks whether a permitted request may contain orders: a page of another site cannot make a browser send
 /// such a request.
-pub(crate) fn may_order(headers: &HeaderMap) -> Result<(), HttpRefusal> {
-    let kind = text(headers, CONTENT_TYPE.as_str()).unwrap_or_default();
+pub(crate) fn check_order_headers(headers: &HeaderMap) -> Result<(), HttpRefusal> {
+    let kind = single_header_text(headers, CONTENT_TYPE.as_str()).unwrap_or_default();
     let kind = kind.split(';').next().unwrap_or_default().trim();
     if !kind.eq_ignore_ascii_case("application/json") {
         let reason = "the header Content-Type must be application/json";
         return Err((StatusCode::UNSUPPORTED_MEDIA_TYPE, reason));
     }
     // Browsers always send the origin of an order; other programs need not.
-    let host = text(headers, HOST.as_str()).unwrap_or_default();
+    let host = single_header_text(headers, HOST.as_str()).unwrap_or_default();
     let ours = |origin: &str| origin.strip_prefix("http://") == Some(host);
-    let same_origin =
-        !headers.contains_key(ORIGIN) || text(headers, ORIGIN.as_str()).is_some_and(ours);
+    let same_origin = !headers.contains_key(ORIGIN)
+        || single_header_text(headers, ORIGIN.as_str()).is_some_and(ours);
     let same_site = !headers.contains_key("sec-fetch-site")
-        || text(headers, "sec-fetch-site") == Some("same-origin");
+        || single_header_text(headers, "sec-fetch-site") == Some("same-origin");
     if !(same_origin && same_site) {
         return Err((StatusCode::FORBIDDEN, "requests must come from the page of this run"));
     }
@@ -84,7 +85,7 @@ pub(crate) fn may_order(headers: &HeaderMap) -> Result<(), HttpRefusal> {
 }
 
 /// Returns the value of a header that occurs once, as text.
-fn text<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
+fn single_header_text<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
     let mut values = headers.get_all(name).iter();
     let only = values.next()?;
     if values.next().is_some() { None } else { only.to_str().ok() }
@@ -95,8 +96,8 @@ mod tests {
     use super::*;
     use axum::http::HeaderValue;
 
-    fn gate(open_to_others: bool) -> Gate {
-        Gate { token: Token::draw().unwrap(), open_to_others }
+    fn access_policy(open_to_others: bool) -> AccessPolicy {
+        AccessPolicy { token: Token::draw().unwrap(), allows_other_machines: open_to_others }
     }
 
     fn headers(pairs: &[(&'static str, &str)]) -> HeaderMap {
@@ -131,31 +132,37 @@ mod tests {
             ("::1", false, false),
             ("127.0.0.1:8080:evil", false, false),
         ] {
-            assert_eq!(gate(false).is_trusted_host(host), alone, "{host}");
-            assert_eq!(gate(true).is_trusted_host(host), open, "{host}");
+            assert_eq!(access_policy(false).is_trusted_host(host), alone, "{host}");
+            assert_eq!(access_policy(true).is_trusted_host(host), open, "{host}");
         }
     }
 
     #[test]
     fn request_with_two_hosts_or_two_tokens_is_rejected() {
-        let gate = gate(false);
+        let gate = access_policy(false);
         let uri = |query: &str| format!("/?{query}").parse::<Uri>().unwrap();
         let query = uri(&format!("a=1&token={}", gate.token));
         let host = headers(&[("host", "localhost:1")]);
         assert_eq!(gate.check_request(&query, &host), Ok(()));
         let two = headers(&[("host", "localhost:1"), ("host", "evil.example")]);
         for hosts in [two, HeaderMap::new()] {
-            assert_eq!(gate.check_request(&query, &hosts), Err((StatusCode::FORBIDDEN, HOST_IS)));
+            assert_eq!(
+                gate.check_request(&query, &hosts),
+                Err((StatusCode::FORBIDDEN, INVALID_HOST_MESSAGE))
+            );
         }
         let first = uri(&format!("token=0&token={}", gate.token));
-        assert_eq!(gate.check_request(&first, &host), Err((StatusCode::FORBIDDEN, TOKEN_IS)));
+        assert_eq!(
+            gate.check_request(&first, &host),
+            Err((StatusCode::FORBIDDEN, MISSING_TOKEN_MESSAGE))
+        );
     }
 
     #[test]
     fn orders_come_as_json_and_from_our_own_page() {
         let with = |more: &[(&'static str, &str)]| {
             let all = [&[("host", "localhost:1"), ("content-type", "application/json")], more];
-            may_order(&headers(&all.concat()))
+            check_order_headers(&headers(&all.concat()))
         };
         assert_eq!(with(&[]), Ok(()));
         assert_eq!(with(&[("origin", "http://localhost:1")]), Ok(()));
@@ -170,7 +177,8 @@ mod tests {
             assert_eq!(with(&[more]).unwrap_err().0, StatusCode::FORBIDDEN, "{more:?}");
         }
         for kind in ["text/plain", "application/x-www-form-urlencoded", ""] {
-            let found = may_order(&headers(&[("host", "localhost"), ("content-type", kind)]));
+            let found =
+                check_order_headers(&headers(&[("host", "localhost"), ("content-type", kind)]));
             assert_eq!(found.unwrap_err().0, StatusCode::UNSUPPORTED_MEDIA_TYPE, "{kind}");
         }
     }

@@ -10,17 +10,17 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use outcome::report::scene::Frame;
+use outcome::report::scene::SceneFrame;
 use serde::Serialize;
 use tokio::sync::mpsc::Sender;
 use tokio::sync::mpsc::error::TrySendError;
 
-use crate::view::act::Request;
+use crate::view::act::ClientRequest;
 
 /// Minimum interval between frames: at most 20 per second.
-const FRAME_EVERY: Duration = Duration::from_millis(50);
+const FRAME_INTERVAL_MIN: Duration = Duration::from_millis(50);
 /// Interval of latency summaries, which change slowly and are expensive to compute.
-const LATENCY_EVERY: Duration = Duration::from_secs(1);
+const LATENCY_SUMMARY_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum time to wait for the server to send the last message.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(1500);
 /// Maximum number of events kept for clients that connect later. The oldest are dropped.
@@ -47,7 +47,7 @@ pub struct RunEvent {
 
 /// Latency so far of one stage of the loop, where it is largest.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StageNow {
+pub struct StageLatency {
     /// Stage, as in `latency.csv`.
     pub stage: String,
     /// Robot or edge with the largest latency.
@@ -76,9 +76,9 @@ pub(crate) struct RunEnd {
 pub(crate) struct NumberedFrame {
     /// Frame number, increasing by one.
     pub(crate) number: u64,
-    pub(crate) created: Instant,
-    pub(crate) at_unix_ms: u64,
-    pub(crate) frame: Frame,
+    pub(crate) creation_time: Instant,
+    pub(crate) unix_time_ms: u64,
+    pub(crate) frame: SceneFrame,
 }
 
 /// Message to the server thread.
@@ -86,26 +86,26 @@ pub(crate) struct NumberedFrame {
 pub(crate) enum ViewMessage {
     Frame(NumberedFrame),
     Event(RunEvent),
-    Latency(Vec<StageNow>),
-    Ended(RunEnd),
+    Latency(Vec<StageLatency>),
+    RunEnd(RunEnd),
 }
 
 /// Number of connected clients.
 #[derive(Debug, Default)]
-pub(crate) struct Clients(AtomicUsize);
+pub(crate) struct ClientCount(AtomicUsize);
 
 /// Permit of one client; dropping it allows another.
 #[derive(Debug)]
-pub(crate) struct ClientPermit(Arc<Clients>);
+pub(crate) struct ClientPermit(Arc<ClientCount>);
 
-impl Clients {
+impl ClientCount {
     pub(crate) fn count(&self) -> usize {
         self.0.load(Ordering::Relaxed)
     }
 
     /// Returns a permit for one more client; `None` if [`CLIENTS_MAX`] are connected. Called by the single
     /// server thread only.
-    pub(crate) fn acquire_client_permit(self: &Arc<Clients>) -> Option<ClientPermit> {
+    pub(crate) fn acquire_client_permit(self: &Arc<ClientCount>) -> Option<ClientPermit> {
         (self.count() < CLIENTS_MAX).then(|| {
             self.0.fetch_add(1, Ordering::Relaxed);
             ClientPermit(self.clone())
@@ -123,83 +123,88 @@ impl Drop for ClientPermit {
 #[derive(Debug)]
 pub struct View {
     messages: Sender<ViewMessage>,
-    clients: Arc<Clients>,
+    clients: Arc<ClientCount>,
     /// Whether clients may send requests.
-    control: bool,
-    requests: Receiver<Request>,
+    accepts_control: bool,
+    requests: Receiver<ClientRequest>,
     /// Disconnected when the server has exited.
-    gone: Receiver<()>,
+    server_exit: Receiver<()>,
     /// Events that have not been passed to the server, because no client is connected or the queue was full.
     events: VecDeque<RunEvent>,
-    pub(crate) frames: u64,
-    frame_due: Instant,
-    latency_due: Instant,
+    pub(crate) frame_count: u64,
+    frame_due_time: Instant,
+    latency_due_time: Instant,
 }
 
 impl View {
     pub(crate) fn new(
         messages: Sender<ViewMessage>,
-        clients: Arc<Clients>,
+        clients: Arc<ClientCount>,
         control: bool,
-        requests: Receiver<Request>,
+        requests: Receiver<ClientRequest>,
         gone: Receiver<()>,
     ) -> View {
         let now = Instant::now();
         View {
             messages,
             clients,
-            control,
+            accepts_control: control,
             requests,
-            gone,
+            server_exit: gone,
             events: VecDeque::new(),
-            frames: 0,
-            frame_due: now,
-            latency_due: now,
+            frame_count: 0,
+            frame_due_time: now,
+            latency_due_time: now,
         }
     }
 
     /// Returns whether clients may send requests.
     pub fn takes_requests(&self) -> bool {
-        self.control
+        self.accepts_control
     }
 
     /// Returns the number of connected clients.
-    pub(crate) fn clients(&self) -> usize {
+    pub(crate) fn client_count(&self) -> usize {
         self.clients.count()
     }
 
     /// Returns whether a client is connected. Without one, no frames need to be made.
     pub fn is_watched(&self) -> bool {
-        self.clients() > 0
+        self.client_count() > 0
     }
 
     /// Returns whether a client is connected and the next frame is due.
-    pub fn wants_frame(&self, now: Instant) -> bool {
-        self.is_watched() && now >= self.frame_due
+    pub fn is_frame_due(&self, now: Instant) -> bool {
+        self.is_watched() && now >= self.frame_due_time
     }
 
     /// Passes a frame to the server. Drops it if the queue is full.
-    pub fn frame(&mut self, frame: Frame) {
+    pub fn send_frame(&mut self, frame: SceneFrame) {
         let at = Instant::now();
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let at_unix_ms = since_1970.as_millis() as u64;
-        let number = self.frames + 1;
-        let handed = ViewMessage::Frame(NumberedFrame { number, created: at, at_unix_ms, frame });
+        let number = self.frame_count + 1;
+        let handed = ViewMessage::Frame(NumberedFrame {
+            number,
+            creation_time: at,
+            unix_time_ms: at_unix_ms,
+            frame,
+        });
         if self.messages.try_send(handed).is_ok() {
-            self.frames = number;
-            self.frame_due = at + FRAME_EVERY;
+            self.frame_count = number;
+            self.frame_due_time = at + FRAME_INTERVAL_MIN;
         }
     }
 
     /// Returns whether a client is connected and a latency summary is due.
-    pub fn wants_latency(&self, now: Instant) -> bool {
-        self.is_watched() && now >= self.latency_due
+    pub fn is_latency_due(&self, now: Instant) -> bool {
+        self.is_watched() && now >= self.latency_due_time
     }
 
     /// Passes a latency summary to the server. Drops it if the queue is full.
-    pub fn latency(&mut self, stages: Vec<StageNow>) {
+    pub fn send_latency(&mut self, stages: Vec<StageLatency>) {
         if self.messages.try_send(ViewMessage::Latency(stages)).is_ok() {
-            self.latency_due = Instant::now() + LATENCY_EVERY;
+            self.latency_due_time = Instant::now() + LATENCY_SUMMARY_INTERVAL;
         }
     }
 
@@ -226,7 +231,7 @@ impl View {
     }
 
     /// Returns the next request of a client.
-    pub fn request(&self) -> Option<Request> {
+    pub fn next_request(&self) -> Option<ClientRequest> {
         self.requests.try_recv().ok()
     }
 
@@ -236,7 +241,7 @@ impl View {
         let end = Instant::now() + SHUTDOWN_TIMEOUT;
         loop {
             self.flush_events();
-            let ended = ViewMessage::Ended(RunEnd { exit, text: text.into() });
+            let ended = ViewMessage::RunEnd(RunEnd { exit, text: text.into() });
             let full = matches!(self.messages.try_send(ended), Err(TrySendError::Full(_)));
             if !full || Instant::now() > end {
                 break;
@@ -247,7 +252,7 @@ impl View {
         drop(self.requests);
         if self.clients.count() > 0 {
             // The server sends nothing: this returns when it exits or at the timeout.
-            let _ = self.gone.recv_timeout(end.saturating_duration_since(Instant::now()));
+            let _ = self.server_exit.recv_timeout(end.saturating_duration_since(Instant::now()));
         }
     }
 }
@@ -259,7 +264,7 @@ mod tests {
     #[test]
     fn events_before_the_first_client_are_kept_up_to_a_maximum() {
         let (messages, mut taken) = tokio::sync::mpsc::channel(VIEW_QUEUE_CAPACITY);
-        let (clients, requests) = (Arc::new(Clients::default()), std::sync::mpsc::channel().1);
+        let (clients, requests) = (Arc::new(ClientCount::default()), std::sync::mpsc::channel().1);
         let gone = std::sync::mpsc::channel().1;
         let mut view = View::new(messages, clients.clone(), false, requests, gone);
         for number in 0..2 * EVENTS_MAX {
@@ -267,15 +272,15 @@ mod tests {
             view.record_event(RunEvent { kind: "kill".into(), detail, ..RunEvent::default() });
         }
         view.flush_events();
-        assert!(taken.is_empty() && !view.wants_frame(Instant::now()), "no client is connected");
+        assert!(taken.is_empty() && !view.is_frame_due(Instant::now()), "no client is connected");
         let permits: Vec<ClientPermit> =
             (0..CLIENTS_MAX).map(|_| clients.acquire_client_permit().unwrap()).collect();
-        assert!(clients.acquire_client_permit().is_none() && view.wants_frame(Instant::now()));
+        assert!(clients.acquire_client_permit().is_none() && view.is_frame_due(Instant::now()));
         let mut details = Vec::new();
         // The server is delayed repeatedly.
         while details.len() < EVENTS_MAX {
             view.flush_events();
-            view.frame(Frame::default());
+            view.send_frame(SceneFrame::default());
             while let Ok(ViewMessage::Event(event)) = taken.try_recv() {
                 details.push(event.detail.parse::<usize>().unwrap());
             }

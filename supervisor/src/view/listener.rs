@@ -24,49 +24,49 @@ use tokio::time::{Sleep, sleep};
 
 /// Limits on connections.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Limits {
+pub(crate) struct ConnectionLimits {
     /// Maximum number of unauthenticated connections; for one more, the oldest is closed.
     pub(crate) unauthenticated_max: usize,
     /// Maximum number of authenticated connections; one more is rejected.
     pub(crate) authenticated_max: usize,
     /// Time for a connection to send a complete request with the token, before it is closed.
-    pub(crate) silent_max: Duration,
+    pub(crate) silence_max: Duration,
 }
 
-impl Default for Limits {
+impl Default for ConnectionLimits {
     /// Returns limits for the event stream of every client and some requests, and as many unauthenticated
     /// connections. The timeout allows requests typed by hand.
-    fn default() -> Limits {
+    fn default() -> ConnectionLimits {
         let silent_max = Duration::from_secs(5);
-        Limits { unauthenticated_max: 32, authenticated_max: 32, silent_max }
+        ConnectionLimits { unauthenticated_max: 32, authenticated_max: 32, silence_max: silent_max }
     }
 }
 
 /// Open connections, by number. The numbers increase.
 #[derive(Debug, Default)]
-struct Open {
-    next: u64,
-    connections: BTreeMap<u64, Standing>,
+struct OpenConnections {
+    next_number: u64,
+    connections: BTreeMap<u64, ConnectionState>,
 }
 
 #[derive(Debug)]
-enum Standing {
+enum ConnectionState {
     /// Closed by a message. Dropping the sender without one lets the connection stay.
     Unauthenticated(oneshot::Sender<()>),
     Authenticated,
 }
 
-impl Open {
-    fn unauthenticated(&self) -> usize {
+impl OpenConnections {
+    fn unauthenticated_count(&self) -> usize {
         let standings = self.connections.values();
-        standings.filter(|standing| matches!(standing, Standing::Unauthenticated(_))).count()
+        standings.filter(|standing| matches!(standing, ConnectionState::Unauthenticated(_))).count()
     }
 
     fn close_oldest_unauthenticated(&mut self) {
         let mut standings = self.connections.iter();
-        let oldest = standings.find(|(_, at)| matches!(at, Standing::Unauthenticated(_)));
+        let oldest = standings.find(|(_, at)| matches!(at, ConnectionState::Unauthenticated(_)));
         let Some(number) = oldest.map(|(number, _)| *number) else { return };
-        if let Some(Standing::Unauthenticated(close)) = self.connections.remove(&number) {
+        if let Some(ConnectionState::Unauthenticated(close)) = self.connections.remove(&number) {
             // A connection that is already closing does not receive it.
             let _ = close.send(());
         }
@@ -74,19 +74,19 @@ impl Open {
 }
 
 /// Listener with limits.
-pub(crate) struct Limited {
+pub(crate) struct LimitedListener {
     listener: TcpListener,
-    limits: Limits,
-    open: Arc<Mutex<Open>>,
+    limits: ConnectionLimits,
+    open_connections: Arc<Mutex<OpenConnections>>,
 }
 
-impl Limited {
-    pub(crate) fn new(listener: TcpListener, limits: Limits) -> Limited {
-        Limited { listener, limits, open: Arc::default() }
+impl LimitedListener {
+    pub(crate) fn new(listener: TcpListener, limits: ConnectionLimits) -> LimitedListener {
+        LimitedListener { listener, limits, open_connections: Arc::default() }
     }
 }
 
-impl Listener for Limited {
+impl Listener for LimitedListener {
     type Io = Connection;
     type Addr = SocketAddr;
 
@@ -94,22 +94,35 @@ impl Listener for Limited {
         let (stream, from) = Listener::accept(&mut self.listener).await;
         // Sends small frames without delay. On failure they arrive a little later.
         let _ = stream.set_nodelay(true);
-        if lock_connections(&self.open).unauthenticated() >= self.limits.unauthenticated_max {
+        if lock_connections(&self.open_connections).unauthenticated_count()
+            >= self.limits.unauthenticated_max
+        {
             // Requests that have already arrived are processed before a connection is closed.
             yield_now().await;
         }
-        let mut open = lock_connections(&self.open);
-        while open.unauthenticated() >= self.limits.unauthenticated_max.max(1) {
+        let mut open = lock_connections(&self.open_connections);
+        while open.unauthenticated_count() >= self.limits.unauthenticated_max.max(1) {
             open.close_oldest_unauthenticated();
         }
-        let number = open.next;
-        open.next += 1;
+        let number = open.next_number;
+        open.next_number += 1;
         let (close, closed) = oneshot::channel();
-        open.connections.insert(number, Standing::Unauthenticated(close));
+        open.connections.insert(number, ConnectionState::Unauthenticated(close));
         let authenticated_max = self.limits.authenticated_max;
-        let pass = Pass { number, authenticated_max, open: self.open.clone() };
-        let time_left = Box::pin(sleep(self.limits.silent_max));
-        (Connection { stream, pass, stays: Stays::Until { closed, time_left } }, from)
+        let pass = ConnectionHandle {
+            number,
+            authenticated_max,
+            open_connections: self.open_connections.clone(),
+        };
+        let time_left = Box::pin(sleep(self.limits.silence_max));
+        (
+            Connection {
+                stream,
+                handle: pass,
+                lifetime: ConnectionLifetime::UntilTimeout { closed, time_left },
+            },
+            from,
+        )
     }
 
     fn local_addr(&self) -> io::Result<SocketAddr> {
@@ -119,22 +132,22 @@ impl Listener for Limited {
 
 /// Connection of a request, as seen by its handler.
 #[derive(Debug, Clone)]
-pub(crate) struct Pass {
+pub(crate) struct ConnectionHandle {
     number: u64,
     authenticated_max: usize,
-    open: Arc<Mutex<Open>>,
+    open_connections: Arc<Mutex<OpenConnections>>,
 }
 
-impl Pass {
+impl ConnectionHandle {
     /// Authenticates the connection, so that it stays open while its request is processed. Returns `false`
     /// if there are too many, or if it is about to be closed.
     pub(crate) fn authenticate(&self) -> bool {
-        let mut open = lock_connections(&self.open);
-        let authenticated = open.connections.len() - open.unauthenticated();
+        let mut open = lock_connections(&self.open_connections);
+        let authenticated = open.connections.len() - open.unauthenticated_count();
         match open.connections.get_mut(&self.number) {
-            Some(Standing::Authenticated) => true,
+            Some(ConnectionState::Authenticated) => true,
             Some(standing) if authenticated < self.authenticated_max => {
-                *standing = Standing::Authenticated;
+                *standing = ConnectionState::Authenticated;
                 true
             }
             _ => false,
@@ -142,49 +155,49 @@ impl Pass {
     }
 }
 
-impl Connected<IncomingStream<'_, Limited>> for Pass {
-    fn connect_info(stream: IncomingStream<'_, Limited>) -> Pass {
-        stream.io().pass.clone()
+impl Connected<IncomingStream<'_, LimitedListener>> for ConnectionHandle {
+    fn connect_info(stream: IncomingStream<'_, LimitedListener>) -> ConnectionHandle {
+        stream.io().handle.clone()
     }
 }
 
 /// Connection, which counts towards the limits until it is closed.
 pub(crate) struct Connection {
     stream: TcpStream,
-    pass: Pass,
-    stays: Stays,
+    handle: ConnectionHandle,
+    lifetime: ConnectionLifetime,
 }
 
 /// Lifetime of a connection.
-enum Stays {
+enum ConnectionLifetime {
     /// Unauthenticated: until the listener closes it, or its timeout.
-    Until { closed: oneshot::Receiver<()>, time_left: Pin<Box<Sleep>> },
+    UntilTimeout { closed: oneshot::Receiver<()>, time_left: Pin<Box<Sleep>> },
     /// Authenticated: until its request is complete.
-    On,
+    UntilRequestDone,
     /// To be closed.
-    No,
+    Closing,
 }
 
 impl Connection {
     /// Returns whether the connection is to be closed now. If not, the task is woken when that may change.
     fn is_over(&mut self, context: &mut Context<'_>) -> bool {
-        if let Stays::Until { closed, time_left } = &mut self.stays {
+        if let ConnectionLifetime::UntilTimeout { closed, time_left } = &mut self.lifetime {
             match Pin::new(closed).poll(context) {
-                Poll::Ready(Ok(())) => self.stays = Stays::No,
-                Poll::Ready(Err(_)) => self.stays = Stays::On,
+                Poll::Ready(Ok(())) => self.lifetime = ConnectionLifetime::Closing,
+                Poll::Ready(Err(_)) => self.lifetime = ConnectionLifetime::UntilRequestDone,
                 Poll::Pending if time_left.as_mut().poll(context).is_ready() => {
-                    self.stays = Stays::No;
+                    self.lifetime = ConnectionLifetime::Closing;
                 }
                 Poll::Pending => {}
             }
         }
-        matches!(self.stays, Stays::No)
+        matches!(self.lifetime, ConnectionLifetime::Closing)
     }
 }
 
 impl Drop for Connection {
     fn drop(&mut self) {
-        lock_connections(&self.pass.open).connections.remove(&self.pass.number);
+        lock_connections(&self.handle.open_connections).connections.remove(&self.handle.number);
     }
 }
 
@@ -224,6 +237,6 @@ impl AsyncWrite for Connection {
 }
 
 /// Locks the connections. No code panics while it holds the lock.
-fn lock_connections(open: &Mutex<Open>) -> MutexGuard<'_, Open> {
+fn lock_connections(open: &Mutex<OpenConnections>) -> MutexGuard<'_, OpenConnections> {
     open.lock().unwrap_or_else(PoisonError::into_inner)
 }

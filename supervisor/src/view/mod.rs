@@ -2,7 +2,7 @@
 //!
 //! The server has its own thread with the lowest priority. The supervisor passes the newest data and
 //! continues: it never waits for a client, and drops data for which there is no space. Must not act on a
-//! process of the run: a client sends a [`Request`], and the supervisor decides.
+//! process of the run: a client sends a [`ClientRequest`], and the supervisor decides.
 //!
 //! | file | contents |
 //! |---|---|
@@ -24,7 +24,7 @@ mod listener;
 mod server;
 mod token;
 
-pub use act::{Request, RequestedAction};
-pub use address::{DEFAULT, address};
-pub use handle::{RunEvent, StageNow, View};
-pub use server::{Bound, ViewError, bind};
+pub use act::{ClientRequest, RequestedAction};
+pub use address::{DEFAULT_ADDRESS, parse_address};
+pub use handle::{RunEvent, StageLatency, View};
+pub use server::{BoundServer, ViewError, bind};

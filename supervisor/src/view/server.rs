@@ -29,41 +29,42 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{oneshot, watch};
 use tokio::time::{sleep, timeout};
 
-use crate::view::act::{self, Request};
-use crate::view::address::reachable;
+use crate::view::act::{self, ClientRequest};
+use crate::view::address::reachable_address;
 use crate::view::client_snapshot::{ClientSnapshot, stream_to_client};
-use crate::view::gate::{Gate, HttpRefusal, may_order};
-use crate::view::handle::{Clients, VIEW_QUEUE_CAPACITY, View, ViewMessage};
-use crate::view::listener::{Limited, Limits, Pass};
+use crate::view::gate::{AccessPolicy, HttpRefusal, check_order_headers};
+use crate::view::handle::{ClientCount, VIEW_QUEUE_CAPACITY, View, ViewMessage};
+use crate::view::listener::{ConnectionHandle, ConnectionLimits, LimitedListener};
 use crate::view::token::Token;
 
 /// Maximum time for the last message to reach all clients.
-const FAREWELL_MAX: Duration = Duration::from_millis(500);
+const LAST_MESSAGE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Time for written data to be sent.
-const FLUSH: Duration = Duration::from_millis(20);
+const FLUSH_TIME: Duration = Duration::from_millis(20);
 /// Maximum size of a request body, bytes; a request is far shorter.
-const BODY_MAX: usize = 4096;
+const BODY_BYTES_MAX: usize = 4096;
 /// Capacity of the queue of requests to the supervisor, which reads it every few milliseconds.
 const REQUESTS_MAX: usize = 16;
 /// Maximum time for the response to a request, even if the supervisor is delayed.
-const ANSWER_MAX: Duration = Duration::from_secs(5);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Maximum time to read a complete request and to begin its response; slightly more than a request takes.
-const REQUEST_MAX: Duration = Duration::from_secs(10);
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 /// Size of the kernel's send buffer of each connection, bytes. Small, so that a slow client misses frames
 /// instead of receiving old ones.
-const SEND_BUFFER: u32 = 32 * 1024;
+const SEND_BUFFER_BYTES: u32 = 32 * 1024;
 /// Maximum number of connections that wait to be accepted.
 const BACKLOG: u32 = 32;
 
 /// Receiver of messages from the supervisor.
 type MessageReceiver = tokio::sync::mpsc::Receiver<ViewMessage>;
 
-const TOO_MANY: HttpRefusal = (StatusCode::SERVICE_UNAVAILABLE, "too many clients watch this run");
+const TOO_MANY_CLIENTS: HttpRefusal =
+    (StatusCode::SERVICE_UNAVAILABLE, "too many clients watch this run");
 
 /// Headers of all responses: the page must not be cached, embedded in frames, or load data from other
 /// sites. Its own content security policy, which lists its scripts, applies in addition. Each connection
 /// carries one request, and is not kept for another that may never arrive.
-const HEADERS: [(HeaderName, &str); 5] = [
+const RESPONSE_HEADERS: [(HeaderName, &str); 5] = [
     (CONNECTION, "close"),
     (CACHE_CONTROL, "no-store"),
     (REFERRER_POLICY, "no-referrer"),
@@ -96,16 +97,16 @@ pub enum ViewError {
 }
 
 /// Bound address of a server that has not started.
-pub struct Bound {
+pub struct BoundServer {
     runtime: Runtime,
     listener: TcpListener,
     address: SocketAddr,
-    gate: Gate,
-    limits: Limits,
+    access_policy: AccessPolicy,
+    limits: ConnectionLimits,
 }
 
 /// Binds the address. `insecure` permits an address that other machines can reach.
-pub fn bind(address: SocketAddr, insecure: bool) -> Result<Bound, ViewError> {
+pub fn bind(address: SocketAddr, insecure: bool) -> Result<BoundServer, ViewError> {
     let loopback = address.ip().is_loopback();
     if !(loopback || insecure) {
         return Err(ViewError::NotLoopback(address));
@@ -116,48 +117,54 @@ pub fn bind(address: SocketAddr, insecure: bool) -> Result<Bound, ViewError> {
         let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
         socket.set_reuseaddr(true)?;
         // Connections inherit it.
-        socket.set_send_buffer_size(SEND_BUFFER)?;
+        socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
         socket.bind(address)?;
         socket.listen(BACKLOG)
     };
     let listener = listen().map_err(|source| ViewError::Listen { address, source })?;
     let address = listener.local_addr()?;
     drop(entered);
-    let gate = Gate { token: Token::draw()?, open_to_others: !loopback };
-    Ok(Bound { runtime, listener, address, gate, limits: Limits::default() })
+    let gate = AccessPolicy { token: Token::draw()?, allows_other_machines: !loopback };
+    Ok(BoundServer {
+        runtime,
+        listener,
+        address,
+        access_policy: gate,
+        limits: ConnectionLimits::default(),
+    })
 }
 
 /// State for the responses.
 #[derive(Clone)]
-struct Answers {
-    gate: Gate,
+struct ServerState {
+    access_policy: AccessPolicy,
     page: Bytes,
     scene: Arc<Scene>,
     /// Sender of requests; `None` if clients may only watch.
-    control: Option<SyncSender<Request>>,
-    clients: Arc<Clients>,
+    request_sender: Option<SyncSender<ClientRequest>>,
+    clients: Arc<ClientCount>,
     snapshot: watch::Receiver<ClientSnapshot>,
 }
 
-impl Bound {
+impl BoundServer {
     /// Returns the address to open in a browser. It contains the token, which grants access.
     pub fn url(&self) -> String {
-        format!("http://{}/?token={}", reachable(self.address), self.gate.token)
+        format!("http://{}/?token={}", reachable_address(self.address), self.access_policy.token)
     }
 
     /// Starts the server on its own thread. `control` is whether clients may send requests.
     pub fn serve(self, scene: Scene, control: bool) -> Result<View, ViewError> {
-        let Bound { runtime, listener, gate, limits, .. } = self;
+        let BoundServer { runtime, listener, access_policy: gate, limits, .. } = self;
         let (messages, taken) = tokio::sync::mpsc::channel(VIEW_QUEUE_CAPACITY);
-        let clients = Arc::new(Clients::default());
+        let clients = Arc::new(ClientCount::default());
         let (requests, asked) = sync_channel(REQUESTS_MAX);
         let (here, gone) = channel::<()>();
         let (told, snapshot) = watch::channel(ClientSnapshot::default());
-        let answers = Answers {
-            gate,
-            page: outcome::report::page::live(&scene, control).into(),
+        let answers = ServerState {
+            access_policy: gate,
+            page: outcome::report::page::live_html(&scene, control).into(),
             scene: Arc::new(scene),
-            control: control.then_some(requests),
+            request_sender: control.then_some(requests),
             clients: clients.clone(),
             snapshot,
         };
@@ -166,10 +173,11 @@ impl Bound {
             let _here: Sender<()> = here; // until the thread ends
             set_idle_priority();
             runtime.block_on(async move {
-                let listener = Limited::new(listener, limits);
-                let answers = router(answers).into_make_service_with_connect_info::<Pass>();
+                let listener = LimitedListener::new(listener, limits);
+                let answers =
+                    router(answers).into_make_service_with_connect_info::<ConnectionHandle>();
                 tokio::spawn(axum::serve(listener, answers).into_future());
-                deliver(taken, told, &told_clients).await;
+                distribute_messages(taken, told, &told_clients).await;
             });
         })?;
         Ok(View::new(messages, clients, control, asked, gone))
@@ -185,10 +193,10 @@ fn set_idle_priority() {
 }
 
 /// Distributes messages of the supervisor to all clients, until the run is over.
-async fn deliver(
+async fn distribute_messages(
     mut messages: MessageReceiver,
     told: watch::Sender<ClientSnapshot>,
-    clients: &Clients,
+    clients: &ClientCount,
 ) {
     let mut over = false;
     while !over && let Some(first) = messages.recv().await {
@@ -200,76 +208,83 @@ async fn deliver(
             }
         });
     }
-    let end = Instant::now() + FAREWELL_MAX;
+    let end = Instant::now() + LAST_MESSAGE_TIMEOUT;
     while clients.count() > 0 && Instant::now() < end {
-        sleep(FLUSH).await;
+        sleep(FLUSH_TIME).await;
     }
-    sleep(FLUSH).await;
+    sleep(FLUSH_TIME).await;
 }
 
-fn router(answers: Answers) -> Router {
+fn router(answers: ServerState) -> Router {
     Router::new()
-        .route("/", get(page))
-        .route("/events", get(events))
-        .route("/control", post(control).layer(DefaultBodyLimit::max(BODY_MAX)))
+        .route("/", get(serve_page))
+        .route("/events", get(stream_events))
+        .route(
+            "/control",
+            post(handle_control_request).layer(DefaultBodyLimit::max(BODY_BYTES_MAX)),
+        )
         .layer(middleware::from_fn_with_state(answers.clone(), check_access))
         .with_state(answers)
 }
 
 /// Checks access of every request, and adds the headers to every response.
 async fn check_access(
-    State(answers): State<Answers>,
-    ConnectInfo(pass): ConnectInfo<Pass>,
+    State(answers): State<ServerState>,
+    ConnectInfo(pass): ConnectInfo<ConnectionHandle>,
     request: HttpRequest,
     next: Next,
 ) -> Response {
-    let mut response = match answers.gate.check_request(request.uri(), request.headers()) {
-        Ok(()) if pass.authenticate() => match timeout(REQUEST_MAX, next.run(request)).await {
+    let mut response = match answers.access_policy.check_request(request.uri(), request.headers()) {
+        Ok(()) if pass.authenticate() => match timeout(REQUEST_TIMEOUT, next.run(request)).await {
             Ok(response) => response,
             Err(_) => (StatusCode::REQUEST_TIMEOUT, "the request is incomplete").into_response(),
         },
-        Ok(()) => TOO_MANY.into_response(),
+        Ok(()) => TOO_MANY_CLIENTS.into_response(),
         Err(refusal) => refusal.into_response(),
     };
-    for (name, value) in HEADERS {
+    for (name, value) in RESPONSE_HEADERS {
         response.headers_mut().insert(name, HeaderValue::from_static(value));
     }
     response
 }
 
-async fn page(State(answers): State<Answers>) -> Response {
+async fn serve_page(State(answers): State<ServerState>) -> Response {
     ([(CONTENT_TYPE, "text/html; charset=utf-8")], answers.page).into_response()
 }
 
-async fn events(State(answers): State<Answers>) -> Response {
+async fn stream_events(State(answers): State<ServerState>) -> Response {
     match answers.clients.acquire_client_permit() {
         Some(permit) => stream_to_client(answers.snapshot, permit),
-        None => TOO_MANY.into_response(),
+        None => TOO_MANY_CLIENTS.into_response(),
     }
 }
 
-async fn control(State(answers): State<Answers>, headers: HeaderMap, body: Bytes) -> Response {
-    let Some(requests) = answers.control else {
+async fn handle_control_request(
+    State(answers): State<ServerState>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
+    let Some(requests) = answers.request_sender else {
         let reason = "this run is read-only: start it with --view-control to send requests";
         return (StatusCode::FORBIDDEN, reason).into_response();
     };
-    if let Err(refusal) = may_order(&headers) {
+    if let Err(refusal) = check_order_headers(&headers) {
         return refusal.into_response();
     }
-    let act = match act::read(&body, &answers.scene) {
+    let act = match act::parse_action(&body, &answers.scene) {
         Ok(act) => act,
         Err(refusal) => return refusal.into_response(),
     };
     let (answer, answered) = oneshot::channel();
     let over = (StatusCode::CONFLICT, "the run is over");
-    match requests.try_send(Request { act, answer }) {
+    match requests.try_send(ClientRequest { action: act, result_sender: answer }) {
         Ok(()) => {}
         Err(TrySendError::Disconnected(_)) => return over.into_response(),
         Err(TrySendError::Full(_)) => {
             return (StatusCode::SERVICE_UNAVAILABLE, "too many orders at once").into_response();
         }
     }
-    match timeout(ANSWER_MAX, answered).await {
+    match timeout(RESPONSE_TIMEOUT, answered).await {
         Ok(Ok(Ok(()))) => StatusCode::NO_CONTENT.into_response(),
         Ok(Ok(Err(reason))) => (StatusCode::CONFLICT, reason).into_response(),
         Ok(Err(_)) => over.into_response(),

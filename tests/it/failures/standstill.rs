@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use rustix::process::Signal;
 
-use crate::harness::{FinishedRun, Running, run, signal_pid};
+use crate::harness::{FinishedRun, RunInProgress, run, signal_pid};
 
 /// Starts a run of 60 periods in real time, and stops its supervisor.
-fn start_with_stopped_supervisor(expect: &str) -> Running {
+fn start_with_stopped_supervisor(expect: &str) -> RunInProgress {
     let set = ["duration_s=3", "period_s=0.05", "avoidance.kind=none", expect];
     let mut running = run("triangle").sets(set).start();
     running.wait_for_event("contact");
@@ -15,9 +15,9 @@ fn start_with_stopped_supervisor(expect: &str) -> Running {
     running
 }
 
-/// Resumes the supervisor of a run of [`start_with_stopped_supervisor`] after the duration of the run has passed and the plant has exited.
-/// Waits 5 s for the former, because a stopped supervisor writes nothing that shows it.
-fn goes_on_after_its_end(mut running: Running) -> FinishedRun {
+/// Resumes the supervisor of a run of [`start_with_stopped_supervisor`] after the duration of the run has passed and
+/// the plant has exited. Waits 5 s for the former, because a stopped supervisor writes nothing that shows it.
+fn goes_on_after_its_end(mut running: RunInProgress) -> FinishedRun {
     let plant = running.pid_of("plant");
     std::thread::sleep(Duration::from_secs(5));
     signal_pid(plant, Signal::TERM);
@@ -34,9 +34,12 @@ fn death_in_a_standstill_past_the_end_misses_alive_at_end() {
     let r2 = running.pid_of("r2");
     signal_pid(r2, Signal::KILL);
     let ended = goes_on_after_its_end(running);
-    ended.exits_with(1).leaves_nothing();
-    ended.claim(ended.stdout.contains("MISSED alive_at_end"), "r2 is not alive at the end");
-    ended.claim(ended.file("events.csv").contains("died,r2,signal 9"), "the death is an event");
+    ended.exits_with(1).assert_leaves_nothing();
+    ended.assert_holds(ended.stdout.contains("MISSED alive_at_end"), "r2 is not alive at the end");
+    ended.assert_holds(
+        ended.file("events.csv").contains("died,r2,signal 9"),
+        "the death is an event",
+    );
 }
 
 #[test]
@@ -47,10 +50,13 @@ fn standstill_of_all_processes_is_reported() {
     std::thread::sleep(Duration::from_secs(3));
     children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::CONT));
     running.signal(Signal::CONT);
-    running.line(" WARN the supervisor did not run for ");
+    running.wait_for_line(" WARN the supervisor did not run for ");
     let ended = running.finish();
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.file("events.csv").contains(",stood-still,,\"supervisor, for "), "an event");
+    ended.exits_with(0).assert_leaves_nothing();
+    ended.assert_holds(
+        ended.file("events.csv").contains(",stood-still,,\"supervisor, for "),
+        "an event",
+    );
 }
 
 #[test]
@@ -61,9 +67,9 @@ fn replacement_due_after_the_end_fails_the_run() {
     let r2 = running.pid_of("r2");
     signal_pid(r2, Signal::KILL);
     let ended = running.finish();
-    ended.exits_with(1).leaves_nothing();
+    ended.exits_with(1).assert_leaves_nothing();
     let says = "failed: r2 died (signal 9), and its replacement had not been started at the end";
-    ended.claim(ended.stderr.contains(says), says);
+    ended.assert_holds(ended.stderr.contains(says), says);
 }
 
 #[test]
@@ -76,9 +82,9 @@ fn replacement_that_dies_at_once_is_a_warning() {
     std::fs::write(&brief, "").unwrap();
     let r2 = running.pid_of("r2");
     signal_pid(r2, Signal::KILL);
-    running.line(" WARN its replacement died as well; the last lines of its log:");
+    running.wait_for_line(" WARN its replacement died as well; the last lines of its log:");
     running.signal(Signal::INT);
-    running.finish().exits_with(130).leaves_nothing();
+    running.finish().exits_with(130).assert_leaves_nothing();
 }
 
 #[test]
@@ -93,5 +99,5 @@ fn removed_run_root_ends_the_run_with_the_reason() {
     let ended = running.finish();
     ended.exits_with(4);
     let says = format!("the run root {} was removed during the run", root.display());
-    ended.claim(ended.stderr.contains(&says), says);
+    ended.assert_holds(ended.stderr.contains(&says), says);
 }

@@ -12,9 +12,9 @@ use protocol::fault::LinkFaultKind;
 use protocol::law::Reference;
 
 use super::{BOUND_M, PredictedAndSimulated, predict};
-use crate::harness::times;
+use crate::harness::repetition_factor;
 use crate::oracle::{scenario, simulate};
-use crate::single_faults::Broken;
+use crate::single_faults::FailingComponent;
 
 const AT_S: f64 = 10.0;
 const DURATION_S: u64 = 40;
@@ -34,8 +34,8 @@ fn draw_scenario(seed: u64) -> Option<Scenario> {
     let role = |name: &str| drawn.robots.iter().find(|robot| robot.name == name).unwrap().clone();
     let [leads, keeps, contained] = ["lead", "left", "f1"].map(role);
     let leader = random.draw_bool(0.75);
-    let keepers = random.between(2, 4) as usize;
-    let inside = random.between(0, 3) as usize;
+    let keepers = random.draw_between(2, 4) as usize;
+    let inside = random.draw_between(0, 3) as usize;
     let n = keepers + inside;
     drawn.robots = (0..n)
         .map(|i| {
@@ -49,16 +49,16 @@ fn draw_scenario(seed: u64) -> Option<Scenario> {
             robot
         })
         .collect();
-    let mut place = || Vec2::new(6.0 * random.unit() - 3.0, 6.0 * random.unit() - 3.0);
+    let mut place = || Vec2::new(6.0 * random.draw_unit() - 3.0, 6.0 * random.draw_unit() - 3.0);
     let places: Vec<Vec2> = (0..n).map(|_| place()).collect();
     let mut edges: Vec<Edge> = Vec::new();
     for to in usize::from(leader)..n {
         // First an in-neighbor with a lower index, so that the first robot reaches all; then any permitted one.
         let contained = to >= keepers;
-        let first = (to > 0).then(|| random.between(0, to as u64 - 1) as usize);
-        let more = random.between(0, 2);
+        let first = (to > 0).then(|| random.draw_between(0, to as u64 - 1) as usize);
+        let more = random.draw_between(0, 2);
         let among = if contained { n } else { keepers } as u64 - 1;
-        let others = (0..more).map(|_| random.between(0, among) as usize).collect::<Vec<_>>();
+        let others = (0..more).map(|_| random.draw_between(0, among) as usize).collect::<Vec<_>>();
         for from in first.into_iter().chain(others) {
             let new = from != to && edges.iter().all(|edge| (edge.from, edge.to) != (from, to));
             if new {
@@ -71,7 +71,7 @@ fn draw_scenario(seed: u64) -> Option<Scenario> {
     drawn.lead = drawn.lead.filter(|_| leader);
     if let Some(lead) = &mut drawn.lead {
         let center_m = [0.0, 0.0];
-        lead.trajectory = match random.between(0, 2) {
+        lead.trajectory = match random.draw_between(0, 2) {
             0 => Trajectory::Still { center_m },
             1 => Trajectory::Line { center_m, velocity_m_s: [0.2, 0.1] },
             _ => Trajectory::Circle { center_m, radius_m: 3.0, period_s: 90.0 },
@@ -104,22 +104,22 @@ fn edges_into(scenario: &Scenario, robot: usize) -> usize {
 }
 
 /// Draws a fault: the death of a robot or the cut of an edge.
-fn draw_fault(mut scenario: Scenario, seed: u64) -> (Scenario, Broken) {
+fn draw_fault(mut scenario: Scenario, seed: u64) -> (Scenario, FailingComponent) {
     let mut random = SplitMix64::new(!seed);
     let (robots, edges) = (scenario.robots.len() as u64, scenario.graph.edges().len() as u64);
-    let drawn = random.between(0, robots + edges - 1);
+    let drawn = random.draw_between(0, robots + edges - 1);
     let (broken, kind) = match drawn.checked_sub(robots) {
         None => {
             let robot = drawn as usize;
-            (Broken::Robot(robot), FaultKind::Kill { robot, restart_after_ns: None })
+            (FailingComponent::Robot(robot), FaultKind::Kill { robot, restart_after_ns: None })
         }
         Some(edge) => {
             let edge = edge as usize;
-            (Broken::Edge(edge), FaultKind::Link { edge, kind: LinkFaultKind::Cut })
+            (FailingComponent::Edge(edge), FaultKind::Link { edge, kind: LinkFaultKind::Cut })
         }
     };
-    let at_ns = (AT_S * 1e9) as u64;
-    scenario.faults = vec![Fault { at_ns, for_ns: None, kind }];
+    let start_ns = (AT_S * 1e9) as u64;
+    scenario.faults = vec![Fault { start_ns, duration_ns: None, kind }];
     (scenario, broken)
 }
 
@@ -133,7 +133,7 @@ fn outcome(seed: u64) -> Option<PredictedAndSimulated> {
         .iter()
         .map(|edge| format!("r{}->r{}", edge.from + 1, edge.to + 1))
         .collect();
-    let contained = |i: &usize| scenario.robots[*i].role.reference == Reference::Middle;
+    let contained = |i: &usize| scenario.robots[*i].role.reference == Reference::NeighborMean;
     let contained: Vec<usize> = (0..scenario.robots.len()).filter(contained).collect();
     let lead = scenario.lead.as_ref().map(|lead| &lead.trajectory);
     let what = format!(
@@ -149,7 +149,7 @@ fn is_near_bound(outcome: &PredictedAndSimulated) -> bool {
     outcome
         .foretold
         .iter()
-        .filter_map(|one| one.off_m)
+        .filter_map(|one| one.slot_distance_m)
         .chain(outcome.off_m.iter().filter_map(|m| *m))
         .any(near)
 }
@@ -157,7 +157,7 @@ fn is_near_bound(outcome: &PredictedAndSimulated) -> bool {
 /// Minimum fraction of the formations in which exactly the predicted robots are broken.
 #[test]
 fn theory_predicts_broken_robots_in_random_formations() {
-    let seeds = 0..20 * times() as u64;
+    let seeds = 0..20 * repetition_factor() as u64;
     let outcomes: Vec<PredictedAndSimulated> =
         seeds.filter_map(outcome).filter(|one| !is_near_bound(one)).collect();
     let different: Vec<String> = outcomes

@@ -45,8 +45,8 @@ fn ignored_sigchld_deaths_are_detected_in_lockstep() {
         .set("duration_s=12")
         .set("expect={}")
         .finish();
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(
+    ended.exits_with(0).assert_leaves_nothing();
+    ended.assert_holds(
         ended.file("events.csv").contains("died,r2,signal 9"),
         "the death of r2 is recorded",
     );
@@ -62,7 +62,7 @@ fn ignored_sigchld_deaths_are_detected_in_real_time() {
     running.wait_for_event("restart");
     running.signal(Signal::INT);
     let ended = running.finish();
-    ended.exits_with(130).leaves_nothing();
+    ended.exits_with(130).assert_leaves_nothing();
 }
 
 #[test]
@@ -72,7 +72,7 @@ fn run_with_blocked_signals_ends_on_sigterm() {
         let mut running = run_after(block_all_signals, &words).set("duration_s=3600").start();
         running.wait_for_event("contact");
         running.signal(Signal::TERM);
-        running.finish().exits_with(130).leaves_nothing();
+        running.finish().exits_with(130).assert_leaves_nothing();
     }
 }
 
@@ -83,8 +83,11 @@ fn batch_system_signals_end_a_run_like_sigterm() {
         running.wait_for_event("contact");
         running.signal(signal);
         let ended = running.finish();
-        ended.exits_with(130).leaves_nothing();
-        ended.claim(ended.summary["interrupted"] == true, "the summary records the interruption");
+        ended.exits_with(130).assert_leaves_nothing();
+        ended.assert_holds(
+            ended.summary["interrupted"] == true,
+            "the summary records the interruption",
+        );
     }
 }
 
@@ -109,17 +112,17 @@ fn run_with_100_inherited_descriptors(files: u64, pace: &str) -> Command {
 fn inherited_open_descriptors_count_against_the_limit() {
     for pace in ["lockstep", "realtime"] {
         let ended = Phalanx::new(run_with_100_inherited_descriptors(200, pace)).finish();
-        ended.exits_with(4).leaves_nothing();
+        ended.exits_with(4).assert_leaves_nothing();
         // The test runner may have left descriptors open as well.
         let says =
             ["5 robots need 130 open files, ", " more are open already (inherited from the parent"];
-        ended.claim(says.iter().all(|part| ended.stderr.contains(part)), says.concat());
+        ended.assert_holds(says.iter().all(|part| ended.stderr.contains(part)), says.concat());
         let needed = needed_files(&ended);
-        ended.claim(needed >= 230, format!("{needed} open files"));
+        ended.assert_holds(needed >= 230, format!("{needed} open files"));
         Phalanx::new(run_with_100_inherited_descriptors(needed, pace))
             .finish()
             .exits_with(0)
-            .leaves_nothing();
+            .assert_leaves_nothing();
     }
 }
 
@@ -131,10 +134,10 @@ fn live_view_descriptors_are_counted_separately() {
         Phalanx::new(command).sets(["duration_s=1", "expect={}"])
     };
     let ended = run_of(150).finish();
-    ended.exits_with(4).leaves_nothing();
+    ended.exits_with(4).assert_leaves_nothing();
     let says = "3 robots need 94 open files, the live view 72, ";
-    ended.claim(ended.stderr.contains(says), says);
-    run_of(needed_files(&ended)).finish().exits_with(0).leaves_nothing();
+    ended.assert_holds(ended.stderr.contains(says), says);
+    run_of(needed_files(&ended)).finish().exits_with(0).assert_leaves_nothing();
 }
 
 #[test]

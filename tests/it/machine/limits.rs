@@ -25,24 +25,26 @@ fn run_under(limit: &str, pace: &str) -> Phalanx {
 #[test]
 fn low_signal_queue_limit_is_reported_before_a_lockstep_run() {
     let ended = run_under("-i 0", "lockstep").finish();
-    ended.exits_with(4).leaves_nothing();
+    ended.exits_with(4).assert_leaves_nothing();
     let [error] = errors(&ended.stderr)[..] else { panic!("one error: {}", ended.stderr) };
     let says = "error: 3 robots in lockstep need 4 queued signals, one for each timer, and ";
-    ended.claim(error.starts_with(says) && error.contains("`ulimit -i "), says);
-    run_under("-i 0", "realtime").finish().exits_with(0).leaves_nothing();
+    ended.assert_holds(error.starts_with(says) && error.contains("`ulimit -i "), says);
+    run_under("-i 0", "realtime").finish().exits_with(0).assert_leaves_nothing();
 }
 
 #[test]
 fn low_address_space_limit_is_reported_before_a_run() {
     for pace in ["lockstep", "realtime"] {
         let ended = run_under("-v 30000", pace).finish();
-        ended.exits_with(4).leaves_nothing();
+        ended.exits_with(4).assert_leaves_nothing();
         let [error] = errors(&ended.stderr)[..] else { panic!("one error: {}", ended.stderr) };
-        ended
-            .claim(error.contains("KiB of address space, and the limit is 30000 KiB"), "the limit");
+        ended.assert_holds(
+            error.contains("KiB of address space, and the limit is 30000 KiB"),
+            "the limit",
+        );
         let needed = error.split("`ulimit -v ").nth(1).and_then(|rest| rest.split('`').next());
         let limit = format!("-v {}", needed.expect("the remedy"));
-        run_under(&limit, pace).finish().exits_with(0).leaves_nothing();
+        run_under(&limit, pace).finish().exits_with(0).assert_leaves_nothing();
     }
 }
 
@@ -81,10 +83,13 @@ fn low_cgroup_memory_limit_is_reported_before_a_run() {
         let scenario = format!("scenarios/{scenario}.toml");
         command.args(["-c", &script, PHALANX, "run", &scenario, "--pace", pace]);
         let ended = Phalanx::new(command).set("duration_s=1").set("expect={}").finish();
-        ended.exits_with(4).leaves_nothing();
+        ended.exits_with(4).assert_leaves_nothing();
         let [error] = errors(&ended.stderr)[..] else { panic!("one error: {}", ended.stderr) };
-        ended.claim(error.starts_with(&format!("error: {robots} robots need about ")), "the need");
-        ended.claim(error.contains(group.0.to_str().unwrap()), "the group with the limit");
+        ended.assert_holds(
+            error.starts_with(&format!("error: {robots} robots need about ")),
+            "the need",
+        );
+        ended.assert_holds(error.contains(group.0.to_str().unwrap()), "the group with the limit");
     }
 }
 
@@ -102,7 +107,7 @@ fn kernel_kills_children_before_their_supervisor() {
         assert_eq!(score(pid), expected, "{name}, below a supervisor with {supervisor}");
     }
     running.signal(Signal::INT);
-    running.finish().exits_with(130).leaves_nothing();
+    running.finish().exits_with(130).assert_leaves_nothing();
 }
 
 #[test]

@@ -4,21 +4,21 @@
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
 
-use agent::avoidance::{self, Avoidance, Sample, deflection_distance_m, deflection_share};
+use agent::avoidance::{self, Avoidance, Sample, approach_slack_fraction, deflection_distance_m};
 use agent::control_cycle::ControlCycle;
 use agent::controller::{Controller, Parts};
 use agent::laws::{Law, Situation};
-use agent::roles::LEADER;
+use agent::roles::LEADER_ROLE;
 use formation::Vec2;
 use formation::front_point::front_speed;
 use formation::pose::{Twist, wrap_angle};
 use formation::scale::Scale;
 use formation::trajectory::Trajectory;
-use protocol::avoidance::Conditions;
+use protocol::avoidance::MethodConditions;
 use protocol::brief::{AgentBrief, LeadBrief};
 
 use super::walls::Ramming;
-use super::{MS, Model, Next, Robot, US};
+use super::{MS, Model, NextAction, Robot, US};
 
 /// Strategy that chooses faults and their times.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,7 +39,7 @@ pub const ADVERSARIES: [Adversary; 4] =
 
 /// Velocities that the robots request.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Wish {
+pub enum RequestedVelocity {
     /// Velocity of the control law in the robot's brief.
     Law,
     /// Maximum velocity towards the nearest neighbor or wall. The robots receive a false prediction of their own
@@ -64,11 +64,11 @@ impl Model<'_> {
             }
             match self.trial.adversary {
                 Adversary::Chance if self.dice.draw_bool(2.0 * tick_s) => {
-                    let doublings = self.dice.between(0, 8);
+                    let doublings = self.dice.draw_between(0, 8);
                     self.freeze(i, MS << doublings);
                 }
                 Adversary::FreezeTheNear if self.is_approached(i) && self.dice.draw_bool(0.1) => {
-                    let freeze_ns = self.dice.between(MS, 200 * MS);
+                    let freeze_ns = self.dice.draw_between(MS, 200 * MS);
                     self.freeze(i, freeze_ns);
                 }
                 Adversary::JustInTime if self.dice.draw_bool(tick_s) => self.freeze(i, 20 * MS),
@@ -95,18 +95,21 @@ impl Model<'_> {
         let another = self.robots.iter().any(lies);
         let robot = &mut self.robots[i];
         match &robot.next {
-            Next::Send(_) if robot.ambush_m.is_some_and(|ambush_m| towards.norm() < ambush_m) => {
+            NextAction::Send(_)
+                if robot.ambush_m.is_some_and(|ambush_m| towards.norm() < ambush_m) =>
+            {
                 robot.ambush_m = None;
                 robot.frozen_until_ns = self.now_ns;
                 robot.doomed = true;
             }
-            Next::Send(answer)
+            NextAction::Send(answer)
                 if !another
                     && !robot.doomed
                     && front_speed(brief.front_point_m, answer.command.twist()) > fast
                     && self.dice.draw_bool(0.1) =>
             {
-                let ambush_m = self.fleet.plant.distance_min_m + self.reach_m() * self.dice.unit();
+                let ambush_m =
+                    self.fleet.plant.distance_min_m + self.reach_m() * self.dice.draw_unit();
                 self.freeze(i, 1000 * MS);
                 self.robots[i].ambush_m = Some(ambush_m);
             }
@@ -141,7 +144,7 @@ impl Model<'_> {
         if self.robots.iter().filter(|robot| robot.cycle.is_some()).count() == 1 {
             return;
         }
-        let starts_ns = self.now_ns + self.dice.between(20 * MS, 600 * MS);
+        let starts_ns = self.now_ns + self.dice.draw_between(20 * MS, 600 * MS);
         let robot = &mut self.robots[i];
         robot.cycle = None;
         robot.beacons.clear();
@@ -162,23 +165,23 @@ impl Model<'_> {
 
     pub(super) fn plant_lateness_ns(&mut self) -> u64 {
         match self.is_hostile() && self.dice.draw_bool(0.005) {
-            true => self.dice.between(0, 5 * MS),
-            false => self.dice.between(0, 100 * US),
+            true => self.dice.draw_between(0, 5 * MS),
+            false => self.dice.draw_between(0, 100 * US),
         }
     }
 
     pub(super) fn oversleeping_ns(&mut self, period_ns: u64) -> u64 {
         match self.is_hostile() && self.dice.draw_bool(0.05) {
-            true => self.dice.between(0, 2 * period_ns),
-            false => self.dice.between(0, 100 * US),
+            true => self.dice.draw_between(0, 2 * period_ns),
+            false => self.dice.draw_between(0, 100 * US),
         }
     }
 
     /// Draws the delay of a command from the agent to the plant, ns.
     pub(super) fn transport_ns(&mut self) -> u64 {
         match self.is_hostile() && self.dice.draw_bool(0.1) {
-            true => self.dice.between(0, 2 * self.fleet.plant.command_lifetime_ns),
-            false => self.dice.between(0, 20 * US),
+            true => self.dice.draw_between(0, 2 * self.fleet.plant.command_lifetime_ns),
+            false => self.dice.draw_between(0, 20 * US),
         }
     }
 
@@ -186,8 +189,8 @@ impl Model<'_> {
     pub(super) fn beacon_delay_ns(&mut self) -> Option<u64> {
         match self.is_hostile() {
             true if self.dice.draw_bool(0.1) => None,
-            true if self.dice.draw_bool(0.2) => Some(self.dice.between(0, 50 * MS)),
-            _ => Some(self.dice.between(0, 20 * US)),
+            true if self.dice.draw_bool(0.2) => Some(self.dice.draw_between(0, 50 * MS)),
+            _ => Some(self.dice.draw_between(0, 20 * US)),
         }
     }
 
@@ -195,20 +198,20 @@ impl Model<'_> {
     pub(super) fn answer_takes_until_ns(&mut self, stamp_ns: u64) -> u64 {
         let lifetime_ns = self.fleet.plant.command_lifetime_ns;
         let tick_ns = self.fleet.plant.plant_tick_ns;
-        let soon_ns = self.now_ns + self.dice.between(10 * US, 300 * US);
+        let soon_ns = self.now_ns + self.dice.draw_between(10 * US, 300 * US);
         if !self.is_hostile() {
             return soon_ns;
         }
         match self.trial.adversary {
             Adversary::JustInTime if self.dice.draw_bool(0.8) => {
                 let dies_ns = stamp_ns + lifetime_ns;
-                self.dice.between(dies_ns - 3 * tick_ns, dies_ns + tick_ns / 2)
+                self.dice.draw_between(dies_ns - 3 * tick_ns, dies_ns + tick_ns / 2)
             }
             // Long enough for ticks between reading and sending.
-            Adversary::Ambush => self.now_ns + self.dice.between(100 * US, 4 * MS),
+            Adversary::Ambush => self.now_ns + self.dice.draw_between(100 * US, 4 * MS),
             _ if self.dice.draw_bool(0.6) => soon_ns,
-            _ if self.dice.draw_bool(0.7) => self.now_ns + self.dice.between(0, lifetime_ns),
-            _ => self.now_ns + self.dice.between(0, 4 * lifetime_ns),
+            _ if self.dice.draw_bool(0.7) => self.now_ns + self.dice.draw_between(0, lifetime_ns),
+            _ => self.now_ns + self.dice.draw_between(0, 4 * lifetime_ns),
         }
     }
 
@@ -221,14 +224,14 @@ impl Model<'_> {
     ) -> ControlCycle {
         let brief = &self.fleet.agents[i];
         let controller = match self.trial.wish {
-            Wish::Law => Controller::new(brief, incarnation).expect("a checked brief"),
+            RequestedVelocity::Law => Controller::new(brief, incarnation).expect("a checked brief"),
             // A leader computes a velocity even if it receives no beacon.
-            Wish::Ram => {
+            RequestedVelocity::Ram => {
                 let lead = Some(stay_at([0.0, 0.0]));
                 let leader = AgentBrief { lead, ..brief.clone() };
                 let honest = avoidance::build(brief).expect("a checked brief");
                 let parts = Parts {
-                    role: LEADER.make(&leader).expect("a trajectory"),
+                    role: LEADER_ROLE.make(&leader).expect("a trajectory"),
                     law: Box::new(AdversaryLaw(deceit.clone())),
                     avoidance: Box::new(Deceived { honest, deceit: deceit.clone() }),
                 };
@@ -240,7 +243,7 @@ impl Model<'_> {
 
     /// Sets the requested velocity and the false rotation of a ramming robot. Does nothing if robots follow their law.
     pub(super) fn deceive(&mut self, i: usize) {
-        if self.trial.wish == Wish::Law {
+        if self.trial.wish == RequestedVelocity::Law {
             return;
         }
         let brief = &self.fleet.agents[i];
@@ -252,8 +255,9 @@ impl Model<'_> {
             None => {
                 // For one neighbor, deflection turns -V n into this p (in n and t), which is turned back here.
                 let reach = speed_max * brief.period_ns as f64 / 1e9; // V
-                let at = Conditions::for_robot(brief);
-                let excess = deflection_share(&at) * (deflection_distance_m(&at) - towards.norm());
+                let at = MethodConditions::for_robot(brief);
+                let excess =
+                    approach_slack_fraction(&at) * (deflection_distance_m(&at) - towards.norm());
                 let wish = towards / towards.norm().max(f64::MIN_POSITIVE);
                 Ramming { wish, p_n: excess, p_t: reach + excess }
             }
@@ -261,7 +265,7 @@ impl Model<'_> {
         let Ramming { wish, p_n, p_t } = ramming;
         let turn_rad = match p_t > 0.0 {
             // The dither is unknown here; a small random angle compensates it.
-            true => PI - p_t.atan2(p_n) + 0.6 * (self.dice.unit() - 0.5),
+            true => PI - p_t.atan2(p_n) + 0.6 * (self.dice.draw_unit() - 0.5),
             false => 0.0,
         };
         *self.robots[i].deceit.lock().unwrap() = Deceit { wish: 2.0 * speed_max * wish, turn_rad };
@@ -294,8 +298,8 @@ struct Deceived {
 }
 
 impl Avoidance for Deceived {
-    fn admit(&self, gamma: Vec2) -> Vec2 {
-        self.honest.admit(gamma)
+    fn admit_velocity(&self, gamma: Vec2) -> Vec2 {
+        self.honest.admit_velocity(gamma)
     }
 
     fn standoff_error(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
@@ -309,7 +313,7 @@ impl Avoidance for Deceived {
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         let turn_rad = self.deceit.lock().unwrap().turn_rad;
         let heading_effect_rad = wrap_angle(sample.heading_rad - turn_rad);
-        self.honest.steer(&Sample { heading_effect_rad, ..*sample }, gamma)
+        self.honest.steer(&Sample { heading_at_effect_rad: heading_effect_rad, ..*sample }, gamma)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use agent::avoidance::METHODS;
 use formation::front_point::front_point;
-use protocol::avoidance::Conditions;
+use protocol::avoidance::MethodConditions;
 use protocol::brief::{AgentBrief, WheelsBrief};
 use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Span};
 
@@ -46,7 +46,7 @@ impl Fleet {
             FaultProfile::Noise => {
                 for (seed, body) in (0..).zip(&mut self.plant.robots) {
                     body.sensor_faults.extend(NOISE_M.map(|(sensor, bound_m)| SensorFault {
-                        span: Span { from_ns: 0, until_ns: Span::END_NS },
+                        span: Span { from_ns: 0, until_ns: Span::UNBOUNDED_END_NS },
                         sensor,
                         kind: SensorFaultKind::Noise {
                             bound_m,
@@ -83,8 +83,9 @@ impl Fleet {
                 }
             }
             FaultProfile::Fast => {
-                let cap_m_s = METHODS[0].description.speed_cap_m_s.expect("the guard has a cap");
-                let least = |m_s: f64, agent| cap_m_s(&Conditions::for_robot(agent)).min(m_s);
+                let cap_m_s =
+                    METHODS[0].description.useful_speed_max_m_s.expect("the guard has a cap");
+                let least = |m_s: f64, agent| cap_m_s(&MethodConditions::for_robot(agent)).min(m_s);
                 let speed_max_m_s = 3.0 * self.agents.iter().fold(f64::INFINITY, least);
                 for agent in &mut self.agents {
                     agent.avoidance.speed_max_m_s = speed_max_m_s;
@@ -113,7 +114,7 @@ impl Fleet {
     /// Returns the fleet with the minimum sensing radius that all robots accept.
     pub(super) fn sees_as_far_as_needed(mut self) -> Fleet {
         let needed_m = |agent: &AgentBrief| {
-            (METHODS[0].description.sensing_radius_m)(&Conditions::for_robot(agent))
+            (METHODS[0].description.sensing_radius_m)(&MethodConditions::for_robot(agent))
         };
         let radius_m = self.agents.iter().map(needed_m).fold(0.0, f64::max);
         self.plant.sensing_radius_m = radius_m;

@@ -1,7 +1,7 @@
 //! Robots with inertia, which cannot stop at once.
 
 use formation::ramp::Ramp;
-use protocol::brief::LimitsBrief;
+use protocol::brief::AccelerationLimitsBrief;
 
 use super::Fleet;
 
@@ -30,7 +30,7 @@ impl Fleet {
                 (Inertia::Mixed, 1) => (0.5, 2.8, 0.7),
                 (Inertia::Mixed, _) => continue,
             };
-            body.limits = Some(LimitsBrief {
+            body.limits = Some(AccelerationLimitsBrief {
                 acceleration_m_s2: speed_max_m_s / forward_s,
                 turn_acceleration_rad_s2: body.drive().turn_rate_bound(speed_max_m_s) / turning_s,
                 braking_time_s: tau_s,

@@ -2,12 +2,12 @@
 
 use std::f64::consts::TAU;
 
-use agent::avoidance::{wall_deflection_distance_m, wall_deflection_share};
+use agent::avoidance::{wall_approach_slack_fraction, wall_deflection_distance_m};
 use formation::Vec2;
 use formation::front_point::{front_point, rotate};
 use formation::obstacle::Obstacle;
 use formation::random::SplitMix64;
-use protocol::avoidance::Conditions;
+use protocol::avoidance::MethodConditions;
 
 use super::{Fleet, Model};
 
@@ -25,19 +25,20 @@ impl Fleet {
             starts.map(|body| front_point(body.start, body.front_point_m)).collect();
         let middle = starts.iter().sum::<Vec2>() / starts.len() as f64;
         let around_m = starts.iter().map(|start| (start - middle).norm()).fold(0.1, f64::max);
-        let clearance_m = self.plant.distance_min_m * (0.2 + 0.8 * dice.unit());
+        let clearance_m = self.plant.distance_min_m * (0.2 + 0.8 * dice.draw_unit());
         // A sample does not report all of many small discs.
         let (count, size_m) = if dice.draw_bool(0.1) { (60, 0.03) } else { (6, around_m) };
         let mut obstacles = Vec::new();
         for _ in 0..20 * count {
-            let at = middle + polar(1.5 * around_m * dice.unit().sqrt(), TAU * dice.unit());
-            let (size_m, turn) = (size_m * (0.1 + 0.9 * dice.unit()), TAU * dice.unit());
+            let at =
+                middle + polar(1.5 * around_m * dice.draw_unit().sqrt(), TAU * dice.draw_unit());
+            let (size_m, turn) = (size_m * (0.1 + 0.9 * dice.draw_unit()), TAU * dice.draw_unit());
             let corner = |k: f64, corners: f64| at + polar(0.5 * size_m, turn + TAU * k / corners);
-            let drawn = match dice.between(0, 2) {
+            let drawn = match dice.draw_between(0, 2) {
                 0 => Obstacle::Disc { center_m: at.into(), radius_m: 0.5 * size_m },
                 1 => Obstacle::segment(corner(0.0, 2.0).into(), corner(1.0, 2.0).into()),
                 _ => {
-                    let corners = 3.0 + dice.between(0, 2) as f64;
+                    let corners = 3.0 + dice.draw_between(0, 2) as f64;
                     let corners_m =
                         (0..corners as u32).map(|k| corner(f64::from(k), corners).into());
                     Obstacle::Polygon { corners_m: corners_m.collect() }
@@ -53,7 +54,7 @@ impl Fleet {
             }
         }
         // Behind one of the robots, at the clearance within a relative error of 1e-9.
-        let place = dice.between(0, starts.len() as u64 - 1) as usize;
+        let place = dice.draw_between(0, starts.len() as u64 - 1) as usize;
         let out = (starts[place] - middle).normalize();
         let foot = starts[place] + (clearance_m * (1.0 + 1e-9)) * out;
         let along = rotate(0.25 * TAU, out);
@@ -98,10 +99,10 @@ impl Model<'_> {
     /// Returns the displacements that ram the wall at the relative position `towards`, m.
     pub(super) fn ramming_a_wall(&self, i: usize, towards: Vec2) -> Ramming {
         let brief = &self.fleet.agents[i];
-        let at = Conditions::for_robot(brief);
+        let at = MethodConditions::for_robot(brief);
         let reach = brief.avoidance.speed_max_m_s * brief.period_ns as f64 / 1e9; // V
         let far = towards.norm();
-        let excess = wall_deflection_share(&at) * (wall_deflection_distance_m(&at) - far);
+        let excess = wall_approach_slack_fraction(&at) * (wall_deflection_distance_m(&at) - far);
         let lambda = (excess + reach * ASIDE_RAD.cos()).max(0.0);
         Ramming {
             // Left of the direction from the wall is right of the direction to the wall.

@@ -54,8 +54,9 @@ fn one_row_adds_keys_limits_and_sensed_velocities() {
         near.message
     );
 
-    let plant =
-        |set| briefs::plant(&expect_valid(triangle(set)), Pace::Lockstep, "/nowhere".as_ref());
+    let plant = |set| {
+        briefs::plant_brief(&expect_valid(triangle(set)), Pace::Lockstep, "/nowhere".as_ref())
+    };
     let braked = plant(&BRAKE);
     assert!(braked.velocities_sensed && braked.speed_max_m_s == Some(0.3), "{braked:?}");
     assert!((braked.sensing_radius_m - 0.5).abs() < 1e-12, "{}", braked.sensing_radius_m);

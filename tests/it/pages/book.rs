@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use clap::Parser as _;
-use experiment::scenario::keys::{Format, Section, ValueType};
+use experiment::scenario::keys::{FileFormat, Section, ValueType};
 use phalanx::command_line::CommandLine;
 use tempfile::TempDir;
 
-use crate::harness::{PHALANX, ROOT, RunRoot, files_below, in_parallel};
+use crate::harness::{PHALANX, ROOT, RunRoot, files_below, map_in_parallel};
 
 /// Prefixes of commands that tests do not run: they run the tests themselves, take minutes or change the machine.
 const NOT_RUN: &[&str] = &[
@@ -26,6 +26,7 @@ const NOT_RUN: &[&str] = &[
     "phalanx hunt scenarios/triangle.toml --set duration_s=4",
     "phalanx hunt tests/planted/",
     "scenarios/campaigns/hunts/",
+    "scenarios/campaigns/teams/",
     "cargo ",
     "tests/",
     "bench/",
@@ -207,8 +208,8 @@ fn commands_of_all_pages_are_accepted_by_the_program() {
 
 #[test]
 fn toml_blocks_have_only_scenario_campaign_or_fleet_keys() {
-    let scenario = Format::new(&agent::catalog());
-    let campaign = experiment::campaign::keys::format();
+    let scenario = FileFormat::new(&agent::catalog());
+    let campaign = experiment::campaign::keys::campaign_format();
     let mut found = 0;
     for (at, block) in all_blocks("toml") {
         let table: toml::Table = block.text.parse().unwrap_or_else(|e| panic!("{at}: {e}"));
@@ -217,7 +218,7 @@ fn toml_blocks_have_only_scenario_campaign_or_fleet_keys() {
         }
         found += 1;
         if table.contains_key("host") {
-            let fleet = bridge::fleet::read_text(Path::new(&at), &block.text);
+            let fleet = bridge::fleet::parse_text(Path::new(&at), &block.text);
             fleet.unwrap_or_else(|error| panic!("{at}: {}", error.render(false)));
         } else if table.contains_key("scenario") {
             assert_keys(&at, &table, campaign.root(), &campaign);
@@ -229,14 +230,18 @@ fn toml_blocks_have_only_scenario_campaign_or_fleet_keys() {
 }
 
 #[track_caller]
-fn assert_keys(at: &str, table: &toml::Table, section: &Section, format: &Format) {
+fn assert_keys(at: &str, table: &toml::Table, section: &Section, format: &FileFormat) {
     for (name, value) in table {
-        let key =
-            section.key(name).unwrap_or_else(|| panic!("{at}: no key {name} in {}", section.name));
+        let key = section
+            .find_key(name)
+            .unwrap_or_else(|| panic!("{at}: no key {name} in {}", section.name));
         match (key.value_type, value) {
             // The table has keys of the scenario, set by a campaign.
             (ValueType::Table("set" | "vary"), toml::Value::Table(_)) => {}
-            (ValueType::Table(inner), toml::Value::Table(table)) => {
+            (
+                ValueType::Table(inner) | ValueType::FileOrTable(inner),
+                toml::Value::Table(table),
+            ) => {
                 assert_keys(at, table, format.section(inner), format);
             }
             (ValueType::Tables(inner), toml::Value::Array(tables)) => {
@@ -389,7 +394,7 @@ fn follow_pages(needs: Option<Needs>, environment: Option<&str>) {
     paths.retain(|path| {
         PAGES.iter().find(|(other, _)| path == other).map(|(_, needs)| *needs) == needs
     });
-    in_parallel(&paths, |path| Reader::new(path, python.clone()).perform_steps());
+    map_in_parallel(&paths, |path| Reader::new(path, python.clone()).perform_steps());
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use agent::controller::Controller;
 use agent::laws::{Gains, Law, LawRow, Situation};
-use agent::roles::FORMATION;
+use agent::roles::FORMATION_ROLE;
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
 use formation::Vec2;
@@ -65,7 +65,11 @@ fn page_law_is_linear_up_to_its_limit() {
     let mut law = formation_linear::ROW.make(&gains).unwrap();
     let mut gamma = |x, y| {
         let desired_velocity = Vec2::new(5.0, 5.0);
-        law.gamma(&Situation { error: Vec2::new(x, y), desired_velocity, ..Situation::ALONE })
+        law.gamma(&Situation {
+            error: Vec2::new(x, y),
+            desired_velocity,
+            ..Situation::WITHOUT_NEIGHBORS
+        })
     };
     assert!((gamma(0.01, -0.02) - Vec2::new(-0.02, 0.04)).norm() < 1e-15);
     assert!((gamma(3.0, 4.0) - Vec2::new(-0.06, -0.08)).norm() < 1e-15);
@@ -87,7 +91,7 @@ fn unlisted_law_robot_process() {
     else {
         return;
     };
-    supervisor::child::obey_parent().unwrap();
+    supervisor::child::prepare_process().unwrap();
     let code = own::agent(Path::new(&brief), incarnation.parse().unwrap());
     std::process::exit(code.into());
 }

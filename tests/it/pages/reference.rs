@@ -43,16 +43,18 @@ fn files_page_tables_equal_the_generated_tables() {
     use outcome::columns::Table;
     use outcome::metrics::PairDistance;
     use outcome::metrics::summary::{LatencyInterval, StageLatency};
-    use outcome::results::tables::{EventLine, SampleLine};
+    use outcome::results::tables::{EventLine, MessageLine, SampleLine, SignalLine};
     fn check<L: Table>() {
-        assert_table("files.md", &format!("`{}`", L::FILE), &L::reference());
+        assert_table("files.md", &format!("`{}`", L::FILE), &L::reference_table());
     }
     check::<SampleLine>();
     check::<PairDistance>();
     check::<EventLine>();
+    check::<SignalLine>();
+    check::<MessageLine>();
     check::<StageLatency>();
     check::<LatencyInterval>();
-    assert_table("files.md", "`export/`", &outcome::recording::export::reference());
+    assert_table("files.md", "`export/`", &outcome::recording::export::tables_reference());
 }
 
 /// Returns the backquoted words in the first column of the tables below a heading.
@@ -76,20 +78,20 @@ fn words_of_tables(page: &str, heading: &str) -> Vec<String> {
 fn key_pages_equal_the_generated_pages() {
     assert_page("scenario.md", &run_phalanx(&["schema", "--markdown"]));
     assert_page("campaign.md", &run_phalanx(&["schema", "--campaign", "--markdown"]));
-    assert_page("fleet.md", &bridge::keys::reference());
+    assert_page("fleet.md", &bridge::keys::reference_page());
 }
 
 #[test]
 fn files_page_quantities_equal_the_generated_tables() {
-    use outcome::campaign::table::{TIMING, run_columns};
+    use outcome::campaign::table::{TIMING_COLUMNS, run_columns};
     use outcome::metrics::summary::Summary;
-    use outcome::quantities::reference;
+    use outcome::quantities::reference_table;
     let keys = Summary::QUANTITIES.iter().map(|key| (key.name, key.text));
-    assert_table("files.md", "`summary.json`", &reference("key", keys));
-    let columns = run_columns().map(|column| (column.name, column.text));
-    assert_table("files.md", "`runs.csv`", &reference("column", columns));
-    let columns = TIMING.iter().map(|column| (column.name, column.text));
-    assert_table("files.md", "`timing.csv`", &reference("column", columns));
+    assert_table("files.md", "`summary.json`", &reference_table("key", keys));
+    let columns = run_columns().map(|column| (column.name, column.description));
+    assert_table("files.md", "`runs.csv`", &reference_table("column", columns));
+    let columns = TIMING_COLUMNS.iter().map(|column| (column.name, column.description));
+    assert_table("files.md", "`timing.csv`", &reference_table("column", columns));
 }
 
 #[test]

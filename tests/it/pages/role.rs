@@ -1,6 +1,6 @@
 //! `docs/add-a-role.md`.
 
-use agent::laws::{Heard, LAWS, LawRow};
+use agent::laws::{LAWS, LawRow, NeighborEstimate};
 use agent::roles::{Role, RoleInput, RoleRow};
 
 use super::{Build, blocks, expect_valid};

@@ -1,8 +1,8 @@
 //! `docs/tutorial/law.md`: the law that `phalanx new` writes, built in and compared.
 
 use agent::laws::{Gains, Law, LawRow, Situation};
-use agent::roles::FORMATION;
-use outcome::report::digits::digits;
+use agent::roles::FORMATION_ROLE;
+use outcome::report::digits::format_four_digits;
 
 use super::{Build, assert_row, blocks, expect_valid};
 
@@ -46,7 +46,7 @@ fn both_laws_behave_as_documented() {
             let scenario = expect_valid(build.read(path.to_str().unwrap(), &set, &[]));
             let measured = build.simulate(&scenario);
             assert!(measured.min_distance_m.unwrap() >= 0.3, "{command}");
-            digits(measured.final_error_m_max.unwrap())
+            format_four_digits(measured.final_error_m_max.unwrap())
         })
         .collect();
     let [tanh, mine] = &errors[..] else { panic!("two runs") };

@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 use tempfile::TempDir;
 
-use crate::harness::{FinishedRun, HANG, PHALANX, Phalanx, Running, processes_of, signal_pid};
+use crate::harness::{
+    FinishedRun, PHALANX, Phalanx, RunInProgress, WAIT_TIMEOUT, processes_of, signal_pid,
+};
 use crate::programs::{run, scenario, script};
 
 /// Shell commands that write a process configuration with the built-in law, as `programs::FOLLOWS` does.
@@ -39,7 +41,7 @@ fn broken_in_lockstep(wrapper: &str) -> FinishedRun {
     let (_folder, run) = wrapped(wrapper, "");
     let faults = ["kill r2 @0.5 restart 0.3", "freeze r2 @1.2 for 0.4"];
     let ended = run.lockstep().faults(faults).finish();
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(0).assert_leaves_nothing();
     ended
 }
 
@@ -48,9 +50,12 @@ fn lockstep_wrapped_law_equals_bare_law_for_each_wrapper() {
     let bare = broken_in_lockstep(WRAPPERS[0].1);
     for (name, wrapper) in &WRAPPERS[1..] {
         let ended = broken_in_lockstep(wrapper);
-        ended.claim(ended.hash() == bare.hash(), format!("{name}: as {}", bare.hash()));
+        ended.assert_holds(ended.hash() == bare.hash(), format!("{name}: as {}", bare.hash()));
         let (found, expected) = (ended.file("events.csv"), bare.file("events.csv"));
-        ended.claim(found == expected, format!("{name}: the same events:\n{found}\n{expected}"));
+        ended.assert_holds(
+            found == expected,
+            format!("{name}: the same events:\n{found}\n{expected}"),
+        );
     }
 }
 
@@ -61,13 +66,16 @@ fn lockstep_wrapped_law_has_one_hash_in_20_runs() {
     for run in 0..20 {
         for (name, wrapper) in &WRAPPERS[1..] {
             let ended = broken_in_lockstep(wrapper);
-            ended.claim(ended.hash() == bare.hash(), format!("{name}, {run}: as {}", bare.hash()));
+            ended.assert_holds(
+                ended.hash() == bare.hash(),
+                format!("{name}, {run}: as {}", bare.hash()),
+            );
         }
     }
 }
 
 /// Returns the processes of r2 that run the law or its wrapper.
-fn processes_of_r2(run: &Running) -> Vec<u32> {
+fn processes_of_r2(run: &RunInProgress) -> Vec<u32> {
     let all = processes_of(&run.run_dir()).into_iter();
     all.filter(|(_, name)| name.starts_with("r2")).map(|(pid, _)| pid).collect()
 }
@@ -91,9 +99,9 @@ fn real_time_death_event_follows_death_of_all_processes() {
         let left: Vec<u32> = before.into_iter().filter(|&pid| may_run(pid)).collect();
         assert!(left.is_empty() && processes_of_r2(&running).is_empty(), "{name}: {left:?}");
         let ended = running.finish();
-        ended.exits_with(0).leaves_nothing();
+        ended.exits_with(0).assert_leaves_nothing();
         let died = ended.file("events.csv").contains("died,r2,signal 9");
-        ended.claim(died, format!("{name}: by the kill"));
+        ended.assert_holds(died, format!("{name}: by the kill"));
     }
 }
 
@@ -109,10 +117,10 @@ fn real_time_freeze_stops_all_processes_and_thaw_resumes_them() {
         running.wait_for_event("thaw");
         let began = Instant::now();
         while frozen.iter().any(|&pid| !may_run(pid)) {
-            assert!(began.elapsed() < HANG, "{name}: they stand");
+            assert!(began.elapsed() < WAIT_TIMEOUT, "{name}: they stand");
             std::thread::sleep(Duration::from_millis(2));
         }
-        running.finish().exits_with(0).leaves_nothing();
+        running.finish().exits_with(0).assert_leaves_nothing();
     }
 }
 
@@ -127,7 +135,7 @@ fn robot_with_killed_keeper_dies_with_all_its_processes() {
     signal_pid(keepers[0], Signal::KILL);
     running.wait_for_event("died");
     assert!(!before.is_empty() && !before.iter().any(|&pid| may_run(pid)), "{before:?}");
-    running.finish().exits_with(1).leaves_nothing();
+    running.finish().exits_with(1).assert_leaves_nothing();
 }
 
 #[test]
@@ -140,7 +148,7 @@ fn killed_supervisor_takes_wrapped_robot_processes_along() {
         running.signal(Signal::KILL);
         let began = Instant::now();
         while before.iter().any(|&pid| may_run(pid)) {
-            assert!(began.elapsed() < HANG, "{name}: {before:?}");
+            assert!(began.elapsed() < WAIT_TIMEOUT, "{name}: {before:?}");
             std::thread::sleep(Duration::from_millis(2));
         }
     }
@@ -157,9 +165,9 @@ fn total_memory_of_a_robots_processes_is_limited() {
     running.wait_for_event("died");
     running.signal(Signal::INT);
     let ended = running.finish();
-    ended.exits_with(130).leaves_nothing();
+    ended.exits_with(130).assert_leaves_nothing();
     let said = "MB together, above the limit of 150 MB (memory_max_mb); killing them";
-    ended.claim(ended.stderr.contains(said), said);
+    ended.assert_holds(ended.stderr.contains(said), said);
 }
 
 #[test]
@@ -168,12 +176,15 @@ fn processor_time_includes_all_processes_of_a_robot() {
         \"$PHALANX\" \"$@\"\nexit $?";
     let (_folder, run) = wrapped(spins, "");
     let ended = run.lockstep().finish();
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(0).assert_leaves_nothing();
     let processes = ended.summary["wall"]["processes"].as_array().unwrap();
     let r2 = processes.iter().find(|process| process["name"] == "r2");
     let user_s = r2.and_then(|r2| r2["user_s"].as_f64()).unwrap_or(0.0);
     let system_s = r2.and_then(|r2| r2["system_s"].as_f64()).unwrap_or(0.0);
-    ended.claim(user_s + system_s >= 0.5, format!("r2 took {user_s} s and {system_s} s: {r2:?}"));
+    ended.assert_holds(
+        user_s + system_s >= 0.5,
+        format!("r2 took {user_s} s and {system_s} s: {r2:?}"),
+    );
 }
 
 #[test]
@@ -186,9 +197,9 @@ fn robot_exit_status_is_that_of_the_wrapped_law() {
     ] {
         let (_folder, run) = wrapped(script, "");
         let ended = run.lockstep().sets(never).finish();
-        ended.exits_with(4).leaves_nothing();
+        ended.exits_with(4).assert_leaves_nothing();
         let said = format!("r2 died ({how}, before it was ready) and is not restarted");
-        ended.claim(ended.stderr.contains(&said), said);
+        ended.assert_holds(ended.stderr.contains(&said), said);
     }
 }
 
@@ -208,7 +219,7 @@ fn commands_of_a_dead_incarnation_are_ignored() {
     let said = hidden.wait_with_output().unwrap().stderr;
     let said = String::from_utf8_lossy(&said);
     ended.exits_with(0);
-    ended.claim(said.contains("ready"), format!("it has taken part: {said}"));
+    ended.assert_holds(said.contains("ready"), format!("it has taken part: {said}"));
     let samples = ended.file("samples.csv");
     let header: Vec<&str> = samples.lines().next().unwrap_or_default().split(',').collect();
     let column = |name: &str| header.iter().position(|other| *other == name).expect(name);
@@ -217,7 +228,7 @@ fn commands_of_a_dead_incarnation_are_ignored() {
     let late = |row: &Vec<&str>| row[robot] == "r2" && row[t].parse::<f64>().unwrap() > 1.5;
     let places: std::collections::BTreeSet<String> =
         rows.filter(late).map(|row| format!("{} {}", row[x], row[y])).collect();
-    ended.claim(places.len() == 1, format!("r2 stands: {places:?}"));
+    ended.assert_holds(places.len() == 1, format!("r2 stands: {places:?}"));
 }
 
 /// Arguments that run a command under a seccomp filter by which the kernel refuses SIGKILL and SIGSTOP, as it does for
@@ -253,7 +264,7 @@ fn undeliverable_kill_or_freeze_ends_the_run_with_the_reason() {
             let ended = Phalanx::new(command).fault(fault).finish();
             ended.exits_with(4);
             let said = format!("r2 could not be {done}: {signal} was not sent to its process");
-            ended.claim(ended.stderr.contains(&said), said);
+            ended.assert_holds(ended.stderr.contains(&said), said);
             crate::harness::wait_until_gone(&ended.run_dir());
         }
     }
@@ -278,8 +289,10 @@ fn own_arguments_and_folders_reach_the_program() {
     std::fs::write(folder.path().join("big.pt"), "").unwrap();
     let said = folder.path().join("said");
     let ended = run(folder.path()).env("PHALANX", PHALANX).env("SAID", &said).lockstep().finish();
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(0).assert_leaves_nothing();
     assert_eq!(std::fs::read_to_string(said).unwrap(), "--model big.pt --rate 3\n0.1");
-    ended
-        .claim(is_copied(&ended, "mylaws/deep/gains.txt") && is_copied(&ended, "big.pt"), "copied");
+    ended.assert_holds(
+        is_copied(&ended, "mylaws/deep/gains.txt") && is_copied(&ended, "big.pt"),
+        "copied",
+    );
 }

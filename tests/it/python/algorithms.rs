@@ -1,5 +1,5 @@
-//! Published algorithms in `scenarios/algorithms/`: each gives the result of its page, the same in two runs, and also after
-//! a kill and a restart of one robot.
+//! Published algorithms in `scenarios/algorithms/`: each gives the result of its page, the same in two runs, and also
+//! after a kill and a restart of one robot.
 
 use std::collections::BTreeMap;
 
@@ -34,19 +34,20 @@ fn gap_m(a: [f64; 2], b: [f64; 2]) -> f64 {
 
 /// Runs an algorithm twice, and once with `fault`, and calls `check` for the first and the last run.
 #[track_caller]
-fn gives(name: &str, fault: &str, check: impl Fn(&FinishedRun)) -> FinishedRun {
+fn assert_reproducible(name: &str, fault: &str, check: impl Fn(&FinishedRun)) -> FinishedRun {
     let [once, again] = [(); 2].map(|()| algorithm(name).finish());
     for ended in [&once, &again] {
-        ended.exits_with(0).leaves_nothing();
+        ended.exits_with(0).assert_leaves_nothing();
     }
-    once.claim(once.hash() == again.hash(), "both runs have the same trajectory hash");
+    once.assert_holds(once.hash() == again.hash(), "both runs have the same trajectory hash");
     let messages = |ended: &FinishedRun| ended.summary["message_hash"].clone();
-    once.claim(messages(&once) == messages(&again), "and the same messages");
+    once.assert_holds(messages(&once) == messages(&again), "and the same messages");
     check(&once);
     let killed = algorithm(name).fault(fault).finish();
-    killed.exits_with(0).leaves_nothing();
+    killed.exits_with(0).assert_leaves_nothing();
     let events = killed.file("events.csv");
-    killed.claim(events.contains(",ready,"), format!("the killed robot came back: {events}"));
+    killed
+        .assert_holds(events.contains(",ready,"), format!("the killed robot came back: {events}"));
     check(&killed);
     once
 }
@@ -54,31 +55,76 @@ fn gives(name: &str, fault: &str, check: impl Fn(&FinishedRun)) -> FinishedRun {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn observer_line_follows_a_leader_four_hops_away_within_0_23_mm() {
-    gives("observer", "kill r3 @10 restart 0.5", |ended| {
+    assert_reproducible("observer", "kill r3 @10 restart 0.5", |ended| {
         let error_m = ended.number("/final_error_m_max");
-        ended.claim(error_m < 2.3e-4, format!("{error_m} m"));
+        ended.assert_holds(error_m < 2.3e-4, format!("{error_m} m"));
     });
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn filtered_positions_have_a_tenth_of_the_measurement_noise() {
-    gives("filter", "kill r3 @5 restart 0.5", |ended| {
-        let near = |(name, [x, y]): (String, [f64; 2])| {
-            let turn = std::f64::consts::TAU * (name[1..].parse::<f64>().unwrap() - 1.0) / 8.0;
-            gap_m([x - turn.cos(), y - turn.sin()], [1.0, 0.5]).powi(2)
-        };
-        let squares: Vec<f64> = ends(ended).into_iter().map(near).collect();
-        let rms_m = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
-        ended
-            .claim(rms_m < 0.06, format!("rms of the places {rms_m} m, of one measurement 0.41 m"));
+    assert_reproducible("filter", "kill r3 @5 restart 0.5", |ended| {
+        let rms_m = rms_slot_error_m(ended);
+        ended.assert_holds(
+            rms_m < 0.06,
+            format!("rms of the places {rms_m} m, of one measurement 0.41 m"),
+        );
     });
+}
+
+/// Returns the rms distance of eight robots from their slots around the object at (1, 0.5), m.
+fn rms_slot_error_m(ended: &FinishedRun) -> f64 {
+    let near = |(name, [x, y]): (String, [f64; 2])| {
+        let turn = std::f64::consts::TAU * (name[1..].parse::<f64>().unwrap() - 1.0) / 8.0;
+        gap_m([x - turn.cos(), y - turn.sin()], [1.0, 0.5]).powi(2)
+    };
+    let squares: Vec<f64> = ends(ended).into_iter().map(near).collect();
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn resilient_filter_discards_false_messages_and_a_mean_does_not() {
+    let once = assert_reproducible("resilient-filter", "kill r5 @10 restart 0.5", |ended| {
+        let rms_m = rms_slot_error_m(ended);
+        ended.assert_holds(rms_m < 0.06, format!("rms of the places {rms_m} m"));
+        ended.assert_holds(
+            ended.number("/beacons_refused/r4") == 0.0,
+            "false messages have the format",
+        );
+    });
+    let mean = "laws.resilient-filter.params.liars_max=0";
+    let misled = algorithm("resilient-filter").set(mean).finish();
+    let rms_m = rms_slot_error_m(&misled);
+    misled.assert_holds(rms_m > 2.0, format!("without the filter: {rms_m} m"));
+    // Every kind of false data, to one receiver only and to all.
+    for lie in [
+        "lie r3->r4 scale -2 @5",
+        "lie r3 beacons noise 3 @5 for 20",
+        "lie r3 beacons offset -1 noise 0.5 by [0.5, 0.0] @2",
+    ] {
+        let [lied, again] =
+            [(); 2].map(|()| algorithm("resilient-filter").set("fault=[]").fault(lie).finish());
+        lied.exits_with(0).assert_leaves_nothing();
+        lied.assert_holds(lied.hash() == again.hash(), "the same false data in both runs");
+        lied.assert_holds(lied.hash() != once.hash(), "another fault");
+        let rms_m = rms_slot_error_m(&lied);
+        lied.assert_holds(rms_m < 0.06, format!("{lie}: rms of the places {rms_m} m"));
+    }
+    let flipped = algorithm("resilient-filter")
+        .sets(["fault=[]", "expect={}"])
+        .fault("lie r3 beacons flips 0.02 @5")
+        .finish();
+    flipped.exits_with(0).assert_leaves_nothing();
+    let rms_m = rms_slot_error_m(&flipped);
+    flipped.assert_holds(rms_m < 0.06, format!("inverted bits: rms of the places {rms_m} m"));
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn auction_matches_robots_and_goals_optimally() {
-    gives("auction", "kill r3 @2 restart 0.5", |ended| {
+    assert_reproducible("auction", "kill r3 @2 restart 0.5", |ended| {
         let scenario =
             std::fs::read_to_string(format!("{ROOT}/scenarios/algorithms/auction/scenario.toml"));
         let scenario: toml::Table = scenario.unwrap().parse().unwrap();
@@ -91,11 +137,11 @@ fn auction_matches_robots_and_goals_optimally() {
         let found: Vec<Option<usize>> = ends.iter().map(taken).collect();
         let found_m: f64 = starts.iter().zip(&ends).map(|(start, end)| gap_m(*start, *end)).sum();
         let best_m = shortest_m(&starts, &goals, &mut vec![false; 7]);
-        ended.claim(
+        ended.assert_holds(
             found.iter().all(Option::is_some),
             format!("each robot is at a goal: {found:?}"),
         );
-        ended.claim(
+        ended.assert_holds(
             (found_m - best_m).abs() < 0.014,
             format!("{found_m} m, the optimum is {best_m} m"),
         );
@@ -125,17 +171,18 @@ fn leaders(ended: &FinishedRun) -> Vec<String> {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn election_has_one_leader_before_and_after_its_death() {
-    gives("election", "kill r1 @5 restart 2", |ended| {
-        ended.claim(leaders(ended) == ["r1"], format!("r1 leads: {:?}", leaders(ended)));
+    assert_reproducible("election", "kill r1 @5 restart 2", |ended| {
+        ended.assert_holds(leaders(ended) == ["r1"], format!("r1 leads: {:?}", leaders(ended)));
     });
     let ended = algorithm("election").set("expect={}").fault("kill r1 @5").finish();
-    ended.claim(leaders(&ended).contains(&"r2".to_owned()), format!("{:?}", leaders(&ended)));
+    ended
+        .assert_holds(leaders(&ended).contains(&"r2".to_owned()), format!("{:?}", leaders(&ended)));
     let samples = ended.file("samples.csv");
     let r2 = samples.lines().filter(|line| line.contains(",r2,"));
     let moved = r2.map(|line| line.split(',').collect::<Vec<_>>());
     let moved = moved.map(|cells| [cells[0], cells[3]].map(|cell| cell.parse::<f64>().unwrap()));
     let [first_s, _] = moved.into_iter().find(|[t_s, y_m]| *t_s > 5.0 && *y_m > 1e-4).unwrap();
-    ended.claim((5.5..5.7).contains(&first_s), format!("r2 steps forward at {first_s} s"));
+    ended.assert_holds((5.5..5.7).contains(&first_s), format!("r2 steps forward at {first_s} s"));
 }
 
 #[test]
@@ -151,11 +198,14 @@ fn admm_reaches_the_minimum_within_1e_6_also_after_a_restart() {
         (0..2).for_each(|i| sums[i] += weight * robot["params"]["a_m"][i].as_float().unwrap());
     }
     let minimum = sums.map(|sum| sum / weights);
-    gives("admm", "kill r3 @5 restart 0.5", |ended| {
+    assert_reproducible("admm", "kill r3 @5 restart 0.5", |ended| {
         for (name, [x, y]) in ends(ended) {
             let turn = std::f64::consts::TAU * (name[1..].parse::<f64>().unwrap() - 1.0) / 6.0;
             let off_m = gap_m([x - turn.cos(), y - turn.sin()], minimum);
-            ended.claim(off_m < 2e-6, format!("{name} is {off_m} m from its place at the minimum"));
+            ended.assert_holds(
+                off_m < 2e-6,
+                format!("{name} is {off_m} m from its place at the minimum"),
+            );
         }
     });
 }
@@ -163,41 +213,75 @@ fn admm_reaches_the_minimum_within_1e_6_also_after_a_restart() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn event_triggered_robots_meet_with_few_messages() {
-    let once = gives("event-triggered", "kill r3 @5 restart 0.5", |ended| {
+    let once = assert_reproducible("event-triggered", "kill r3 @5 restart 0.5", |ended| {
         let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
         let wide_m = ends.iter().map(|end| gap_m(*end, ends[0])).fold(0.0, f64::max);
-        ended.claim(wide_m < 0.02, format!("all within {wide_m} m"));
+        ended.assert_holds(wide_m < 0.02, format!("all within {wide_m} m"));
         for name in ["r1", "r2", "r3", "r4", "r5"] {
             let [beacons, messages] =
                 ["beacons", "messages"].map(|what| ended.number(&format!("/{what}_sent/{name}")));
-            ended.claim(beacons == messages, "no beacon without a message");
-            ended.claim((5.0..=60.0).contains(&messages), format!("{name}: {messages} of 3,000"));
+            ended.assert_holds(beacons == messages, "no beacon without a message");
+            ended.assert_holds(
+                (5.0..=60.0).contains(&messages),
+                format!("{name}: {messages} of 3,000"),
+            );
         }
     });
-    once.claim(once.summary["converged_at_s"].is_null(), "without a target nothing is judged");
+    once.assert_holds(
+        once.summary["converged_at_s"].is_null(),
+        "without a target nothing is judged",
+    );
+    // Thresholds of 0: each robot sends at each sample.
+    let set = ["robot_defaults.c_0_m=1e-9", "robot_defaults.c_1_m=1e-9"];
+    let periodic = algorithm("event-triggered").sets(set).finish();
+    periodic.exits_with(0).assert_leaves_nothing();
+    let figures = |ended: &FinishedRun| {
+        let sent =
+            ["r1", "r2", "r3", "r4", "r5"].map(|n| ended.number(&format!("/messages_sent/{n}")));
+        // The mean of the starts.
+        let off_m = ends(ended).into_values().map(|end| gap_m(end, [0.8, 0.6]));
+        (sent, off_m.fold(0.0, f64::max))
+    };
+    let ((few, cost_m), (all, off_m)) = (figures(&once), figures(&periodic));
+    println!("event-triggered: messages {few:?}, off the mean by {cost_m} m");
+    println!("periodic: messages {all:?}, off the mean by {off_m} m");
+    periodic.assert_holds(all.iter().all(|sent| *sent >= 2000.0), format!("{all:?} of 3,000"));
+    once.assert_holds(cost_m < off_m + 0.01, format!("{cost_m} m, periodic {off_m} m"));
+    once.assert_holds(once.stdout.contains(" sent with "), "the screen has the number of messages");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn trained_policy_drives_robots_into_their_slots() {
+    assert_reproducible("policy", "kill r3 @15 restart 0.5", |ended| {
+        let error_m = ended.number("/final_error_m_max");
+        ended.assert_holds(error_m < 1e-3, format!("{error_m} m"));
+        let least_m = ended.number("/min_distance_m");
+        ended.assert_holds(least_m >= 0.2, format!("{least_m} m of 0.2 m"));
+    });
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn predictive_control_keeps_the_distance_by_plans_alone() {
-    gives("mpc", "kill r3 @20 restart 1", |ended| {
+    assert_reproducible("mpc", "kill r3 @20 restart 1", |ended| {
         let least_m = ended.number("/min_distance_m");
-        ended.claim(least_m >= 0.4, format!("{least_m} m of 0.4 m"));
+        ended.assert_holds(least_m >= 0.4, format!("{least_m} m of 0.4 m"));
         let error_m = ended.number("/final_error_m_max");
-        ended.claim(error_m < 0.02, format!("all are at their goals: {error_m} m"));
+        ended.assert_holds(error_m < 0.02, format!("all are at their goals: {error_m} m"));
     });
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn consensus_meets_in_the_predicted_weighted_mean() {
-    gives("consensus", "kill r3 @15 restart 0.5", |ended| {
+    assert_reproducible("consensus", "kill r3 @15 restart 0.5", |ended| {
         let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
         let wide_m = ends.iter().map(|end| gap_m(*end, ends[0])).fold(0.0, f64::max);
-        ended.claim(wide_m < 1e-3, format!("all within {wide_m} m"));
+        ended.assert_holds(wide_m < 1e-3, format!("all within {wide_m} m"));
         // The left null vector of the weighted Laplacian is (3, 1, 1, 3) / 8.
         let off_m = gap_m(ends[0], CONSENSUS_M);
-        ended.claim(off_m < 0.01, format!("{off_m} m from the prediction, {ends:?}"));
+        ended.assert_holds(off_m < 0.01, format!("{off_m} m from the prediction, {ends:?}"));
     });
 }
 
@@ -207,41 +291,41 @@ const CONSENSUS_M: [f64; 2] = [0.25, 0.875];
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn pursuing_robots_circle_with_equal_radii() {
-    gives("pursuit", "kill r3 @38 restart 0.1", |ended| {
+    assert_reproducible("pursuit", "kill r3 @38 restart 0.1", |ended| {
         let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
         let center = [0, 1].map(|i| ends.iter().map(|end| end[i]).sum::<f64>() / 5.0);
         let radii: Vec<f64> = ends.iter().map(|end| gap_m(*end, center)).collect();
         let [least, most] =
             [f64::min, f64::max].map(|pick| radii.iter().copied().reduce(pick).unwrap());
-        ended.claim(least > 0.3 && most < 1.2 * least, format!("radii {radii:?}"));
+        ended.assert_holds(least > 0.3 && most < 1.2 * least, format!("radii {radii:?}"));
     });
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn distances_form_a_square_and_nothing_is_judged() {
-    let once = gives("distances", "kill r3 @5 restart 0.5", |ended| {
+    let once = assert_reproducible("distances", "kill r3 @5 restart 0.5", |ended| {
         let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
         for (i, j, wanted_m) in [(0, 1, 1.0), (1, 2, 1.0), (2, 3, 1.0), (0, 2, 2f64.sqrt())] {
             let off_m = (gap_m(ends[i], ends[j]) - wanted_m).abs();
-            ended.claim(off_m < 1e-6, format!("{off_m} m"));
+            ended.assert_holds(off_m < 1e-6, format!("{off_m} m"));
         }
     });
-    once.claim(once.summary["is_unjudged"] == true, "no error, no convergence");
+    once.assert_holds(once.summary["is_unjudged"] == true, "no error, no convergence");
     let error_m = once.number("/metrics/distance_error_m");
-    once.claim(error_m < 1e-6, format!("the metric of the scenario: {error_m} m"));
+    once.assert_holds(error_m < 1e-6, format!("the metric of the scenario: {error_m} m"));
     let lines: Vec<&str> = once.stdout.lines().filter(|line| line.contains("converged")).collect();
-    once.claim(lines.is_empty(), format!("{lines:?}"));
+    once.assert_holds(lines.is_empty(), format!("{lines:?}"));
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn bearings_form_a_house_on_two_anchors() {
-    gives("bearings", "kill r3 @5 restart 0.5", |ended| {
+    assert_reproducible("bearings", "kill r3 @5 restart 0.5", |ended| {
         let places = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 1.8]];
         for ((name, end), place) in ends(ended).into_iter().zip(places) {
             let off_m = gap_m(end, place);
-            ended.claim(off_m < 1e-6, format!("{name} is {off_m} m from its place"));
+            ended.assert_holds(off_m < 1e-6, format!("{name} is {off_m} m from its place"));
         }
     });
 }
@@ -249,21 +333,22 @@ fn bearings_form_a_house_on_two_anchors() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn flock_stays_connected_with_equal_velocities() {
-    gives("flocking", "kill r3 @5 restart 0.5", |ended| {
+    assert_reproducible("flocking", "kill r3 @5 restart 0.5", |ended| {
         let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
         for (i, end) in ends.iter().enumerate() {
             let others = ends.iter().enumerate().filter(|(j, _)| *j != i);
             let nearest_m = others.map(|(_, other)| gap_m(*end, *other)).fold(9.0, f64::min);
-            ended.claim((0.3..0.9).contains(&nearest_m), format!("nearest at {nearest_m} m"));
+            ended
+                .assert_holds((0.3..0.9).contains(&nearest_m), format!("nearest at {nearest_m} m"));
         }
         let error_m_s = ended.number("/metrics/velocity_error_m_s");
-        ended.claim(error_m_s < 1e-3, format!("velocities off by {error_m_s} m/s"));
+        ended.assert_holds(error_m_s < 1e-3, format!("velocities off by {error_m_s} m/s"));
         let samples = ended.file("samples.csv");
         let header: Vec<&str> = samples.lines().next().unwrap().split(',').collect();
         let speed = header.iter().position(|&column| column == "v_m_s").unwrap();
         for line in samples.lines().rev().take(ends.len()) {
             let v_m_s: f64 = line.split(',').nth(speed).unwrap().parse().unwrap();
-            ended.claim((v_m_s - 0.1).abs() < 1e-3, format!("all move at 0.1 m/s: {line}"));
+            ended.assert_holds((v_m_s - 0.1).abs() < 1e-3, format!("all move at 0.1 m/s: {line}"));
         }
     });
 }
@@ -271,16 +356,25 @@ fn flock_stays_connected_with_equal_velocities() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn coverage_converges_to_the_centroids() {
-    gives("coverage", "kill r3 @5 restart 0.5", |ended| {
+    assert_reproducible("coverage", "kill r3 @5 restart 0.5", |ended| {
         let error_m = ended.number("/final_error_m_max");
-        ended.claim(error_m < 0.01, format!("each is {error_m} m from the centroid of its cell"));
+        ended.assert_holds(
+            error_m < 0.01,
+            format!("each is {error_m} m from the centroid of its cell"),
+        );
         let cost_m2 = ended.number("/metrics/cost_m2");
-        ended.claim((0.02..0.035).contains(&cost_m2), format!("locational cost {cost_m2} m2"));
+        ended.assert_holds(
+            (0.02..0.035).contains(&cost_m2),
+            format!("locational cost {cost_m2} m2"),
+        );
         let report = ended.file("report.html");
-        ended.claim(report.contains("figures/signals.svg"), "the report has the figure");
-        ended.claim(ended.file("figures/signals.svg").contains(">cost_m2<"), "of the cost");
+        ended.assert_holds(report.contains("figures/signals.svg"), "the report has the figure");
+        ended.assert_holds(ended.file("figures/signals.svg").contains(">cost_m2<"), "of the cost");
         for (name, end) in ends(ended) {
-            ended.claim(end.iter().all(|x| (0.0..1.0).contains(x)), format!("{name}: {end:?}"));
+            ended.assert_holds(
+                end.iter().all(|x| (0.0..1.0).contains(x)),
+                format!("{name}: {end:?}"),
+            );
         }
     });
 }
@@ -350,14 +444,126 @@ fn wrong_messages_and_targets_end_the_law_and_are_named() {
         ("target", "the position of the target is (0.0, inf), expected two finite numbers"),
     ] {
         let ended = run(kind);
-        ended.exits_with(1).leaves_nothing();
+        ended.exits_with(1).assert_leaves_nothing();
         super::stderr_contains(&ended, part);
         super::stderr_contains(&ended, "publish.py");
     }
     let ended = run("none");
     ended.exits_with(0);
     let sent = |what: &str| ended.number(&format!("/{what}_sent/r2"));
-    ended.claim(sent("messages") == 50.0, "50 messages before 0.5 s");
-    ended.claim(sent("beacons") == 100.0, "a beacon at each of 100 ticks");
-    ended.claim(ended.number("/beacons_sent/r1") == 100.0, "also of the built-in law");
+    ended.assert_holds(sent("messages") == 50.0, "50 messages before 0.5 s");
+    ended.assert_holds(sent("beacons") == 100.0, "a beacon at each of 100 ticks");
+    ended.assert_holds(ended.number("/beacons_sent/r1") == 100.0, "also of the built-in law");
+    let silent = run("silent");
+    silent.exits_with(0);
+    silent.assert_holds(silent.number("/messages_sent/r2") == 0.0, "a law that publishes nothing");
+    silent
+        .assert_holds(silent.number("/beacons_sent/r2") == 100.0, "its beacons leave without one");
+}
+
+/// Two robots that exchange the messages of `exchange.py` every millisecond, and stand.
+const EXCHANGE: &str = r#"
+name = "exchange"
+duration_s = 5.0
+period_s = 0.001
+
+[avoidance]
+distance_min_m = 0.2
+speed_max_m_s = 0.5
+
+[laws.exchange]
+program = ["python3", "exchange.py"]
+role = "free"
+params = { kind = "bytes" }
+message_bytes_max = 64
+message_queue = 4
+signals = ["seen"]
+
+[metrics.seen]
+signal = "seen"
+
+[robot_defaults]
+front_point_m = 0.1
+law = "exchange"
+
+[[robot]]
+name = "r1"
+hears = ["r2"]
+pose = { x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }
+
+[[robot]]
+name = "r2"
+hears = ["r1"]
+pose = { x_m = 0.0, y_m = 1.0, heading_rad = 0.0 }
+"#;
+
+/// Prepares a run of [`EXCHANGE`] in `folder`, with messages of numbers if `of_numbers`.
+fn exchange(folder: &std::path::Path, of_numbers: bool) -> Phalanx {
+    let scenario = folder.join("exchange.toml");
+    let bytes = "params = { kind = \"bytes\" }\nmessage_bytes_max = 64";
+    let numbers = "params = { kind = \"numbers\" }\nmessage = { x_m = 2, n = 1 }";
+    let text = if of_numbers { EXCHANGE.replace(bytes, numbers) } else { EXCHANGE.into() };
+    std::fs::write(&scenario, text).unwrap();
+    std::fs::copy(super::law("exchange"), folder.join("exchange.py")).unwrap();
+    let mut command = installed();
+    command.arg("run").arg(&scenario);
+    Phalanx::new(command)
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn ten_thousand_drawn_messages_arrive_as_they_were_sent() {
+    let folder = tempfile::tempdir().unwrap();
+    let [once, again] = [(); 2].map(|()| exchange(folder.path(), false).lockstep().finish());
+    for ended in [&once, &again] {
+        ended.exits_with(0).assert_leaves_nothing();
+        for name in ["r1", "r2"] {
+            let count = |what: &str| ended.number(&format!("/messages_{what}/{name}"));
+            ended.assert_holds(count("sent") == 5000.0, format!("{name} sent 5,000 messages"));
+            ended.assert_holds(count("dropped") == 0.0, "none was dropped");
+        }
+        ended.assert_holds(ended.number("/metrics/seen") >= 4998.0, "the law saw each of them");
+    }
+    let hash = |ended: &FinishedRun| ended.summary["message_hash"].clone();
+    once.assert_holds(hash(&once) == hash(&again), "the same messages");
+    // Inverted bits: what arrives still has a permitted length, and no process fails.
+    let flipped = exchange(folder.path(), false).lockstep();
+    let flipped = flipped.set("laws.exchange.params.kind=falsified");
+    let flipped = flipped.fault("lie * beacons flips 0.5 @0").finish();
+    flipped.exits_with(0).assert_leaves_nothing();
+    flipped.assert_holds(hash(&flipped) == hash(&once), "the same messages were sent");
+    let numbers = exchange(folder.path(), true).lockstep();
+    let numbers = numbers.fault("lie * beacons flips 0.2 @0").finish();
+    numbers.exits_with(0).assert_leaves_nothing();
+    let refused = numbers.number("/beacons_refused/r1");
+    numbers.assert_holds(refused > 0.0, format!("{refused} refused: not finite"));
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn messages_that_no_law_processes_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    // Without odometry r2 calls no law for 10 ticks, and keeps the newest 4 messages.
+    let set = ["duration_s=1.0", "period_s=0.01"];
+    let blind = exchange(folder.path(), true).lockstep().sets(set);
+    let blind = blind.fault("blackout r2 odometry @0.2 for 0.1").finish();
+    blind.exits_with(0).assert_leaves_nothing();
+    let dropped = blind.number("/messages_dropped/r2");
+    blind.assert_holds((5.0..=7.0).contains(&dropped), format!("{dropped} dropped"));
+    blind.assert_holds(blind.number("/messages_dropped/r1") == 0.0, "none of r1");
+    let frozen = exchange(folder.path(), true).lockstep().sets(set);
+    let frozen = frozen.fault("freeze r2 @0.2 for 0.5").finish();
+    frozen.exits_with(0).assert_leaves_nothing();
+    let dropped = frozen.number("/messages_dropped/r2");
+    frozen
+        .assert_holds((45.0..=51.0).contains(&dropped), format!("{dropped} dropped while frozen"));
+    let live = exchange(folder.path(), true).args(["--pace", "realtime"]).sets(set);
+    let live = live.fault("freeze r2 @0.2 for 0.5").finish();
+    live.exits_with(0).assert_leaves_nothing();
+    let dropped = live.number("/messages_dropped/r2");
+    live.assert_holds(
+        (1.0..=51.0).contains(&dropped),
+        format!("{dropped} dropped by the queue of 16"),
+    );
+    live.assert_holds(live.stdout.contains("messages dropped"), "the screen has the number");
 }

@@ -48,7 +48,7 @@ fn env_with_built_in_velocities_equals_the_process_run() {
         let words = [&[path.as_str(), agents, "duration_s=6", set], faults].concat();
         let printed = script("same", &words);
         let (hash, rewards) = printed.trim().split_once(' ').unwrap();
-        ended.claim(ended.hash() == hash, format!("{name} {words:?}: {hash}"));
+        ended.assert_holds(ended.hash() == hash, format!("{name} {words:?}: {hash}"));
         assert!(rewards.parse::<f64>().unwrap() < 0.0, "errors cost: {rewards}");
     }
 }

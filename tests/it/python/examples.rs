@@ -14,9 +14,9 @@ fn example(name: &str) -> Phalanx {
 
 #[track_caller]
 fn assert_expected_result(ended: &FinishedRun) {
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(0).assert_leaves_nothing();
     let seen_m = ended.number("/min_distance_m");
-    ended.claim(seen_m.is_finite(), "the minimum distance is reported");
+    ended.assert_holds(seen_m.is_finite(), "the minimum distance is reported");
 }
 
 #[test]
@@ -25,10 +25,10 @@ fn wheeled_triangle_converges_below_2_cm_repeatably() {
     let [once, again] = [(); 2].map(|()| example("mujoco/triangle").lockstep().finish());
     assert_expected_result(&once);
     let error_m = once.number("/final_error_m_max");
-    once.claim(error_m < 0.02, format!("they are at their places: {error_m} m"));
-    once.claim(once.hash() == again.hash(), format!("as {}", again.hash()));
+    once.assert_holds(error_m < 0.02, format!("they are at their places: {error_m} m"));
+    once.assert_holds(once.hash() == again.hash(), format!("as {}", again.hash()));
     let built_in = crate::harness::run("triangle").lockstep().finish();
-    once.claim(once.hash() != built_in.hash(), "on another plant");
+    once.assert_holds(once.hash() != built_in.hash(), "on another plant");
 }
 
 #[test]
@@ -37,9 +37,9 @@ fn restarted_wheeled_robot_returns_to_its_slot() {
     let ended = example("mujoco/triangle").lockstep().fault("kill r2 @3 restart 1").finish();
     assert_expected_result(&ended);
     let events = ended.file("events.csv");
-    ended.claim(events.contains(",ready,r2,incarnation 1"), "r2 came back");
+    ended.assert_holds(events.contains(",ready,r2,incarnation 1"), "r2 came back");
     let error_m = ended.number("/final_error_m/r2");
-    ended.claim(error_m < 0.02, format!("and is at its slot: {error_m} m"));
+    ended.assert_holds(error_m < 0.02, format!("and is at its slot: {error_m} m"));
 }
 
 #[test]
@@ -47,7 +47,7 @@ fn restarted_wheeled_robot_returns_to_its_slot() {
 fn wheeled_pentagon_keeps_distance_with_inertia_aware_guard() {
     let ended = example("mujoco/pentagon").lockstep().set("duration_s=20").finish();
     assert_expected_result(&ended);
-    ended.claim(ended.number("/min_distance_m") >= 0.3, "no distance is below d");
+    ended.assert_holds(ended.number("/min_distance_m") >= 0.3, "no distance is below d");
 }
 
 #[test]
@@ -57,8 +57,11 @@ fn wheeled_triangle_and_pentagon_run_in_real_time() {
         let run = example(&format!("mujoco/{name}")).set("expect={}").set("duration_s=8");
         let ended = run.fault("kill r2 @1 restart 1").finish();
         assert_expected_result(&ended);
-        ended.claim(ended.number("/t_s") == 8.0, "it goes to its end");
-        ended.claim(ended.file("events.csv").contains(",ready,r2,incarnation 1"), "r2 came back");
+        ended.assert_holds(ended.number("/t_s") == 8.0, "it goes to its end");
+        ended.assert_holds(
+            ended.file("events.csv").contains(",ready,r2,incarnation 1"),
+            "r2 came back",
+        );
     }
 }
 
@@ -72,12 +75,15 @@ fn serial_robots_move_and_leave_no_process() {
         |line: Option<&str>| -> f64 { line.unwrap().split(',').nth(2).unwrap().parse().unwrap() };
     let ahead = || samples.lines().filter(|line| line.contains(",ahead,"));
     let went_m = (x_m(ahead().next_back()) - x_m(ahead().next())).abs();
-    ended.claim(went_m > 0.005, format!("it moved along its circle: {went_m} m in x"));
+    ended.assert_holds(went_m > 0.005, format!("it moved along its circle: {went_m} m in x"));
     let programs = ended.run_dir().join("programs");
     let stub = programs.join("stub.py");
     let began = std::time::Instant::now();
     while is_run(&stub) {
-        ended.claim(began.elapsed().as_secs() < 60, "the robots of software end with the line");
+        ended.assert_holds(
+            began.elapsed().as_secs() < 60,
+            "the robots of software end with the line",
+        );
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
 }
@@ -86,7 +92,7 @@ fn serial_robots_move_and_leave_no_process() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn serial_robots_are_refused_faster_than_real_time() {
     let ended = example("serial/pair").lockstep().finish();
-    ended.exits_with(4).leaves_nothing();
+    ended.exits_with(4).assert_leaves_nothing();
     stderr_contains(&ended, "robots cannot move faster than real time: run with --pace realtime");
 }
 
@@ -106,7 +112,7 @@ fn robots_away_from_their_start_poses_are_not_driven() {
     let mut command = installed();
     command.arg("run").arg(folder.path().join("pair.toml"));
     let ended = Phalanx::new(command).finish();
-    ended.exits_with(4).leaves_nothing();
+    ended.exits_with(4).assert_leaves_nothing();
     stderr_contains(&ended, "ahead is at 1.1, 0.0, 1.5, not at its start");
 }
 

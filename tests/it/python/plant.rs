@@ -41,8 +41,8 @@ fn python_arcs_give_an_identical_run_also_under_faults() {
         |run: Phalanx| faults.iter().fold(run.lockstep(), |run, fault| run.fault(fault)).finish();
     let (same, ended) = (all(built_in()), all(run(&folder)));
     same.exits_with(0);
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.hash() == same.hash(), format!("as {}", same.hash()));
+    ended.exits_with(0).assert_leaves_nothing();
+    ended.assert_holds(ended.hash() == same.hash(), format!("as {}", same.hash()));
 }
 
 #[test]
@@ -50,11 +50,11 @@ fn python_arcs_give_an_identical_run_also_under_faults() {
 fn pose_only_plant_moves_robots_the_same_distance() {
     let folder = triangle("exact", "poses", "");
     let (same, ended) = (built_in().lockstep().finish(), run(&folder).lockstep().finish());
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(0).assert_leaves_nothing();
     for robot in ["r1", "r2", "r3"] {
         let error = |ended: &FinishedRun| ended.number(&format!("/final_error_m/{robot}"));
         let off_m = (error(&ended) - error(&same)).abs();
-        ended.claim(off_m < 1e-12, format!("{robot} is off by {off_m} m"));
+        ended.assert_holds(off_m < 1e-12, format!("{robot} is off by {off_m} m"));
     }
 }
 
@@ -63,9 +63,9 @@ fn pose_only_plant_moves_robots_the_same_distance() {
 fn run_with_bad_plant(name: &str, run: impl Fn(Phalanx) -> Phalanx, parts: &[&str]) -> FinishedRun {
     let folder = triangle("hostile", name, "memory_max_mb = 300\n");
     let ended = run(self::run(&folder)).finish();
-    ended.exits_with(4).leaves_nothing();
+    ended.exits_with(4).assert_leaves_nothing();
     parts.iter().for_each(|part| stderr_contains(&ended, part));
-    ended.claim(ended.number("/t_s") < 1.1, "the run has no earlier defect");
+    ended.assert_holds(ended.number("/t_s") < 1.1, "the run has no earlier defect");
     ended
 }
 
@@ -132,7 +132,7 @@ fn unresponsive_plant_is_named_in_lockstep() {
 fn plant_constructor_error_is_reported() {
     let folder = triangle("hostile", "refuses", "");
     let ended = run(&folder).lockstep().finish();
-    ended.exits_with(4).leaves_nothing();
+    ended.exits_with(4).assert_leaves_nothing();
     stderr_contains(&ended, "cannot make the plant Hostile(robots): Traceback");
     stderr_contains(&ended, "ValueError: the physics engine has no licence");
 }
@@ -142,7 +142,7 @@ fn plant_constructor_error_is_reported() {
 fn law_used_as_plant_is_refused_with_the_reason() {
     let folder = triangle("../laws/tanh", "tanh", "");
     let ended = run(&folder).lockstep().finish();
-    ended.exits_with(4).leaves_nothing();
+    ended.exits_with(4).assert_leaves_nothing();
     stderr_contains(&ended, "plant.toml is not a brief");
     let mut help = python(&[folder.path().join("tanh.py").to_str().unwrap(), "--help"]);
     assert!(help.exits_with(0).stdout.contains("[laws.NAME]"));

@@ -14,6 +14,7 @@ WRONG = {
     "signal": lambda law: law.record(costs=1.0),
     "infinite": lambda law: law.record(cost_m2=float("inf")),
     "none": lambda law: None,
+    "silent": lambda law: None,
 }
 
 
@@ -25,7 +26,7 @@ class Publish(phalanx.Law):
         assert self.robot.params["kind"] in WRONG and self.robot.pace == "lockstep"
 
     def gamma(self, situation):
-        if situation.t_s < 0.5:
+        if situation.t_s < 0.5 and self.robot.params["kind"] != "silent":
             self.publish(v_m_s=(1.0, 2.0), bid=3)
         else:
             WRONG[self.robot.params["kind"]](self)

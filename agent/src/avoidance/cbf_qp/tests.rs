@@ -6,13 +6,13 @@ use super::super::guard::tests::brief;
 use super::super::ideal_simulation::{IdealSimulation, draw_separated_points};
 use super::*;
 
-const D: f64 = 0.2;
+const DISTANCE_MIN_M: f64 = 0.2;
 
 fn cbf_qp(rate: f64) -> CbfQp {
-    CbfQp { d: D, clearance: 0.1, v_max: 0.5, rate }
+    CbfQp { distance_min: DISTANCE_MIN_M, clearance: 0.1, v_max: 0.5, barrier_rate: rate }
 }
 
-fn polar(angle: f64, length: f64) -> Vec2 {
+fn polar_vector(angle: f64, length: f64) -> Vec2 {
     length * Vec2::new(angle.cos(), angle.sin())
 }
 
@@ -22,8 +22,8 @@ fn ideal_robots_keep_d_for_any_requested_velocities() {
     let period = 0.05;
     for seed in 0..30 {
         let mut random = SplitMix64::new(seed);
-        let robots = random.between(2, 9) as usize;
-        let at = draw_separated_points(&mut random, robots, 1.2, D);
+        let robots = random.draw_between(2, 9) as usize;
+        let at = draw_separated_points(&mut random, robots, 1.2, DISTANCE_MIN_M);
         let goals = draw_separated_points(&mut random, robots, 1.2, 0.0);
         let methods = (0..robots).map(|_| cbf_qp(1.0 / period)).collect();
         let mut simulation = IdealSimulation::new(methods, at, goals, 0.5, period);
@@ -32,12 +32,12 @@ fn ideal_robots_keep_d_for_any_requested_velocities() {
                 // Half of the time all robots request random velocities.
                 0..20 => {
                     let gammas: Vec<Vec2> =
-                        (0..robots).map(|_| polar(6.3 * random.unit(), 0.5)).collect();
+                        (0..robots).map(|_| polar_vector(6.3 * random.draw_unit(), 0.5)).collect();
                     simulation.step_with_velocities(&gammas)
                 }
                 _ => simulation.step(),
             };
-            assert!(closest > D - 1e-9, "seed {seed}: {closest} in period {k}");
+            assert!(closest > DISTANCE_MIN_M - 1e-9, "seed {seed}: {closest} in period {k}");
         }
     }
 }
@@ -45,13 +45,13 @@ fn ideal_robots_keep_d_for_any_requested_velocities() {
 #[test]
 fn constraint_is_shared_with_robots_and_full_for_walls() {
     let away = [Vec2::new(-0.25, 0.0)];
-    let sample = Sample { away: &away, ..Sample::default() };
-    let u = cbf_qp(1.0).velocity(&sample, Vec2::new(0.5, 0.1)).unwrap();
+    let sample = Sample { neighbor_vectors: &away, ..Sample::default() };
+    let u = cbf_qp(1.0).choose_velocity(&sample, Vec2::new(0.5, 0.1)).unwrap();
     // a (r^2 - d^2) / (4 r)
     assert!((u - Vec2::new(0.0225, 0.1)).norm() < 1e-12, "{u:?}");
     let walls = [Vec2::new(-0.2, 0.0)];
-    let sample = Sample { walls: &walls, ..Sample::default() };
-    let u = cbf_qp(1.0).velocity(&sample, Vec2::new(0.5, 0.1)).unwrap();
+    let sample = Sample { wall_vectors: &walls, ..Sample::default() };
+    let u = cbf_qp(1.0).choose_velocity(&sample, Vec2::new(0.5, 0.1)).unwrap();
     // a (r^2 - clearance^2) / (2 r)
     assert!((u - Vec2::new(0.03 / 0.4, 0.1)).norm() < 1e-12, "{u:?}");
 }
@@ -59,14 +59,15 @@ fn constraint_is_shared_with_robots_and_full_for_walls() {
 #[test]
 fn infeasible_program_leaves_violated_neighbors_fastest() {
     // Evenly surrounded by three robots that are too close: no direction improves the worst case.
-    let away = [0.3, 2.394_395_102_393_2, 4.488_790_204_786_4].map(|angle| polar(angle, 0.15));
-    let sample = Sample { away: &away, ..Sample::default() };
-    let u = cbf_qp(1.0).velocity(&sample, Vec2::new(0.5, 0.0)).unwrap();
+    let away =
+        [0.3, 2.394_395_102_393_2, 4.488_790_204_786_4].map(|angle| polar_vector(angle, 0.15));
+    let sample = Sample { neighbor_vectors: &away, ..Sample::default() };
+    let u = cbf_qp(1.0).choose_velocity(&sample, Vec2::new(0.5, 0.0)).unwrap();
     assert!(u.norm() < 1e-9, "{u:?}");
     // Coincident with another robot, it leaves at v_max.
     let same = [Vec2::zeros()];
-    let sample = Sample { away: &same, ..Sample::default() };
-    let u = cbf_qp(1.0).velocity(&sample, Vec2::zeros()).unwrap();
+    let sample = Sample { neighbor_vectors: &same, ..Sample::default() };
+    let u = cbf_qp(1.0).choose_velocity(&sample, Vec2::zeros()).unwrap();
     assert!((u.norm() - 0.5).abs() < 1e-12, "{u:?}");
 }
 
@@ -74,17 +75,17 @@ fn infeasible_program_leaves_violated_neighbors_fastest() {
 fn sensing_radius_bounds_influence_and_long_period_is_advised() {
     let mut brief = brief();
     brief.avoidance.gains = [("barrier_per_s".to_owned(), 2.0)].into();
-    let at = Conditions::for_robot(&brief);
+    let at = MethodConditions::for_robot(&brief);
     let needed = sensing_radius_m(&at);
     let towards = |r: f64| {
         let away = [Vec2::new(-r, 0.0)];
-        let sample = Sample { away: &away, ..Sample::default() };
-        cbf_qp(2.0).velocity(&sample, Vec2::new(0.5, 0.0)).unwrap().x
+        let sample = Sample { neighbor_vectors: &away, ..Sample::default() };
+        cbf_qp(2.0).choose_velocity(&sample, Vec2::new(0.5, 0.0)).unwrap().x
     };
     assert_eq!(towards(1.000_001 * needed), 0.5);
     assert!(towards(0.99 * needed) < 0.5);
-    assert!((ROW.description.advice)(&at).is_none());
-    let slow = Conditions { period_s: 0.6, ..at };
-    let advice = (ROW.description.advice)(&slow).unwrap();
+    assert!((ROW.description.find_warning)(&at).is_none());
+    let slow = MethodConditions { period_s: 0.6, ..at };
+    let advice = (ROW.description.find_warning)(&slow).unwrap();
     assert!(advice.message.starts_with("barrier_per_s T = 1.2: "), "{}", advice.message);
 }

@@ -38,10 +38,11 @@ constants! {
     around_at_last = 1.6,
     /// Time constant of the detection of missing progress, in d / v_max.
     impatience_time = 0.9,
-    /// Maximum approach to another robot within one period, as a fraction of their distance minus d_f (kappa). If it would
-    /// approach faster, the robot is steered around the other one.
+    /// Maximum approach to another robot within one period, as a fraction of their distance minus d_f (kappa). If it
+    /// would approach faster, the robot is steered around the other one.
     slack_share = 0.17,
-    /// Steering distance d_f minus d, in v_max H; at least 0.05 d. Robots closer than d_f are steered around each other.
+    /// Steering distance d_f minus d, in v_max H; at least 0.05 d. Robots closer than d_f are steered around each
+    /// other.
     margin = 1.9,
     /// Look-ahead time of early avoidance, in d / v_max.
     look_ahead = 3.3,

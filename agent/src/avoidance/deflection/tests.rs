@@ -24,15 +24,15 @@ const FOCUS_ONLY_CONSTANTS: Constants = Constants {
 
 /// Returns a brief with d = 0.2 m, v_max = 0.3 m/s, T = H = 5 ms: d_f = 0.21 m for the first rank, 0.231 m for
 /// followers, 0.2352 m for contained robots.
-fn slow(rank: Rank) -> AgentBrief {
+fn slow_robot_brief(rank: YieldPriority) -> AgentBrief {
     let mut brief = AgentBrief { rank, ..brief() };
     (brief.period_ns, brief.command_lifetime_ns) = (5_000_000, 5_000_000);
     brief.avoidance.speed_max_m_s = 0.3;
     brief
 }
 
-fn deflection_of_rank(rank: Rank) -> Deflection {
-    Deflection::with_constants(&slow(rank), &FOCUS_ONLY_CONSTANTS)
+fn deflection_of_rank(rank: YieldPriority) -> Deflection {
+    Deflection::with_constants(&slow_robot_brief(rank), &FOCUS_ONLY_CONSTANTS)
 }
 
 #[test]
@@ -43,7 +43,7 @@ fn wall_deflection_follows_requested_side_and_keeps_c_f() {
     let c_f = 0.109375; // 0.75 v_max H
     let mut led = |far: f64, p: Vec2| {
         let walls = [rotate(0.7, Vec2::new(-far, 0.0))]; // ahead, turned by 0.7
-        let beside = Sample { walls: &walls, ..Sample::default() };
+        let beside = Sample { wall_vectors: &walls, ..Sample::default() };
         rotate(-0.7, deflection.deflect(&beside, rotate(0.7, p)))
     };
     let near = |found: Vec2, x: f64, y: f64| {
@@ -69,14 +69,15 @@ fn wall_deflection_follows_requested_side_and_keeps_c_f() {
 fn focus_around_an_obstacle_is_only_as_strong_as_needed() {
     let brief = AgentBrief { index: 2, ..brief() };
     let mut deflection = Deflection::with_constants(&brief, &FOCUS_ONLY_CONSTANTS);
-    let (phase, period_s) = (deflection.dither_phase, deflection.dither_period);
+    let (phase, period_s) = (deflection.dither_phase_rad, deflection.dither_period_s);
     assert!((phase - 0.236_067_977_4).abs() < 1e-9);
     assert!((period_s - 1.5 * (1.0 + 4.0 * 0.236_067_977_4 / 3.0)).abs() < 1e-9);
     let turned = |x: f64, y: f64| rotate(0.7, Vec2::new(x, y));
     // Instant at which the dither has completed `turns` of its periods.
     let at = |turns: f64| (turns - phase) * period_s;
     let mut deflect = |turns: f64, away: &[Vec2], p: Vec2| {
-        deflection.deflect(&Sample { t_s: at(turns), away, ..Sample::default() }, p)
+        deflection
+            .deflect(&Sample { t_s: at(turns), neighbor_vectors: away, ..Sample::default() }, p)
     };
     let near = |found: Vec2, expected: Vec2| {
         assert!((found - expected).norm() < 1e-10, "{found:?} is not {expected:?}");
@@ -111,15 +112,28 @@ fn focus_around_an_obstacle_is_only_as_strong_as_needed() {
 
 #[test]
 fn lower_yield_priority_enlarges_d_f() {
-    let [mut keeps, mut gives] = [Rank::First, Rank::Contained].map(deflection_of_rank);
+    let [mut keeps, mut gives] =
+        [YieldPriority::First, YieldPriority::Contained].map(deflection_of_rank);
     let expected_d_f = 0.21; // 0.05 d is more than 1.5 v_max H
-    assert!((keeps.d_f - expected_d_f).abs() < 1e-12, "{}", keeps.d_f);
-    assert!((deflection_of_rank(Rank::Follower).d_f - 1.1 * expected_d_f).abs() < 1e-12);
-    assert!((gives.d_f - 1.12 * expected_d_f).abs() < 1e-12, "{}", gives.d_f);
+    assert!(
+        (keeps.deflection_distance - expected_d_f).abs() < 1e-12,
+        "{}",
+        keeps.deflection_distance
+    );
+    assert!(
+        (deflection_of_rank(YieldPriority::Follower).deflection_distance - 1.1 * expected_d_f)
+            .abs()
+            < 1e-12
+    );
+    assert!(
+        (gives.deflection_distance - 1.12 * expected_d_f).abs() < 1e-12,
+        "{}",
+        gives.deflection_distance
+    );
 
     // The other is ahead, between the two values of d_f, and both robots request to go there.
     let (ahead, away) = (Vec2::new(1e-3, 0.0), [Vec2::new(-0.23, 0.0)]);
-    let sample = Sample { away: &away, ..Sample::default() };
+    let sample = Sample { neighbor_vectors: &away, ..Sample::default() };
     assert!((keeps.deflect(&sample, ahead) - ahead).norm() < 1e-12);
     let led = gives.deflect(&sample, ahead);
     assert!(led.x < 0.0 && led.y.abs() > 0.0, "back, and around: {led:?}");
@@ -139,8 +153,8 @@ fn deflected_displacement(
         let t_s = 0.005 * step as f64;
         let away = [z + velocity * (20.0 - t_s)]; // z at the last
         let stamp_ns = 5_000_000 * step;
-        let at = Sample { stamp_ns, t_s, place_velocity, ..Sample::default() };
-        let seen = Sample { away: &away, error: Some(error), ..at };
+        let at = Sample { stamp_ns, t_s, slot_velocity: place_velocity, ..Sample::default() };
+        let seen = Sample { neighbor_vectors: &away, error: Some(error), ..at };
         robot.standoff_error(&seen, error);
         answer = robot.deflect(&seen, Vec2::zeros());
     }
@@ -150,7 +164,7 @@ fn deflected_displacement(
 #[test]
 fn arrived_robot_yields_only_to_approaching_robots() {
     let yielding = Constants { yield_share: 0.5, yield_speed: 0.5, ..FOCUS_ONLY_CONSTANTS };
-    let first = slow(Rank::First);
+    let first = slow_robot_brief(YieldPriority::First);
     let z = rotate(0.4, Vec2::new(0.31, 0.0)); // between d_f and 1.5 d_f = 0.315 m
     let (comes, passes) = (0.6 * z, 0.6 * Vec2::new(-z.y, z.x)); // 0.19 m/s
     let at_home = Vec2::new(0.001, 0.0);
@@ -172,15 +186,16 @@ fn arrived_robot_yields_only_to_approaching_robots() {
     let without =
         deflected_displacement((&first, &FOCUS_ONLY_CONSTANTS), at_home, z, [comes, nothing]);
     assert!(without.norm() < 1e-12, "no robot yields with a share of almost 0");
-    let contained = slow(Rank::Contained);
+    let contained = slow_robot_brief(YieldPriority::Contained);
     let contained = deflected_displacement((&contained, &yielding), at_home, z, [comes, nothing]);
     assert!(contained.norm() < 1e-12, "another may want to stay at a contained robot's place");
-    let leader = deflected_displacement((&leading(first), &yielding), at_home, z, [comes, nothing]);
+    let leader =
+        deflected_displacement((&make_leader(first), &yielding), at_home, z, [comes, nothing]);
     assert!(leader.norm() < 1e-12, "all others follow the leader");
 }
 
 /// Makes the robot a leader of all others.
-fn leading(brief: AgentBrief) -> AgentBrief {
+fn make_leader(brief: AgentBrief) -> AgentBrief {
     let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
     let lead = LeadBrief { scale: Scale::CONSTANT_ONE, trajectory, keep_heading: false };
     AgentBrief { lead: Some(lead), ..brief }
@@ -188,7 +203,7 @@ fn leading(brief: AgentBrief) -> AgentBrief {
 
 #[test]
 fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
-    let brief = slow(Rank::First);
+    let brief = slow_robot_brief(YieldPriority::First);
     let look_ahead_turn_rad = Constants::TUNED.look_ahead_turn_rad;
     let ahead_only = Constants {
         look_ahead: 4.0,
@@ -203,9 +218,13 @@ fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
         for step in 0..=200u64 {
             let stamp_ns = 5_000_000 * step;
             let away = [-(at - velocity * (1.0 - 0.005 * step as f64))];
-            robot.tracker.observe(&Sample { stamp_ns, away: &away, ..Sample::default() });
+            robot.tracker.observe(&Sample {
+                stamp_ns,
+                neighbor_vectors: &away,
+                ..Sample::default()
+            });
         }
-        let led = robot.look_ahead(ahead);
+        let led = robot.turn_away_early(ahead);
         assert!((led.norm() - ahead.norm()).abs() < 1e-15, "as fast as before: {led:?}");
         led.y.atan2(led.x)
     };
@@ -222,7 +241,7 @@ fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
     ] {
         assert!(turn(at, velocity).abs() < 1e-9, "{what}: {}", turn(at, velocity));
     }
-    let leader = turn_of(&leading(brief.clone()), Vec2::new(0.6, -0.05), still);
+    let leader = turn_of(&make_leader(brief.clone()), Vec2::new(0.6, -0.05), still);
     assert_eq!(leader, 0.0, "all others follow the leader");
     // Earlier encounters give larger turns, up to the limit.
     let sooner = turn(Vec2::new(0.4, -0.05), still);
@@ -232,8 +251,8 @@ fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
     let constants = Constants { look_ahead_turn_rad: 0.1, ..ahead_only };
     let mut robot = Deflection::with_constants(&brief, &constants);
     let away = [Vec2::new(-0.22, 0.05)];
-    robot.tracker.observe(&Sample { away: &away, ..Sample::default() });
-    let led = robot.look_ahead(ahead);
+    robot.tracker.observe(&Sample { neighbor_vectors: &away, ..Sample::default() });
+    let led = robot.turn_away_early(ahead);
     assert!((led.y.atan2(led.x).abs() - 0.1).abs() < 1e-12, "{led:?}");
 }
 
@@ -249,7 +268,10 @@ fn position_after_standoff(
     let steps = (since_s / 0.01).round() as u64;
     for step in 0..=steps {
         let stamp_ns = 10_000_000 * step;
-        asked = -robot.standoff_error(&Sample { stamp_ns, away, ..Sample::default() }, -place);
+        asked = -robot.standoff_error(
+            &Sample { stamp_ns, neighbor_vectors: away, ..Sample::default() },
+            -place,
+        );
     }
     asked
 }
@@ -261,9 +283,9 @@ fn occupied_slot_is_replaced_by_a_standoff_position() {
     // The position of a contained robot is replaced at once, any other slot once the other robot has been at
     // rest long enough.
     for (rank, d_f, since_s) in [
-        (Rank::Contained, 0.2352, 0.0),
-        (Rank::Follower, 0.231, OCCUPIED_AFTER_S + 0.01),
-        (Rank::First, 0.21, OCCUPIED_AFTER_S + 0.01),
+        (YieldPriority::Contained, 0.2352, 0.0),
+        (YieldPriority::Follower, 0.231, OCCUPIED_AFTER_S + 0.01),
+        (YieldPriority::First, 0.21, OCCUPIED_AFTER_S + 0.01),
     ] {
         let asked = |place| {
             position_after_standoff(&mut deflection_of_rank(rank), &[-other], place, since_s)
@@ -293,7 +315,7 @@ fn occupied_slot_is_replaced_by_a_standoff_position() {
     let place = Vec2::new(0.1, 0.0);
     assert_eq!(
         position_after_standoff(
-            &mut deflection_of_rank(Rank::Contained),
+            &mut deflection_of_rank(YieldPriority::Contained),
             &[Vec2::zeros()],
             place,
             0.0
@@ -305,7 +327,7 @@ fn occupied_slot_is_replaced_by_a_standoff_position() {
 #[test]
 fn slot_is_kept_while_the_other_robot_may_move_on() {
     let other = Vec2::new(1.0, 0.0);
-    for rank in [Rank::First, Rank::Follower] {
+    for rank in [YieldPriority::First, YieldPriority::Follower] {
         let nearly_s = OCCUPIED_AFTER_S - 0.02;
         assert_eq!(
             position_after_standoff(&mut deflection_of_rank(rank), &[-other], other, nearly_s),
@@ -316,9 +338,9 @@ fn slot_is_kept_while_the_other_robot_may_move_on() {
 
 #[test]
 fn standoff_holds_back_without_steering_around() {
-    let mut robot = deflection_of_rank(Rank::Contained);
+    let mut robot = deflection_of_rank(YieldPriority::Contained);
     let (ahead, away) = (Vec2::new(1.5e-3, 0.0), [Vec2::new(-0.233, 0.0)]);
-    let at = |t_s| Sample { t_s, away: &away, ..Sample::default() };
+    let at = |t_s| Sample { t_s, neighbor_vectors: &away, ..Sample::default() };
     let around = robot.deflect(&at(0.0), ahead);
     assert!(around.y.abs() > 1e-4, "{around:?}");
     robot.standoff_error(&at(0.0), Vec2::new(-0.233, 0.0));
@@ -333,13 +355,13 @@ fn standoff_holds_back_without_steering_around() {
 
 #[test]
 fn standoff_keeps_d_s_from_all_but_the_slot_occupant() {
-    let mut robot = deflection_of_rank(Rank::Contained);
+    let mut robot = deflection_of_rank(YieldPriority::Contained);
     let taker = Vec2::new(-0.25, 0.0); // ahead; both nearer than d_s, and farther away than d_f
     let beside = Vec2::new(0.0, -0.257);
-    let both = Sample { away: &[taker, beside], ..Sample::default() };
+    let both = Sample { neighbor_vectors: &[taker, beside], ..Sample::default() };
     let mut moved = |wanted: Vec2, away: &[Vec2]| {
         robot.standoff_error(&both, wanted);
-        robot.deflect(&Sample { away, ..Sample::default() }, Vec2::zeros())
+        robot.deflect(&Sample { neighbor_vectors: away, ..Sample::default() }, Vec2::zeros())
     };
     assert_eq!(moved(taker, &[taker]), Vec2::zeros());
     let back = 0.25 * (1.1 * 0.2352 - 0.257);
@@ -349,7 +371,7 @@ fn standoff_keeps_d_s_from_all_but_the_slot_occupant() {
 
 #[test]
 fn blocked_robot_steers_more_and_rests_ever_longer() {
-    let mut robot = deflection_of_rank(Rank::First);
+    let mut robot = deflection_of_rank(YieldPriority::First);
     let (unit_s, error) = (0.2 / 0.3, Vec2::new(-1.0, 0.0));
     let wanted = Vec2::new(1.5e-3, 0.0);
     // The robot is blocked and requests to move. Collects the times at which it starts and stops resting, s.
@@ -358,7 +380,13 @@ fn blocked_robot_steers_more_and_rests_ever_longer() {
     let mut was = false;
     for step in 0..30_000u64 {
         let (stamp_ns, t_s) = (10_000_000 * step, 0.01 * step as f64);
-        let seen = Sample { stamp_ns, t_s, away: &away, error: Some(error), ..Sample::default() };
+        let seen = Sample {
+            stamp_ns,
+            t_s,
+            neighbor_vectors: &away,
+            error: Some(error),
+            ..Sample::default()
+        };
         robot.deflect(&seen, wanted);
         let rests_now = robot.progress.is_resting();
         if rests_now != was {
@@ -374,11 +402,14 @@ fn blocked_robot_steers_more_and_rests_ever_longer() {
     assert!(lasts.starts_with(&[30.0, 30.0, 60.0, 30.0, 120.0][..]), "tries and rests: {lasts:?}");
     // Closer to its slot, or with a different slot, it tries again at once.
     for error in [Vec2::new(-0.98, 0.0), Vec2::new(-1.5, 0.0)] {
-        let mut robot = deflection_of_rank(Rank::First);
+        let mut robot = deflection_of_rank(YieldPriority::First);
         for step in 0..4000u64 {
             let error = Some(if step < 3999 { Vec2::new(-1.0, 0.0) } else { error });
             let stamp_ns = 10_000_000 * step;
-            robot.deflect(&Sample { stamp_ns, away: &away, error, ..Sample::default() }, wanted);
+            robot.deflect(
+                &Sample { stamp_ns, neighbor_vectors: &away, error, ..Sample::default() },
+                wanted,
+            );
             let expected = step < 3999 && 0.01 * step as f64 > 31.0 * unit_s;
             if expected || step == 3999 {
                 assert_eq!(robot.progress.is_resting(), expected, "{step}");

@@ -13,7 +13,7 @@ impl<'a> Formulas<'a> {
         let formulas = definitions.filter_map(|text| {
             let (head, rest) = text.split_once(":=")?;
             let (body, _) = rest.split_once('.')?;
-            let mut head = tokens(head).into_iter();
+            let mut head = tokenize(head).into_iter();
             let name = head.next()?;
             // A type extends from a colon to the next parenthesis.
             let mut in_type = false;
@@ -21,18 +21,19 @@ impl<'a> Formulas<'a> {
                 in_type = *token == ":" || in_type && *token != "(";
                 !in_type && !matches!(*token, "(" | ")")
             });
-            Some((name, (arguments.collect(), tokens(body))))
+            Some((name, (arguments.collect(), tokenize(body))))
         });
         Formulas(formulas.collect())
     }
 
     /// Returns the value of `name` for these arguments. Panics if it is not defined or the number of arguments
     /// is wrong.
-    pub fn value(&self, name: &str, arguments: &[f64]) -> f64 {
+    pub fn evaluate(&self, name: &str, arguments: &[f64]) -> f64 {
         let (names, body) = self.0.get(name).unwrap_or_else(|| panic!("{name} is not defined"));
         assert_eq!(names.len(), arguments.len(), "arguments of {name}");
         let known = names.iter().copied().zip(arguments.iter().copied()).collect();
-        let mut reader = Reader { formulas: self, variables: known, remaining_tokens: body };
+        let mut reader =
+            ExpressionEvaluator { formulas: self, variables: known, remaining_tokens: body };
         let value = reader.parse_sum();
         assert!(
             reader.remaining_tokens.is_empty(),
@@ -61,12 +62,12 @@ impl<'a> Formulas<'a> {
             ("asin", [a]) => a.asin(),
             ("Rabs", [a]) => a.abs(),
             ("INR", [a]) => *a,
-            _ => self.value(name, arguments),
+            _ => self.evaluate(name, arguments),
         }
     }
 }
 
-fn tokens(text: &str) -> Vec<&str> {
+fn tokenize(text: &str) -> Vec<&str> {
     let mut found = Vec::new();
     let mut rest = text.trim_start();
     while let Some(first) = rest.chars().next() {
@@ -84,20 +85,20 @@ fn tokens(text: &str) -> Vec<&str> {
 }
 
 /// Evaluates a Coq expression from left to right. Panics on invalid syntax.
-struct Reader<'a> {
+struct ExpressionEvaluator<'a> {
     formulas: &'a Formulas<'a>,
     variables: HashMap<&'a str, f64>,
     remaining_tokens: &'a [&'a str],
 }
 
-impl<'a> Reader<'a> {
+impl<'a> ExpressionEvaluator<'a> {
     fn next_token(&mut self) -> &'a str {
         let (first, rest) = self.remaining_tokens.split_first().expect("the expression goes on");
         self.remaining_tokens = rest;
         first
     }
 
-    fn accept(&mut self, token: &str) -> bool {
+    fn accept_token(&mut self, token: &str) -> bool {
         let there = self.remaining_tokens.first() == Some(&token);
         if there {
             self.next_token();
@@ -105,43 +106,43 @@ impl<'a> Reader<'a> {
         there
     }
 
-    fn expect(&mut self, token: &str) {
-        assert!(self.accept(token), "expected {token} before {:?}", self.remaining_tokens);
+    fn expect_token(&mut self, token: &str) {
+        assert!(self.accept_token(token), "expected {token} before {:?}", self.remaining_tokens);
     }
 
     fn parse_sum(&mut self) -> f64 {
-        if self.accept("if") {
+        if self.accept_token("if") {
             let strictly = match self.next_token() {
                 "Rlt_dec" => true,
                 "Rle_dec" => false,
                 other => panic!("{other} decides nothing"),
             };
-            let (a, b) = (self.atom(), self.atom());
+            let (a, b) = (self.parse_atom(), self.parse_atom());
             let less = if strictly { a < b } else { a <= b };
-            self.expect("then");
+            self.expect_token("then");
             let then = self.parse_sum();
-            self.expect("else");
+            self.expect_token("else");
             let otherwise = self.parse_sum();
             return if less { then } else { otherwise };
         }
-        let mut value = self.product();
+        let mut value = self.parse_product();
         loop {
-            if self.accept("+") {
-                value += self.product();
-            } else if self.accept("-") {
-                value -= self.product();
+            if self.accept_token("+") {
+                value += self.parse_product();
+            } else if self.accept_token("-") {
+                value -= self.parse_product();
             } else {
                 return value;
             }
         }
     }
 
-    fn product(&mut self) -> f64 {
+    fn parse_product(&mut self) -> f64 {
         let mut value = self.parse_application();
         loop {
-            if self.accept("*") {
+            if self.accept_token("*") {
                 value *= self.parse_application();
-            } else if self.accept("/") {
+            } else if self.accept_token("/") {
                 value /= self.parse_application();
             } else {
                 return value;
@@ -150,25 +151,25 @@ impl<'a> Reader<'a> {
     }
 
     fn parse_application(&mut self) -> f64 {
-        if self.accept("-") {
+        if self.accept_token("-") {
             return -self.parse_application();
         }
         let name = self.remaining_tokens.first().filter(|name| !self.variables.contains_key(*name));
         match name.and_then(|name| self.formulas.argument_count(name)) {
-            None => self.atom(),
+            None => self.parse_atom(),
             Some(arity) => {
                 let name = self.next_token();
-                let arguments: Vec<f64> = (0..arity).map(|_| self.atom()).collect();
+                let arguments: Vec<f64> = (0..arity).map(|_| self.parse_atom()).collect();
                 self.formulas.call(name, &arguments)
             }
         }
     }
 
-    fn atom(&mut self) -> f64 {
+    fn parse_atom(&mut self) -> f64 {
         match self.next_token() {
             "(" => {
                 let value = self.parse_sum();
-                self.expect(")");
+                self.expect_token(")");
                 value
             }
             "PI" => PI,

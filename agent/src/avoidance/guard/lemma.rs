@@ -12,229 +12,282 @@ use formation::obstacle::Obstacle;
 use formation::pose::{Pose, wrap_angle};
 use formation::ramp::Ramp;
 use formation::random::SplitMix64;
-use formation::unicycle::arc;
+use formation::unicycle::integrate_arc;
 
-use super::super::braking::mu;
+use super::super::braking::approach_speed_factor;
 use super::tests::{brief, sample as sample_at};
 use super::*;
 
 /// Part of a certificate that is disabled, to show that it is needed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Without {
+enum DisabledCertificatePart {
     Nothing,
     /// The twist in force is not certified.
     TwistInForce,
     /// Own unexpired commands are neither certified nor included in the bounds.
-    AliveCommands,
+    UnexpiredCommands,
     /// The certified path (M) ends when the command expires, without the braking after it.
-    BrakingWay,
+    BrakingPath,
     /// The certificate assumes a constant heading after the command has expired.
     BrakingTurn,
     /// The factor mu is 1.
-    Mu,
+    ApproachSpeedFactor,
     /// The certificate assumes the middle of all possible headings.
     HeadingRange,
     /// Commands that only turn the robot count as zero.
     TurningInPlace,
+    /// The certificate assumes that other robots do not move.
+    NeighborSpeed,
 }
 
 /// Controlled point of a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Body {
+enum ControlledPoint {
     FrontPoint,
     AxleMidpoint,
     Omnidirectional,
+    /// Omnidirectional, with a constant heading.
+    Drone,
+    /// Rear axle of a car.
+    RearAxle,
 }
 
-const BODIES: [Body; 3] = [Body::FrontPoint, Body::AxleMidpoint, Body::Omnidirectional];
+const CONTROLLED_POINTS: [ControlledPoint; 5] = [
+    ControlledPoint::FrontPoint,
+    ControlledPoint::AxleMidpoint,
+    ControlledPoint::Omnidirectional,
+    ControlledPoint::Drone,
+    ControlledPoint::RearAxle,
+];
+/// Controlled points of robots that can turn in place.
+const TURNING_POINTS: [ControlledPoint; 3] =
+    [ControlledPoint::FrontPoint, ControlledPoint::AxleMidpoint, ControlledPoint::Omnidirectional];
+/// Controlled points of robots whose heading changes.
+const HEADING_POINTS: [ControlledPoint; 4] = [
+    ControlledPoint::FrontPoint,
+    ControlledPoint::AxleMidpoint,
+    ControlledPoint::Omnidirectional,
+    ControlledPoint::RearAxle,
+];
 
 /// State of a robot at one instant of its path.
-struct Instant {
+struct PathState {
     t: f64,
-    alpha: Vec2,
+    front_point: Vec2,
     velocity: Vec2,
     /// `true` if the certificate covers the twist in force.
-    certified: bool,
+    is_certified: bool,
 }
 
 /// One robot, its sample, and its requested twist.
 #[derive(Debug, Clone)]
-struct Case {
-    d: f64,
+struct GuardCase {
+    distance_min: f64,
     kind: DriveKind,
     ell: f64,
-    /// Maximum turn rate (w_max), rad/s; infinite for a front point.
+    /// Maximum turn rate (w_max), rad/s; infinite for a front point. For a car, its turn rate at v_max.
     turn_rate_max: f64,
     v_max: f64,
     lifetime: f64,
     period: f64,
     /// Inertia, or `None` for a robot that stops at once.
-    limits: Option<LimitsBrief>,
+    limits: Option<AccelerationLimitsBrief>,
     /// Maximum braking time of all robots, s.
-    tau_max: f64,
+    braking_time_max: f64,
     error_m: f64,
     heading_error: f64,
     heading: f64,
     twist_in_force: Twist,
-    alive: Vec<Twist>,
-    wanted: Twist,
+    unexpired_commands: Vec<Twist>,
+    requested_twist: Twist,
     /// Own front point - other front points, m.
-    away: Vec<Vec2>,
+    neighbor_vectors: Vec<Vec2>,
     clearance: f64,
     /// Walls, relative to the robot's axle midpoint.
     walls: Vec<Obstacle>,
 }
 
 /// Returns a vector with this length and angle.
-fn polar(length: f64, angle: f64) -> Vec2 {
+fn polar_vector(length: f64, angle: f64) -> Vec2 {
     rotate(angle, Vec2::new(length, 0.0))
 }
 
 fn draw_uniform(dice: &mut SplitMix64, low: f64, high: f64) -> f64 {
-    low + (high - low) * dice.unit()
+    low + (high - low) * dice.draw_unit()
 }
 
 /// Returns a random element of the list.
 fn draw_element(dice: &mut SplitMix64, list: &[f64]) -> f64 {
-    list[dice.between(0, list.len() as u64 - 1) as usize]
+    list[dice.draw_between(0, list.len() as u64 - 1) as usize]
 }
 
-impl Case {
+impl GuardCase {
     /// Returns a random robot without neighbors.
-    fn draw_robot_without_neighbors(dice: &mut SplitMix64, body: Body) -> Case {
+    fn draw_robot_without_neighbors(dice: &mut SplitMix64, body: ControlledPoint) -> GuardCase {
         let d = draw_uniform(dice, 0.1, 0.5);
         let ell = draw_uniform(dice, 0.03, 0.3);
         let (kind, ell, turn_rate_max, ramp) = match body {
-            Body::FrontPoint => (DriveKind::Differential, ell, f64::INFINITY, Ramp::Together),
-            Body::AxleMidpoint => {
+            ControlledPoint::FrontPoint => {
+                (DriveKind::Differential, ell, f64::INFINITY, Ramp::Together)
+            }
+            ControlledPoint::AxleMidpoint => {
                 (DriveKind::Differential, 0.0, draw_uniform(dice, 0.5, 12.0), Ramp::Independent)
             }
-            Body::Omnidirectional => {
+            ControlledPoint::Omnidirectional => {
                 (DriveKind::Omni, 0.0, draw_uniform(dice, 0.5, 12.0), Ramp::Independent)
+            }
+            ControlledPoint::Drone => (DriveKind::Omni, 0.0, 0.0, Ramp::Independent),
+            ControlledPoint::RearAxle => {
+                (DriveKind::Ackermann, 0.0, draw_uniform(dice, 0.5, 12.0), Ramp::Independent)
             }
         };
         let v_max = draw_uniform(dice, 0.1, 1.0);
         let lifetime = draw_element(dice, &[0.005, 0.02, 0.1, 0.3]) * draw_uniform(dice, 0.5, 1.5);
         let acceleration_m_s2 = v_max / draw_uniform(dice, 0.05, 1.5);
-        let drive = Drive { kind, ell_m: ell, turn_rate_max_rad_s: turn_rate_max };
-        let turn_acceleration_rad_s2 = drive.turn_rate_bound(v_max) / draw_uniform(dice, 0.05, 1.5);
+        let turning_radius = (kind == DriveKind::Ackermann).then_some(v_max / turn_rate_max);
+        let drive = Drive::new(kind, ell, Some(turn_rate_max)).with_turning_radius(turning_radius);
+        let turn_acceleration_rad_s2 = match body {
+            // It does not turn, whatever the limit.
+            ControlledPoint::Drone => 1.0,
+            _ => drive.turn_rate_bound(v_max) / draw_uniform(dice, 0.05, 1.5),
+        };
         let braking_time_s = draw_uniform(dice, 0.05, 1.0);
         let others_longer = if dice.draw_bool(0.3) { draw_uniform(dice, 1.0, 2.0) } else { 1.0 };
-        Case {
-            d,
+        GuardCase {
+            distance_min: d,
             kind,
             ell,
             turn_rate_max,
             v_max,
             lifetime,
             period: lifetime * draw_uniform(dice, 0.1, 1.0),
-            limits: Some(LimitsBrief {
+            limits: Some(AccelerationLimitsBrief {
                 acceleration_m_s2,
                 turn_acceleration_rad_s2,
                 braking_time_s,
                 ramp,
             }),
-            tau_max: braking_time_s * others_longer,
+            braking_time_max: braking_time_s * others_longer,
             error_m: 0.0,
             heading_error: 0.0,
             heading: draw_uniform(dice, -3.1, 3.1),
             twist_in_force: Twist::ZERO,
-            alive: Vec::new(),
-            wanted: Twist::ZERO,
-            away: Vec::new(),
+            unexpired_commands: Vec::new(),
+            requested_twist: Twist::ZERO,
+            neighbor_vectors: Vec::new(),
             clearance: draw_uniform(dice, 0.05, 0.4),
             walls: Vec::new(),
         }
     }
 
+    /// Returns the minimum turning radius of a car, m; `None` for other drives.
+    fn turning_radius(&self) -> Option<f64> {
+        (self.kind == DriveKind::Ackermann).then_some(self.v_max / self.turn_rate_max)
+    }
+
+    /// Returns the twist with the largest turn rate to this side, 1 or -1: in place, except for a car.
+    fn turning_twist(&self, side: f64) -> Twist {
+        let v_m_s = if self.kind == DriveKind::Ackermann { self.v_max } else { 0.0 };
+        Twist::new(v_m_s, side * self.turn_rate_bound())
+    }
+
     /// Returns the rate Lambda, 1/s.
-    fn rate(&self) -> f64 {
-        1.0 / (self.lifetime + self.tau_max)
+    fn slack_decrease_rate_per_s(&self) -> f64 {
+        1.0 / (self.lifetime + self.braking_time_max)
     }
 
     /// Sets the accelerations of the robot, with a maximum braking time of 1 s.
     fn set_accelerations(&mut self, acceleration_m_s2: f64, turn_acceleration_rad_s2: f64) {
-        self.tau_max = 1.0;
-        self.limits = Some(LimitsBrief {
+        self.braking_time_max = 1.0;
+        self.limits = Some(AccelerationLimitsBrief {
             acceleration_m_s2,
-            turn_acceleration_rad_s2,
+            // Above 0 also for a drone, which does not turn.
+            turn_acceleration_rad_s2: turn_acceleration_rad_s2.max(f64::MIN_POSITIVE),
             braking_time_s: 1.0,
             ramp: if self.ell > 0.0 { Ramp::Together } else { Ramp::Independent },
         });
     }
 
     /// Returns a random case of any kind.
-    fn draw_case(dice: &mut SplitMix64, body: Body) -> Case {
-        let mut case = Case::draw_robot_without_neighbors(dice, body);
+    fn draw_case(dice: &mut SplitMix64, body: ControlledPoint) -> GuardCase {
+        let mut case = GuardCase::draw_robot_without_neighbors(dice, body);
         if dice.draw_bool(0.4) {
             // The robot stops at once, alone or like all others.
             case.limits = None;
-            case.tau_max *= draw_element(dice, &[0.0, 0.0, 1.0]);
+            case.braking_time_max *= draw_element(dice, &[0.0, 0.0, 1.0]);
         }
         if dice.draw_bool(0.3) {
             case.error_m = draw_uniform(dice, 0.0, 0.03);
             case.heading_error = draw_uniform(dice, 0.0, 0.3);
         }
         // Distances at which the neighbors matter, and often such that the current twists can be certified.
-        let zone = case.v_max / case.rate();
-        for _ in 0..dice.between(1, 3) {
+        let zone = case.v_max / case.slack_decrease_rate_per_s();
+        for _ in 0..dice.draw_between(1, 3) {
             let far = if dice.draw_bool(0.2) { 0.0 } else { zone * draw_uniform(dice, 0.0, 1.5) };
             let angle = draw_uniform(dice, -PI, PI);
             match dice.draw_bool(0.4) {
-                true => case.wall(case.error_m + 0.5 * far, angle, dice),
-                false => case.away.push(polar(case.d + case.error_m + far, angle)),
+                true => case.place_wall(case.error_m + 0.5 * far, angle, dice),
+                false => case
+                    .neighbor_vectors
+                    .push(polar_vector(case.distance_min + case.error_m + far, angle)),
             }
         }
-        case.wanted = case.twist(dice);
+        case.requested_twist = case.draw_twist(dice);
         let slow = draw_uniform(dice, 0.0, 1.0).powi(2);
-        let now = case.twist(dice).scaled(slow);
+        let now = case.draw_twist(dice).scale_by(slow);
         case.twist_in_force = if case.limits.is_some() { now } else { Twist::ZERO };
-        for _ in 0..dice.between(0, 2) {
+        for _ in 0..dice.draw_between(0, 2) {
             let slow = draw_uniform(dice, 0.0, 1.0).powi(2);
-            let twist = case.twist(dice).scaled(slow);
-            case.alive.push(twist);
+            let twist = case.draw_twist(dice).scale_by(slow);
+            case.unexpired_commands.push(twist);
         }
         case
     }
 
     /// Returns a random twist in Y.
-    fn twist(&self, dice: &mut SplitMix64) -> Twist {
-        let u =
-            polar(self.v_max * draw_element(dice, &[1.0, 1.0, 0.5]), draw_uniform(dice, -PI, PI));
+    fn draw_twist(&self, dice: &mut SplitMix64) -> Twist {
+        let u = polar_vector(
+            self.v_max * draw_element(dice, &[1.0, 1.0, 0.5]),
+            draw_uniform(dice, -PI, PI),
+        );
         let twist = self.front_velocity_to_twist(u);
         let w_rad_s = match self.kind {
-            DriveKind::Differential => twist.w_rad_s,
+            DriveKind::Differential | DriveKind::Ackermann => twist.w_rad_s,
             DriveKind::Omni => draw_uniform(dice, -1.0, 1.0) * self.turn_rate_max,
         };
-        self.guard().scale_into_y(Twist { w_rad_s, ..twist })
+        self.build_guard().scale_into_twist_set(Twist { w_rad_s, ..twist })
     }
 
-    /// Returns the twist of a controlled point with the velocity `u` in the robot's frame, m/s. Where ell = 0, the second
-    /// component, divided by v_max, is the fraction of w_max.
+    /// Returns the twist of a controlled point with the velocity `u` in the robot's frame, m/s. Where ell = 0, the
+    /// second component, divided by v_max, is the fraction of w_max.
     fn front_velocity_to_twist(&self, u: Vec2) -> Twist {
         match self.ell > 0.0 {
             true => Twist::new(u.x, u.y / self.ell),
-            false => self.guard().drive.twist(u, u.y / self.v_max * self.turn_rate_max),
+            false => self
+                .build_guard()
+                .drive
+                .twist_for_velocity(u, u.y / self.v_max * self.turn_rate_max),
         }
     }
 
     /// Returns the maximum turn rate, rad/s.
     fn turn_rate_bound(&self) -> f64 {
-        self.guard().drive.turn_rate_bound(self.v_max)
+        self.build_guard().drive.turn_rate_bound(self.v_max)
     }
 
     /// Places another robot at a distance of d + `far` in the direction `angle`, relative to the robot's
     /// heading.
     fn place_neighbor(&mut self, far: f64, angle: f64) {
         // z points from the other to the robot.
-        self.away = vec![polar(self.d + far, self.heading + angle + PI)];
+        self.neighbor_vectors =
+            vec![polar_vector(self.distance_min + far, self.heading + angle + PI)];
     }
 
     /// Adds a wall (a segment or a disc) at a distance of the clearance + `far` in this direction.
-    fn wall(&mut self, far: f64, angle: f64, dice: &mut SplitMix64) {
+    fn place_wall(&mut self, far: f64, angle: f64, dice: &mut SplitMix64) {
         let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: self.heading };
-        let foot = front_point(start, self.ell) + polar(self.clearance + far, angle);
-        let along = |length: f64| (foot + polar(length, angle + 0.5 * PI)).into();
+        let foot = front_point(start, self.ell) + polar_vector(self.clearance + far, angle);
+        let along = |length: f64| (foot + polar_vector(length, angle + 0.5 * PI)).into();
         self.walls.push(match dice.draw_bool(0.5) {
             true => Obstacle::segment(
                 along(draw_uniform(dice, 0.0, 1.0)),
@@ -242,24 +295,25 @@ impl Case {
             ),
             false => {
                 let radius_m = draw_uniform(dice, 0.01, 0.5);
-                Obstacle::Disc { center_m: (foot + polar(radius_m, angle)).into(), radius_m }
+                Obstacle::Disc { center_m: (foot + polar_vector(radius_m, angle)).into(), radius_m }
             }
         });
     }
 
-    fn guard(&self) -> Guard {
+    fn build_guard(&self) -> Guard {
         let mut brief = AgentBrief { pace: Pace::Lockstep, ..brief() };
         (brief.front_point_m, brief.drive_kind) = (self.ell, self.kind);
         brief.turn_rate_max_rad_s = Some(self.turn_rate_max);
+        brief.turning_radius_min_m = self.turning_radius();
         brief.period_ns = (self.period * 1e9) as u64;
         brief.command_lifetime_ns = (self.lifetime * 1e9) as u64;
         brief.limits = self.limits;
-        brief.avoidance.distance_min_m = self.d;
+        brief.avoidance.distance_min_m = self.distance_min;
         brief.avoidance.clearance_m = self.clearance;
         brief.avoidance.speed_max_m_s = self.v_max;
         brief.avoidance.sensing_error_m = self.error_m;
         brief.avoidance.heading_error_rad = self.heading_error;
-        brief.avoidance.braking_time_max_s = self.tau_max;
+        brief.avoidance.braking_time_max_s = self.braking_time_max;
         Guard::new(&brief)
     }
 
@@ -277,40 +331,62 @@ impl Case {
         let mut reported = |points: Vec<Vec2>| {
             let points = points.into_iter().map(|point| {
                 alpha_sensed - point
-                    + polar(self.error_m * dice.unit(), draw_uniform(dice, -PI, PI))
+                    + polar_vector(self.error_m * dice.draw_unit(), draw_uniform(dice, -PI, PI))
             });
             let mut reported: Vec<Vec2> = points.collect();
             reported.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
             reported
         };
-        let away = reported(self.away.iter().map(|z| alpha - z).collect());
+        let away = reported(self.neighbor_vectors.iter().map(|z| alpha - z).collect());
         let walls = reported(self.walls.iter().map(|wall| wall.nearest_point(alpha)).collect());
-        see(&Sample { twist: self.twist_in_force, walls: &walls, ..sample_at(0, sensed, &away) })
+        see(&Sample {
+            twist: self.twist_in_force,
+            wall_vectors: &walls,
+            ..sample_at(0, sensed, &away)
+        })
     }
 
     /// Returns the maximum by which an approach exceeds its share of the slack, m/s, or `None` if there is no
     /// certificate.
-    fn slack_excess(&self, without: Without, ramp: Ramp, dice: &mut SplitMix64) -> Option<f64> {
-        let mut guard = self.guard();
+    fn slack_excess(
+        &self,
+        without: DisabledCertificatePart,
+        ramp: Ramp,
+        dice: &mut SplitMix64,
+    ) -> Option<f64> {
+        let mut guard = self.build_guard();
         let mut now = self.twist_in_force;
-        guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
-        let tried = guard.clamp_to_reachable(now, guard.scale_into_y(self.wanted));
+        guard.unexpired_commands =
+            self.unexpired_commands.iter().map(|twist| (0, *twist)).collect();
+        let tried = guard.clamp_to_reachable(now, guard.scale_into_twist_set(self.requested_twist));
         match without {
-            Without::Nothing => {}
-            Without::TwistInForce => now = Twist::ZERO,
-            Without::AliveCommands => guard.alive.clear(),
-            Without::BrakingWay => guard.braking.path_factor = 0.0,
-            Without::BrakingTurn => guard.braking.turn_factor = 0.0,
-            Without::Mu => guard.braking.mu = |_| 1.0,
-            Without::HeadingRange => guard.braking.range = 0.0,
-            Without::TurningInPlace => guard.alive.retain(|(_, twist)| twist.v_m_s != 0.0),
+            DisabledCertificatePart::Nothing => {}
+            DisabledCertificatePart::TwistInForce => now = Twist::ZERO,
+            DisabledCertificatePart::UnexpiredCommands => guard.unexpired_commands.clear(),
+            DisabledCertificatePart::BrakingPath => guard.braking_terms.path_factor = 0.0,
+            DisabledCertificatePart::BrakingTurn => guard.braking_terms.turn_factor = 0.0,
+            DisabledCertificatePart::ApproachSpeedFactor => {
+                guard.braking_terms.approach_speed_factor = |_| 1.0
+            }
+            DisabledCertificatePart::HeadingRange => {
+                guard.braking_terms.heading_range_fraction = 0.0
+            }
+            DisabledCertificatePart::TurningInPlace => {
+                guard.unexpired_commands.retain(|(_, twist)| twist.v_m_s != 0.0)
+            }
+            DisabledCertificatePart::NeighborSpeed => {
+                guard.vicinity.default_class.speed_max_m_s = 0.0
+            }
         }
         let sensed = self.heading + self.heading_error * draw_uniform(dice, -1.0, 1.0);
-        let granted = self.with_sample(sensed, dice, |sample| guard.grant(sample, now, tried))?;
+        let granted =
+            self.with_sample(sensed, dice, |sample| guard.grant_twist(sample, now, tried))?;
 
         let way = self.draw_path(granted, ramp, dice);
-        let alpha = way[0].alpha;
-        let worst = { &self.away }.iter().map(|z| self.worst_against(alpha - z, &way, dice));
+        let alpha = way[0].front_point;
+        let worst = { &self.neighbor_vectors }
+            .iter()
+            .map(|z| self.worst_neighbor_excess(alpha - z, &way, dice));
         let worst = worst.fold(f64::NEG_INFINITY, f64::max);
         let beside = self.walls.iter().map(|wall| self.worst_wall_excess(wall, &way));
         Some(beside.fold(worst, f64::max))
@@ -318,43 +394,51 @@ impl Case {
 
     /// Returns a random path of the robot: its unexpired commands act in random order until the command
     /// timeout, followed by braking. Weak wheels execute a fraction of each command.
-    fn draw_path(&self, granted: Twist, ramp: Ramp, dice: &mut SplitMix64) -> Vec<Instant> {
+    fn draw_path(&self, granted: Twist, ramp: Ramp, dice: &mut SplitMix64) -> Vec<PathState> {
         let part = if dice.draw_bool(0.2) { draw_uniform(dice, 0.2, 1.0) } else { 1.0 };
-        let gradual = self.tau_max > 0.0;
+        let gradual = self.braking_time_max > 0.0;
         // Where ell = 0, velocity and turn rate may change independently.
         let ramp = if self.ell > 0.0 { ramp } else { Ramp::Independent };
         let mut acting: Vec<(Twist, bool)> =
-            self.alive.iter().map(|twist| (*twist, gradual)).collect();
+            self.unexpired_commands.iter().map(|twist| (*twist, gradual)).collect();
         acting.extend([(granted, true), (granted, true), (Twist::ZERO, true)]);
         let mut targets = Vec::new();
         let mut at = 0.0;
         while at < self.lifetime {
-            targets.push((at, acting[dice.between(0, acting.len() as u64 - 1) as usize]));
-            at += if dice.draw_bool(0.5) { self.lifetime } else { self.lifetime * dice.unit() };
+            targets.push((at, acting[dice.draw_between(0, acting.len() as u64 - 1) as usize]));
+            at +=
+                if dice.draw_bool(0.5) { self.lifetime } else { self.lifetime * dice.draw_unit() };
         }
         targets.push((self.lifetime, (Twist::ZERO, true)));
         let ends = self.lifetime + self.limits.map_or(0.0, |limits| 1.1 * limits.braking_time_s);
 
         let mut pose = Pose { x_m: 0.0, y_m: 0.0, heading_rad: self.heading };
         let mut twist = self.twist_in_force;
-        let instant = |t: f64, pose: Pose, twist: Twist, certified: bool| Instant {
+        let instant = |t: f64, pose: Pose, twist: Twist, certified: bool| PathState {
             t,
-            alpha: front_point(pose, self.ell),
+            front_point: front_point(pose, self.ell),
             velocity: front_velocity(pose.heading_rad, self.ell, twist),
-            certified,
+            is_certified: certified,
         };
         let mut way = vec![instant(0.0, pose, twist, true)];
         for (k, &(from, (target, certified))) in targets.iter().enumerate() {
             let until = targets.get(k + 1).map_or(ends, |next| next.0);
             let steps = 12;
+            let curvature = self.draw_curvature(dice);
             for step in 1..=steps {
                 let dt = (until - from) / f64::from(steps);
-                let target = target.scaled(part);
-                (pose, twist) = match self.limits {
-                    Some(limits) => {
-                        limits.maximum_accelerations().drive(pose, twist, target, ramp, dt)
+                let target = target.scale_by(part);
+                let on_curve = |twist: Twist| match curvature {
+                    Some(curvature) => Twist::new(twist.v_m_s, curvature * twist.v_m_s),
+                    None => twist,
+                };
+                let (steered, target) = (on_curve(twist), on_curve(target));
+                (pose, twist) = match self.limits.map(|limits| limits.maximum_accelerations()) {
+                    Some(most) if curvature.is_some() => {
+                        most.car_pose_and_twist_after(pose, steered, target, dt)
                     }
-                    None => (arc(pose, target, dt), target),
+                    Some(most) => most.pose_and_twist_after(pose, twist, target, ramp, dt),
+                    None => (integrate_arc(pose, target, dt), target),
                 };
                 way.push(instant(from + dt * f64::from(step), pose, twist, certified));
             }
@@ -362,34 +446,53 @@ impl Case {
         way
     }
 
+    /// Returns a curvature that the steering of a car may have, whatever was commanded, 1/m; `None` for other drives.
+    fn draw_curvature(&self, dice: &mut SplitMix64) -> Option<f64> {
+        self.turning_radius().map(|radius| {
+            let any = draw_uniform(dice, -1.0, 1.0);
+            draw_element(dice, &[1.0, -1.0, any]) / radius
+        })
+    }
+
     /// Returns the worst case that random paths reach only by chance: the maximum by which a certified twist is
     /// too fast, m/s, over all possible headings and all possible motions of the others.
-    fn excess_at_worst(&self, dice: &mut SplitMix64) -> Option<f64> {
-        let mut guard = self.guard();
-        guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
-        let tried = guard.clamp_to_reachable(self.twist_in_force, guard.scale_into_y(self.wanted));
-        let Case { ell, lifetime: h, v_max, .. } = *self;
+    fn worst_case_excess(&self, dice: &mut SplitMix64) -> Option<f64> {
+        let mut guard = self.build_guard();
+        guard.unexpired_commands =
+            self.unexpired_commands.iter().map(|twist| (0, *twist)).collect();
+        let tried = guard.clamp_to_reachable(
+            self.twist_in_force,
+            guard.scale_into_twist_set(self.requested_twist),
+        );
+        let GuardCase { ell, lifetime: h, v_max, .. } = *self;
         self.with_sample(self.heading, dice, |sample| {
-            let granted = guard.grant(sample, self.twist_in_force, tried)?;
-            let others = self.alive.iter().copied().chain([self.twist_in_force]);
+            let granted = guard.grant_twist(sample, self.twist_in_force, tried)?;
+            let others = self.unexpired_commands.iter().copied().chain([self.twist_in_force]);
             let in_force: Vec<Twist> = others.chain([granted]).collect();
             let most = |of: &dyn Fn(&Twist) -> f64| in_force.iter().map(of).fold(0.0, f64::max);
             let v_own = most(&|twist| front_speed(ell, *twist));
             let tau_o = most(&|twist| guard.braking_time(*twist));
             let (w_low, w_high) = (-most(&|twist| -twist.w_rad_s), most(&|twist| twist.w_rad_s));
+            let (w_low, w_high) = match self.turning_radius() {
+                Some(radius) => (-v_own / radius, v_own / radius),
+                None => (w_low, w_high),
+            };
             let turning = 0.5 * (h + if ell > 0.0 { 0.5 } else { 1.0 } * tau_o);
             let middle = self.heading + turning * (w_low + w_high);
             let delta = turning * (w_high - w_low) + self.heading_error;
-            let certified = if self.tau_max > 0.0 { &in_force[..] } else { &[granted] };
-            let eps = guard.distance_error;
-            let robots = sample.away.iter().map(|z| (z, v_max, 1.0, self.d));
-            let walls = sample.walls.iter().map(|z| (z, 0.0, 2.0, self.clearance));
+            let certified = if self.braking_time_max > 0.0 { &in_force[..] } else { &[granted] };
+            let eps = guard.distance_error_max_m;
+            let robots = sample.neighbor_vectors.iter().map(|z| (z, v_max, 1.0, self.distance_min));
+            let walls = sample.wall_vectors.iter().map(|z| (z, 0.0, 2.0, self.clearance));
             let mut worst = f64::NEG_INFINITY;
             for (z, its_speed, share, distance_min) in robots.chain(walls) {
                 let rho = (z.norm() - eps - distance_min).max(0.0);
-                let granted =
-                    (rho * (-2.0 * self.rate() * h).exp()).max(rho - (v_own + its_speed) * h - eps);
-                let b = share * self.rate() * mu(2.0 * self.rate() * tau_o) * granted;
+                let granted = (rho * (-2.0 * self.slack_decrease_rate_per_s() * h).exp())
+                    .max(rho - (v_own + its_speed) * h - eps);
+                let b = share
+                    * self.slack_decrease_rate_per_s()
+                    * approach_speed_factor(2.0 * self.slack_decrease_rate_per_s() * tau_o)
+                    * granted;
                 let m = v_own * (h + 0.5 * tau_o) + its_speed * (h + tau_o) + eps;
                 let swing = if m < z.norm() { (m / z.norm()).asin() } else { PI };
                 for twist in certified {
@@ -404,10 +507,10 @@ impl Case {
     }
 
     /// Returns the worst excess next to a wall, where the robot may use up all of the slack, m/s.
-    fn worst_wall_excess(&self, wall: &Obstacle, way: &[Instant]) -> f64 {
-        let rate = self.rate();
+    fn worst_wall_excess(&self, wall: &Obstacle, way: &[PathState]) -> f64 {
+        let rate = self.slack_decrease_rate_per_s();
         let (mut g, mut worst) = (0.0f64, f64::NEG_INFINITY);
-        for Instant { t, alpha, velocity, certified } in way {
+        for PathState { t, front_point: alpha, velocity, is_certified: certified } in way {
             let z = alpha - wall.nearest_point(*alpha);
             g = g.max((2.0 * rate * t).exp() * (z.norm() - self.clearance));
             if *certified {
@@ -419,17 +522,18 @@ impl Case {
     }
 
     /// Returns the worst excess against one robot that starts at `other`, over random motions of it, m/s.
-    fn worst_against(&self, other: Vec2, way: &[Instant], dice: &mut SplitMix64) -> f64 {
-        let rate = self.rate();
+    fn worst_neighbor_excess(&self, other: Vec2, way: &[PathState], dice: &mut SplitMix64) -> f64 {
+        let rate = self.slack_decrease_rate_per_s();
         let mut worst = f64::NEG_INFINITY;
         for _ in 0..6 {
             // Random motion, or straight into the path at some instant.
-            let Instant { t: meets, alpha, velocity, .. } =
-                way[dice.between(0, way.len() as u64 - 1) as usize];
+            let PathState { t: meets, front_point: alpha, velocity, .. } =
+                way[dice.draw_between(0, way.len() as u64 - 1) as usize];
             let course = if dice.draw_bool(0.4) {
-                polar(self.v_max, draw_uniform(dice, -PI, PI))
+                polar_vector(self.v_max, draw_uniform(dice, -PI, PI))
             } else {
-                let ahead = self.d * draw_uniform(dice, 0.5, 1.2) * velocity.cap_magnitude(1.0);
+                let ahead =
+                    self.distance_min * draw_uniform(dice, 0.5, 1.2) * velocity.cap_magnitude(1.0);
                 let ahead =
                     if velocity.norm() > 0.0 { ahead / velocity.norm().min(1.0) } else { ahead };
                 let to = alpha + ahead - other;
@@ -437,9 +541,9 @@ impl Case {
             };
             let stops = if dice.draw_bool(0.5) { meets } else { f64::INFINITY };
             let mut g: f64 = 0.0;
-            for Instant { t, alpha, velocity, certified } in way {
+            for PathState { t, front_point: alpha, velocity, is_certified: certified } in way {
                 let z = alpha - (other + course * t.min(stops));
-                let rho = z.norm() - self.d;
+                let rho = z.norm() - self.distance_min;
                 g = g.max((2.0 * rate * t).exp() * rho);
                 if *certified {
                     let approach = -z.dot(velocity) / z.norm();
@@ -457,10 +561,10 @@ const TOLERANCE_M_S: f64 = 1e-7;
 /// Returns how many of `certified` certified cases violate the lemma, and the maximum excess.
 fn count_violations(
     certified: u64,
-    without: Without,
+    without: DisabledCertificatePart,
     ramp: Ramp,
-    body: Body,
-    make: impl Fn(&mut SplitMix64, Body) -> Case,
+    body: ControlledPoint,
+    make: impl Fn(&mut SplitMix64, ControlledPoint) -> GuardCase,
 ) -> (u64, f64) {
     let (mut found, mut count, mut worst) = (0, 0, f64::NEG_INFINITY);
     for seed in 0.. {
@@ -472,8 +576,8 @@ fn count_violations(
         worst = worst.max(excess);
         if excess > TOLERANCE_M_S {
             count += 1;
-            let whole = ramp == Ramp::Together || body != Body::FrontPoint;
-            assert!(without != Without::Nothing || !whole, "{excess}: {case:?}");
+            let whole = ramp == Ramp::Together || body != ControlledPoint::FrontPoint;
+            assert!(without != DisabledCertificatePart::Nothing || !whole, "{excess}: {case:?}");
         }
         if found == certified {
             break;
@@ -483,26 +587,29 @@ fn count_violations(
 }
 
 /// Draws a case of moving straight towards a nearby robot, with no other request.
-fn driving_at_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::draw_robot_without_neighbors(dice, body);
+fn draw_head_on_case(dice: &mut SplitMix64, body: ControlledPoint) -> GuardCase {
+    let mut case = GuardCase::draw_robot_without_neighbors(dice, body);
     let ahead = draw_uniform(dice, -0.3, 0.3);
-    case.place_neighbor(draw_uniform(dice, 0.0, 0.2) * case.v_max / case.rate(), ahead);
-    case.twist_in_force = case.guard().scale_into_y(Twist::new(case.v_max, 0.0));
+    case.place_neighbor(
+        draw_uniform(dice, 0.0, 0.2) * case.v_max / case.slack_decrease_rate_per_s(),
+        ahead,
+    );
+    case.twist_in_force = case.build_guard().scale_into_twist_set(Twist::new(case.v_max, 0.0));
     case
 }
 
 /// Draws a case of standing still, with an unexpired command that moves straight towards a nearby robot.
-fn commanded_to_drive_at_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case { twist_in_force: Twist::ZERO, ..driving_at_neighbor(dice, body) };
-    let towards = case.guard().scale_into_y(Twist::new(case.v_max, 0.0));
-    case.alive = vec![towards; 3];
+fn draw_case_commanded_at_neighbor(dice: &mut SplitMix64, body: ControlledPoint) -> GuardCase {
+    let mut case = GuardCase { twist_in_force: Twist::ZERO, ..draw_head_on_case(dice, body) };
+    let towards = case.build_guard().scale_into_twist_set(Twist::new(case.v_max, 0.0));
+    case.unexpired_commands = vec![towards; 3];
     case.lifetime = draw_uniform(dice, 0.1, 0.3);
     case
 }
 
 /// Draws a case of a fast robot at the side that can cut in before this robot is at rest.
-fn draw_overtaking_case(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::draw_robot_without_neighbors(dice, body);
+fn draw_overtaking_case(dice: &mut SplitMix64, body: ControlledPoint) -> GuardCase {
+    let mut case = GuardCase::draw_robot_without_neighbors(dice, body);
     case.lifetime = 0.005;
     case.period = 0.001;
     case.set_accelerations(
@@ -513,15 +620,16 @@ fn draw_overtaking_case(dice: &mut SplitMix64, body: Body) -> Case {
         draw_uniform(dice, 0.0, 0.6) * case.v_max,
         draw_element(dice, &[1.0, -1.0]) * draw_uniform(dice, 0.8, 2.2),
     );
-    case.twist_in_force =
-        case.guard().scale_into_y(Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, 0.0));
-    case.wanted = case.twist_in_force;
+    case.twist_in_force = case
+        .build_guard()
+        .scale_into_twist_set(Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, 0.0));
+    case.requested_twist = case.twist_in_force;
     case
 }
 
 /// Draws a case of turning towards a robot at the side, on a small circle.
-fn turning_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::draw_robot_without_neighbors(dice, body);
+fn draw_case_turning_towards_neighbor(dice: &mut SplitMix64, body: ControlledPoint) -> GuardCase {
+    let mut case = GuardCase::draw_robot_without_neighbors(dice, body);
     case.lifetime = 0.005;
     case.period = 0.001;
     case.set_accelerations(case.v_max, case.turn_rate_bound());
@@ -530,31 +638,35 @@ fn turning_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
         draw_uniform(dice, 0.0, 0.6) * case.v_max,
         side * draw_uniform(dice, 1.2, 2.6),
     );
-    let u = polar(draw_uniform(dice, 0.2, 1.0) * case.v_max, side * draw_uniform(dice, 0.0, 0.9));
-    case.twist_in_force = case.guard().scale_into_y(case.front_velocity_to_twist(u));
-    case.wanted = case.twist_in_force;
+    let u = polar_vector(
+        draw_uniform(dice, 0.2, 1.0) * case.v_max,
+        side * draw_uniform(dice, 0.0, 0.9),
+    );
+    case.twist_in_force = case.build_guard().scale_into_twist_set(case.front_velocity_to_twist(u));
+    case.requested_twist = case.twist_in_force;
     case
 }
 
 /// Draws a case of approaching a robot at the granted speed while braking all the time.
-fn braking_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::draw_robot_without_neighbors(dice, body);
+fn draw_case_braking_towards_neighbor(dice: &mut SplitMix64, body: ControlledPoint) -> GuardCase {
+    let mut case = GuardCase::draw_robot_without_neighbors(dice, body);
     case.lifetime = 0.005;
     case.period = 0.0005;
     case.set_accelerations(draw_uniform(dice, 0.2, 1.0) * case.v_max, case.turn_rate_bound());
     case.place_neighbor(draw_uniform(dice, 0.1, 1.0) * case.v_max, 0.0);
     // The speed granted straight towards the other robot if mu is 1.
-    let sees = case.rate() * (case.away[0].norm() - case.d);
+    let sees =
+        case.slack_decrease_rate_per_s() * (case.neighbor_vectors[0].norm() - case.distance_min);
     let v_m_s = (0.97 * sees).min(case.v_max);
-    case.twist_in_force = case.guard().scale_into_y(Twist::new(v_m_s, 0.0));
-    case.wanted = case.twist_in_force;
+    case.twist_in_force = case.build_guard().scale_into_twist_set(Twist::new(v_m_s, 0.0));
+    case.requested_twist = case.twist_in_force;
     case
 }
 
 /// Draws a case of a transition from turning on the spot to passing another robot: if speed and turn rate changed
 /// independently, the robot would move towards the other.
-fn from_turning_to_driving(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::draw_robot_without_neighbors(dice, body);
+fn draw_case_turning_then_passing(dice: &mut SplitMix64, body: ControlledPoint) -> GuardCase {
+    let mut case = GuardCase::draw_robot_without_neighbors(dice, body);
     case.lifetime = draw_uniform(dice, 0.1, 0.3);
     case.set_accelerations(case.v_max / 0.05, case.turn_rate_bound());
     let side = draw_element(dice, &[1.0, -1.0]);
@@ -563,62 +675,121 @@ fn from_turning_to_driving(dice: &mut SplitMix64, body: Body) -> Case {
         side * draw_uniform(dice, 0.3, 1.5),
     );
     let share = draw_uniform(dice, 0.05, 0.7);
-    case.twist_in_force =
-        case.guard().scale_into_y(Twist::new(0.0, side * share * case.turn_rate_bound()));
+    case.twist_in_force = case
+        .build_guard()
+        .scale_into_twist_set(Twist::new(0.0, side * share * case.turn_rate_bound()));
     let w_rad_s = -0.2 * side / if case.ell > 0.0 { case.ell } else { 1.0 };
-    case.wanted = Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, w_rad_s);
+    case.requested_twist = Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, w_rad_s);
     case
 }
 
 /// Draws a case of passing a robot that is where an unexpired command would turn this robot to. All robots stop at
 /// once.
-fn turned_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::draw_robot_without_neighbors(dice, body);
-    (case.limits, case.tau_max) = (None, 0.0);
+fn draw_case_turned_towards_neighbor(dice: &mut SplitMix64, body: ControlledPoint) -> GuardCase {
+    let mut case = GuardCase::draw_robot_without_neighbors(dice, body);
+    (case.limits, case.braking_time_max) = (None, 0.0);
     case.lifetime = draw_uniform(dice, 0.1, 0.3);
     let side = draw_element(dice, &[1.0, -1.0]);
     case.place_neighbor(
         draw_uniform(dice, 0.0, 0.5) * case.v_max,
         side * draw_uniform(dice, 0.3, 1.5),
     );
-    case.wanted = Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, 0.0);
-    case.alive = vec![Twist::new(0.0, side * case.turn_rate_bound()); 3];
+    case.requested_twist = Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, 0.0);
+    case.unexpired_commands = vec![case.turning_twist(side); 3];
     case
 }
 
-type Make = fn(&mut SplitMix64, Body) -> Case;
+type DrawCase = fn(&mut SplitMix64, ControlledPoint) -> GuardCase;
 
 /// Draws a case whose requested path leads straight to a wall.
-fn driving_at_a_wall(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::draw_robot_without_neighbors(dice, body);
-    let far = draw_uniform(dice, 0.0, 0.5) * case.v_max / case.rate();
-    case.wall(far, case.heading + draw_uniform(dice, -1.0, 1.0), dice);
-    case.wanted = case.guard().scale_into_y(Twist::new(case.v_max, 0.0));
-    case.twist_in_force = case.wanted.scaled(draw_uniform(dice, 0.0, 1.0).powi(2));
+fn draw_case_driving_at_wall(dice: &mut SplitMix64, body: ControlledPoint) -> GuardCase {
+    let mut case = GuardCase::draw_robot_without_neighbors(dice, body);
+    let far = draw_uniform(dice, 0.0, 0.5) * case.v_max / case.slack_decrease_rate_per_s();
+    case.place_wall(far, case.heading + draw_uniform(dice, -1.0, 1.0), dice);
+    case.requested_twist = case.build_guard().scale_into_twist_set(Twist::new(case.v_max, 0.0));
+    case.twist_in_force = case.requested_twist.scale_by(draw_uniform(dice, 0.0, 1.0).powi(2));
     case
 }
 
-/// Disabled parts, and cases constructed to show their effect.
-const ABLATIONS: [(Without, Ramp, Make); 9] = [
-    (Without::TwistInForce, Ramp::Together, driving_at_neighbor),
-    (Without::AliveCommands, Ramp::Together, commanded_to_drive_at_neighbor),
-    (Without::AliveCommands, Ramp::Together, turned_towards_neighbor),
-    (Without::BrakingWay, Ramp::Together, draw_overtaking_case),
-    (Without::BrakingTurn, Ramp::Together, turning_towards_neighbor),
-    (Without::Mu, Ramp::Together, braking_towards_neighbor),
-    (Without::HeadingRange, Ramp::Together, turned_towards_neighbor),
-    (Without::TurningInPlace, Ramp::Together, turned_towards_neighbor),
-    (Without::Nothing, Ramp::Independent, from_turning_to_driving),
+/// Disabled parts, cases constructed to show their effect, and the bodies that it concerns.
+const ABLATIONS: [(DisabledCertificatePart, Ramp, DrawCase, &[ControlledPoint]); 10] = [
+    (DisabledCertificatePart::TwistInForce, Ramp::Together, draw_head_on_case, &CONTROLLED_POINTS),
+    (
+        DisabledCertificatePart::UnexpiredCommands,
+        Ramp::Together,
+        draw_case_commanded_at_neighbor,
+        &CONTROLLED_POINTS,
+    ),
+    (
+        DisabledCertificatePart::UnexpiredCommands,
+        Ramp::Together,
+        draw_case_turned_towards_neighbor,
+        &TURNING_POINTS,
+    ),
+    (
+        DisabledCertificatePart::BrakingPath,
+        Ramp::Together,
+        draw_overtaking_case,
+        &CONTROLLED_POINTS,
+    ),
+    (
+        DisabledCertificatePart::BrakingTurn,
+        Ramp::Together,
+        draw_case_turning_towards_neighbor,
+        &HEADING_POINTS,
+    ),
+    (
+        DisabledCertificatePart::ApproachSpeedFactor,
+        Ramp::Together,
+        draw_case_braking_towards_neighbor,
+        &CONTROLLED_POINTS,
+    ),
+    (
+        DisabledCertificatePart::HeadingRange,
+        Ramp::Together,
+        draw_case_turned_towards_neighbor,
+        &HEADING_POINTS,
+    ),
+    (
+        DisabledCertificatePart::TurningInPlace,
+        Ramp::Together,
+        draw_case_turned_towards_neighbor,
+        &TURNING_POINTS,
+    ),
+    (
+        DisabledCertificatePart::NeighborSpeed,
+        Ramp::Together,
+        draw_overtaking_case,
+        &CONTROLLED_POINTS,
+    ),
+    (
+        DisabledCertificatePart::Nothing,
+        Ramp::Independent,
+        draw_case_turning_then_passing,
+        &CONTROLLED_POINTS,
+    ),
 ];
 
 #[test]
 fn certified_twists_use_up_at_most_half_of_the_slack() {
-    for body in BODIES {
-        count_violations(3000, Without::Nothing, Ramp::Together, body, Case::draw_case);
-        count_violations(1000, Without::Nothing, Ramp::Together, body, driving_at_a_wall);
+    for body in CONTROLLED_POINTS {
+        count_violations(
+            3000,
+            DisabledCertificatePart::Nothing,
+            Ramp::Together,
+            body,
+            GuardCase::draw_case,
+        );
+        count_violations(
+            1000,
+            DisabledCertificatePart::Nothing,
+            Ramp::Together,
+            body,
+            draw_case_driving_at_wall,
+        );
         // Cases constructed to violate it.
-        for (_, _, make) in ABLATIONS {
-            count_violations(100, Without::Nothing, Ramp::Together, body, make);
+        for (_, _, make, _) in ABLATIONS {
+            count_violations(100, DisabledCertificatePart::Nothing, Ramp::Together, body, make);
         }
     }
 }
@@ -627,8 +798,11 @@ fn certified_twists_use_up_at_most_half_of_the_slack() {
 fn certified_twist_is_safe_for_all_headings_and_directions() {
     for seed in 0..12_000 {
         let mut dice = SplitMix64::new(seed);
-        let case = Case::draw_case(&mut dice, BODIES[seed as usize % 3]);
-        let worst = case.excess_at_worst(&mut dice).unwrap_or(0.0);
+        let case = GuardCase::draw_case(
+            &mut dice,
+            CONTROLLED_POINTS[seed as usize % CONTROLLED_POINTS.len()],
+        );
+        let worst = case.worst_case_excess(&mut dice).unwrap_or(0.0);
         assert!(worst <= TOLERANCE_M_S, "{worst}: {case:?}");
     }
 }
@@ -638,22 +812,27 @@ fn certified_twist_is_safe_for_all_headings_and_directions() {
 fn best_of_the_tried_scales_is_granted() {
     for seed in 0..3000 {
         let mut dice = SplitMix64::new(seed);
-        let case = Case::draw_case(&mut dice, BODIES[seed as usize % 3]);
-        let Case { twist_in_force: now, wanted, ell, .. } = case;
+        let case = GuardCase::draw_case(
+            &mut dice,
+            CONTROLLED_POINTS[seed as usize % CONTROLLED_POINTS.len()],
+        );
+        let GuardCase { twist_in_force: now, requested_twist: wanted, ell, .. } = case;
         case.with_sample(case.heading, &mut dice, |sample| {
-            let mut guard = case.guard();
+            let mut guard = case.build_guard();
             let granted = guard.certify(sample, wanted);
             let mut tried = |twist: Twist| {
-                let tried = guard.clamp_to_reachable(now, guard.scale_into_y(twist));
-                guard.grant(sample, now, tried).map(|granted| (granted, granted == tried))
+                let tried = guard.clamp_to_reachable(now, guard.scale_into_twist_set(twist));
+                guard.grant_twist(sample, now, tried).map(|granted| (granted, granted == tried))
             };
             let merit = |twist: Twist| {
                 twist.v_m_s * wanted.v_m_s
                     + twist.side_m_s * wanted.side_m_s
                     + ell * twist.w_rad_s * (ell * wanted.w_rad_s)
             };
-            let scales: Vec<_> =
-                [1.0, 0.5, 0.25].iter().filter_map(|sigma| tried(wanted.scaled(*sigma))).collect();
+            let scales: Vec<_> = [1.0, 0.5, 0.25]
+                .iter()
+                .filter_map(|sigma| tried(wanted.scale_by(*sigma)))
+                .collect();
             let best = scales.iter().map(|(twist, _)| merit(*twist)).fold(0.0, f64::max);
             match (tried(wanted), scales.first()) {
                 (Some((whole, true)), _) => assert_eq!(granted, whole, "{case:?}"),
@@ -670,12 +849,13 @@ fn best_of_the_tried_scales_is_granted() {
 
 #[test]
 fn lemma_is_violated_without_any_of_its_parts() {
-    for (body, (without, ramp, make)) in
-        BODIES.into_iter().flat_map(|body| ABLATIONS.map(|ablation| (body, ablation)))
-    {
+    let ablations = ABLATIONS.into_iter().flat_map(|(without, ramp, make, bodies)| {
+        bodies.iter().map(move |&body| (without, ramp, make, body))
+    });
+    for (without, ramp, make, body) in ablations {
         let (count, worst) = count_violations(1000, without, ramp, body, make);
         // Where ell = 0, velocity and turn rate may change independently.
-        if body != Body::FrontPoint && without == Without::Nothing {
+        if body != ControlledPoint::FrontPoint && without == DisabledCertificatePart::Nothing {
             assert_eq!(count, 0, "{worst}");
             continue;
         }

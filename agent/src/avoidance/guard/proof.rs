@@ -4,12 +4,12 @@
 use formation::ramp::Ramp;
 use proptest::prelude::*;
 
-use super::super::braking::mu;
+use super::super::braking::approach_speed_factor;
 use super::formulas::Formulas;
 use super::tests::{brief, sample};
 use super::*;
 
-const SOURCES: [&str; 6] = [
+const PROOF_SOURCES: [&str; 6] = [
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Geometry.v")),
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Guard.v")),
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Walls.v")),
@@ -19,23 +19,23 @@ const SOURCES: [&str; 6] = [
 ];
 
 /// Maximum turn rate of a robot at its axle midpoint.
-const W_MAX_RAD_S: f64 = 6.0;
+const TURN_RATE_MAX_RAD_S: f64 = 6.0;
 /// Clearance in units of d.
 const CLEARANCE: f64 = 0.7;
 
-fn limits(accelerations: (f64, f64), braking_time_s: f64, ramp: Ramp) -> LimitsBrief {
+fn limits(accelerations: (f64, f64), braking_time_s: f64, ramp: Ramp) -> AccelerationLimitsBrief {
     let (acceleration_m_s2, turn_acceleration_rad_s2) = accelerations;
-    LimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp }
+    AccelerationLimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp }
 }
 
 /// Returns a guard with T = 10 ms and H = 25 ms.
 fn guard(
     [d, v_max, ell]: [f64; 3],
     errors: (f64, f64),
-    limits: Option<LimitsBrief>,
+    limits: Option<AccelerationLimitsBrief>,
     tau_max: f64,
 ) -> Guard {
-    let turn_rate_max_rad_s = (ell == 0.0).then_some(W_MAX_RAD_S);
+    let turn_rate_max_rad_s = (ell == 0.0).then_some(TURN_RATE_MAX_RAD_S);
     let mut brief = AgentBrief { limits, front_point_m: ell, turn_rate_max_rad_s, ..brief() };
     brief.avoidance.distance_min_m = d;
     brief.avoidance.clearance_m = CLEARANCE * d;
@@ -72,16 +72,16 @@ proptest! {
         let limits = (tau > 0.0).then(|| limits(accelerations, tau, ramp));
         let tau_max = tau * others_longer;
         let mut guard = guard([d, v_max, ell], errors, limits, tau_max);
-        let proof = Formulas::read(&SOURCES);
-        let say = |name: &str, arguments: &[f64]| proof.value(name, arguments);
+        let proof = Formulas::read(&PROOF_SOURCES);
+        let say = |name: &str, arguments: &[f64]| proof.evaluate(name, arguments);
 
         let (v_own, tau_o) = (own.0 * v_max, own.1 * tau);
         let most = guard.drive.turn_rate_bound(v_max);
         let w = [turns.0 * most, turns.1 * most];
         // A certificate with a longer horizon equals one with a longer command timeout.
-        let h = guard.lifetime + if tau > 0.0 { period_longer * guard.period } else { 0.0 };
-        let rate = say("braking_rate", &[guard.lifetime, tau_max]);
-        prop_assert!((guard.rate - rate).abs() < 1e-12);
+        let h = guard.command_lifetime_s + if tau > 0.0 { period_longer * guard.period_s } else { 0.0 };
+        let rate = say("braking_rate", &[guard.command_lifetime_s, tau_max]);
+        prop_assert!((guard.slack_decrease_rate_per_s - rate).abs() < 1e-12);
         // The cases are `proof/Braking.v::another_robot` and `proof/Obstacles.v::an_obstacle`.
         let [its_speed, share, distance_min] = match a_wall {
             true => [0.0, 2.0 * rate, CLEARANCE * d],
@@ -90,15 +90,15 @@ proptest! {
         let r = (distance_min + far * v_max / rate).max(0.0);
         let z = [rotate(direction, Vec2::new(r, 0.0))];
         let [away, walls] = if a_wall { [&[][..], &z] } else { [&z[..], &[]] };
-        let sample = Sample { walls, ..sample(0, heading, away) };
-        let bounds = Bounds { v_own, tau_o, w };
-        let mid = guard.collect_cones(&sample, Horizon::new(guard.rate, h), bounds);
+        let sample = Sample { wall_vectors: walls, ..sample(0, heading, away) };
+        let bounds = MotionBounds { own_speed_max: v_own, braking_time_max: tau_o, turn_rate_range: w };
+        let mid = guard.collect_cones(&sample, Horizon::new(guard.slack_decrease_rate_per_s, h), bounds);
 
         let (sensing_error, heading_error) = errors;
         let eps = sensing_error + say("front_error", &[ell, heading_error]);
         let turning = say("turning_time", &[if at_axle { 1.0 } else { 0.5 }, h, tau_o]);
         let spread = say("spread", &[turning, w[0], w[1], heading_error]);
-        let rho = say("slack", &[r, eps, distance_min, ROUNDING_M]);
+        let rho = say("slack", &[r, eps, distance_min, ROUNDING_MARGIN_M]);
         let reach = say("reach", &[its_speed, v_own, h, eps]);
         let b = say("braking_bound", &[share, rate, h, tau_o, rho, reach]);
         prop_assert!((mid - say("middle", &[heading, turning, w[0], w[1]])).abs() < 1e-12);
@@ -112,30 +112,30 @@ proptest! {
         prop_assert_eq!(guard.cones.len(), usize::from(b < v_own));
         let swept = say("swept", &[v_own, its_speed, h, tau_o, eps]);
         for cone in &guard.cones {
-            prop_assert!((cone.b - b).abs() < 1e-9);
+            prop_assert!((cone.approach_speed_max - b).abs() < 1e-9);
             let psi = say("psi", &[spread, say("swing", &[swept, r])]);
-            prop_assert!((cone.psi - psi).abs() < 1e-9);
+            prop_assert!((cone.half_angle_rad - psi).abs() < 1e-9);
             // At r = 0 every direction is valid.
             let n = rotate(if r > 0.0 { direction } else { 0.0 }, Vec2::new(1.0, 0.0));
-            prop_assert!((cone.n - n).norm() < 1e-9);
-            let count = say("count", &[cone.psi]);
-            prop_assert_eq!(cone.sides().count() as f64, count);
-            for (q, side) in cone.sides().enumerate() {
-                let angle = say("side_angle", &[cone.psi, count, q as f64]);
+            prop_assert!((cone.axis - n).norm() < 1e-9);
+            let count = say("count", &[cone.half_angle_rad]);
+            prop_assert_eq!(cone.half_planes().count() as f64, count);
+            for (q, side) in cone.half_planes().enumerate() {
+                let angle = say("side_angle", &[cone.half_angle_rad, count, q as f64]);
                 prop_assert!((side.normal - rotate(angle, n)).norm() < 1e-9);
-                prop_assert!((side.bound - say("side_bound", &[b, cone.psi, count])).abs() < 1e-9);
+                prop_assert!((side.boundary_distance - say("side_bound", &[b, cone.half_angle_rad, count])).abs() < 1e-9);
             }
         }
 
         // The radii cover the distance that the proof requires.
         let mut far =
-            say("far_braking", &[distance_min, share, rate, guard.lifetime, tau_max, v_max, its_speed]);
+            say("far_braking", &[distance_min, share, rate, guard.command_lifetime_s, tau_max, v_max, its_speed]);
         if tau == 0.0 {
             let name = if a_wall { "far_wall" } else { "far" };
-            far = far.max(say(name, &[distance_min, v_max, guard.lifetime]));
+            far = far.max(say(name, &[distance_min, v_max, guard.command_lifetime_s]));
         }
-        let Vicinity { robots_radius, walls_radius, .. } = guard.vicinity;
-        let radius = if a_wall { walls_radius } else { robots_radius };
+        let VicinityParameters { known_robots_radius, known_walls_radius, .. } = guard.vicinity;
+        let radius = if a_wall { known_walls_radius } else { known_robots_radius };
         prop_assert!(radius - 2.0 * eps >= far - 1e-12);
     }
 
@@ -150,9 +150,9 @@ proptest! {
         let time = (twist.0.abs() / a.0).max(twist.1.abs() / a.1);
         let twist = Twist::new(twist.0, twist.1);
         prop_assert!((guard.braking_time(twist) - time).abs() < 1e-12);
-        prop_assert!((mu(x) - Formulas::read(&SOURCES).value("mu", &[x])).abs() < 1e-12);
+        prop_assert!((approach_speed_factor(x) - Formulas::read(&PROOF_SOURCES).evaluate("mu", &[x])).abs() < 1e-12);
         // Lemma `proof/Inertia.v::braking_keeps_up`, with k tau = x.
-        prop_assert!((1.0 - share).max(0.0) * mu(x) <= (-x * share).exp() + 1e-15);
+        prop_assert!((1.0 - share).max(0.0) * approach_speed_factor(x) <= (-x * share).exp() + 1e-15);
     }
 
     /// Checks the statement of the certificate for all directions of a cone.
@@ -160,23 +160,23 @@ proptest! {
     fn cone_permits_only_approaches_slower_than_b(
         psi in 0.0..=PI, b in 0.0..0.5f64, u in (0.0..1.0f64, -3.2..3.2f64),
     ) {
-        let cone = Cone { n: Vec2::new(1.0, 0.0), psi, b };
+        let cone = Cone { axis: Vec2::new(1.0, 0.0), half_angle_rad: psi, approach_speed_max: b };
         let u = rotate(u.1, Vec2::new(u.0, 0.0));
         let slowest = (0..=2000).map(|k| {
-            rotate(psi * (f64::from(k) / 1000.0 - 1.0), cone.n).dot(&u)
+            rotate(psi * (f64::from(k) / 1000.0 - 1.0), cone.axis).dot(&u)
         });
         let slowest = slowest.fold(f64::INFINITY, f64::min);
         if (slowest + b).abs() > 1e-5 {
             prop_assert_eq!(cone.permits(u), slowest > -b);
         }
-        let within = cone.sides().all(|side| side.normal.dot(&u) >= -side.bound);
+        let within = cone.half_planes().all(|side| side.normal.dot(&u) >= -side.boundary_distance);
         prop_assert!(!within || cone.permits(u));
     }
 }
 
 #[test]
 fn compared_formulas_occur_in_the_certificates() {
-    let [.., walls, inertia, braking, obstacles] = SOURCES;
+    let [.., walls, inertia, braking, obstacles] = PROOF_SOURCES;
     let parts = [
         (walls, "let M := reach 0 v_own (Guard.lifetime S) (Guard.eps S) in"),
         (
@@ -205,5 +205,5 @@ fn compared_formulas_occur_in_the_certificates() {
         assert!(source.contains(part), "{part}");
     }
     // Assumption `proof/Guard.v::sensible`: the rounding margin is not negative.
-    const { assert!(ROUNDING_M >= 0.0) };
+    const { assert!(ROUNDING_MARGIN_M >= 0.0) };
 }

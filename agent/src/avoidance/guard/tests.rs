@@ -18,14 +18,21 @@ pub(in super::super) fn brief() -> AgentBrief {
 pub(in super::super) fn sample(stamp_ns: u64, heading_rad: f64, away: &[Vec2]) -> Sample<'_> {
     let t_s = stamp_ns as f64 / 1e9;
     let heading_effect_rad = heading_rad;
-    Sample { stamp_ns, t_s, heading_rad, heading_effect_rad, away, ..Sample::default() }
+    Sample {
+        stamp_ns,
+        t_s,
+        heading_rad,
+        heading_at_effect_rad: heading_effect_rad,
+        neighbor_vectors: away,
+        ..Sample::default()
+    }
 }
 
 /// Returns the brief of a TurtleBot3 Burger: d = 0.3 m, ell = 0.1 m, T = 10 ms, H = 100 ms, tau = 0.35 s.
-fn burger() -> AgentBrief {
+fn turtlebot3_burger_brief() -> AgentBrief {
     let mut brief = AgentBrief { front_point_m: 0.1, pace: Pace::Lockstep, ..brief() };
     brief.command_lifetime_ns = 100_000_000;
-    brief.limits = Some(LimitsBrief {
+    brief.limits = Some(AccelerationLimitsBrief {
         acceleration_m_s2: 2.5,
         turn_acceleration_rad_s2: 3.2,
         braking_time_s: 0.35,
@@ -44,7 +51,7 @@ fn guard_refuses_a_brief_outside_the_assumptions() {
         change(&mut brief.avoidance);
         super::super::build(&brief).err().map(|why| why.to_string())
     };
-    let needed_m = sensing_radius_m(&Conditions::for_robot(&brief()));
+    let needed_m = sensing_radius_m(&MethodConditions::for_robot(&brief()));
     assert_eq!(refused(&|a| a.sensing_radius_m = needed_m), None);
     let nearly = refused(&|a| a.sensing_radius_m = needed_m.next_down()).unwrap();
     assert!(nearly.contains("\"guard\" sees too late"), "{nearly}");
@@ -66,10 +73,14 @@ fn guard_refuses_a_brief_outside_the_assumptions() {
 
 #[test]
 fn robot_stops_if_neighbors_in_range_may_be_unknown() {
-    for mut brief in [brief(), burger()] {
+    for mut brief in [brief(), turtlebot3_burger_brief()] {
         brief.pace = Pace::Lockstep;
         brief.avoidance.clearance_m = 0.1;
-        let Vicinity { robots_radius, walls_radius, .. } = Guard::new(&brief).vicinity;
+        let VicinityParameters {
+            known_robots_radius: robots_radius,
+            known_walls_radius: walls_radius,
+            ..
+        } = Guard::new(&brief).vicinity;
         for (valid, cut, far, moves) in [
             (true, false, None, true),
             (true, false, Some(0.99), true),
@@ -87,9 +98,9 @@ fn robot_stops_if_neighbors_in_range_may_be_unknown() {
                 let [away, walls] = if a_wall { [&[][..], &near] } else { [&near[..], &[]] };
                 let seen = Sample {
                     proximity_valid: valid,
-                    proximity_cut: cut && !a_wall,
-                    walls,
-                    walls_cut: cut && a_wall,
+                    neighbors_truncated: cut && !a_wall,
+                    wall_vectors: walls,
+                    walls_truncated: cut && a_wall,
                     ..sample(1_000_000_000, 0.0, away)
                 };
                 let twist = Guard::new(&brief).steer(&seen, Vec2::new(0.2, 0.0));
@@ -107,7 +118,7 @@ fn command_is_remembered_until_it_expires() {
     let mut guard = Guard::new(&brief());
     let remembered = stamps.map(|stamp_ns| {
         guard.steer(&sample(stamp_ns, 0.0, &[]), Vec2::zeros());
-        guard.alive.iter().map(|(answered_ns, _)| *answered_ns).collect::<Vec<u64>>()
+        guard.unexpired_commands.iter().map(|(answered_ns, _)| *answered_ns).collect::<Vec<u64>>()
     });
     let [a, b, c, d] = stamps;
     // The first command expires at 1.025 s and is inactive at the sample of that instant.
@@ -124,7 +135,7 @@ fn inertia_stops_robot_until_old_commands_have_expired() {
         // In lockstep a command has expired by the next tick.
         (Pace::Lockstep, 0, 1, true),
     ] {
-        let mut guard = Guard::new(&AgentBrief { pace, late_ns, ..burger() });
+        let mut guard = Guard::new(&AgentBrief { pace, late_ns, ..turtlebot3_burger_brief() });
         guard.steer(&sample(1_000_000_000, 0.0, &[]), Vec2::new(0.1, 0.0));
         let later = sample(1_000_000_000 + since_ns, 0.0, &[]);
         let twist = guard.steer(&later, Vec2::new(0.1, 0.0));
@@ -139,9 +150,10 @@ fn commands_of_predecessor_count_as_worst_case() {
     let tried = Twist::new(0.3, 1.0);
     let granted = |pace: Pace, since_ns: u64, alive: &[f64]| {
         let mut guard = Guard::new(&AgentBrief { pace, ..brief() });
-        guard.drop_expired(stamp_ns - since_ns);
-        guard.alive = { alive }.iter().map(|&w_rad_s| (0, Twist::new(0.0, w_rad_s))).collect();
-        guard.grant(&sample(stamp_ns, 0.2, &away), Twist::ZERO, tried)
+        guard.drop_expired_commands(stamp_ns - since_ns);
+        guard.unexpired_commands =
+            { alive }.iter().map(|&w_rad_s| (0, Twist::new(0.0, w_rad_s))).collect();
+        guard.grant_twist(&sample(stamp_ns, 0.2, &away), Twist::ZERO, tried)
     };
     // v_max / ell = 5 rad/s, H = 25 ms.
     let worst = granted(Pace::Lockstep, 0, &[-5.0, 5.0]);
@@ -160,7 +172,7 @@ fn guard_figures_match_the_documentation() {
         brief
     };
     let burger_with = |tau: f64, lifetime_ms: u64, v_max: f64| {
-        let mut brief = burger();
+        let mut brief = turtlebot3_burger_brief();
         brief.command_lifetime_ns = lifetime_ms * 1_000_000;
         brief.avoidance.speed_max_m_s = v_max;
         brief.avoidance.braking_time_max_s = tau;
@@ -174,13 +186,13 @@ fn guard_figures_match_the_documentation() {
         // Without inertia: 1/H and 3 v_max H.
         (brief(), 40.0, 0.0375),
     ] {
-        let at = Conditions::for_robot(&brief);
-        let found = [rate_per_s(&at), slow_down_zone_m(&at)];
+        let at = MethodConditions::for_robot(&brief);
+        let found = [slack_decrease_rate_per_s(&at), slow_down_zone_m(&at)];
         let off = (found[0] - rate).abs().max((found[1] - zone).abs());
         assert!(off < 5e-3, "{found:?} is not {rate}, {zone}");
     }
     let figures = |brief: &AgentBrief| {
-        let at = Conditions::for_robot(brief);
+        let at = MethodConditions::for_robot(brief);
         [deflection_distance_m(&at), sensing_radius_m(&at), speed_cap_m_s(&at)]
     };
     let moving = |period_ms: u64, ell: f64, v_max: f64| {
@@ -220,10 +232,10 @@ fn speed_above_the_recommended_maximum_is_advised_against() {
     let advice = |v_max: f64| {
         let mut brief = brief();
         brief.avoidance.speed_max_m_s = v_max;
-        advise_speed_cap(&Conditions::for_robot(&brief))
+        advise_speed_cap(&MethodConditions::for_robot(&brief))
     };
     assert_eq!((advice(1.9), advice(2.0), advice(f64::INFINITY)), (None, None, None));
-    let Advice { key, message, expected } = advice(2.5).unwrap();
+    let AvoidanceWarning { key, message, expected_value: expected } = advice(2.5).unwrap();
     assert_eq!(key, "speed_max_m_s");
     assert!(
         message.contains("2.5 m/s is above") && expected.contains("at most 2 m/s"),
@@ -234,7 +246,7 @@ fn speed_above_the_recommended_maximum_is_advised_against() {
 #[test]
 fn front_point_moves_by_gamma_without_neighbors() {
     let mut guard = Guard::new(&AgentBrief { pace: Pace::Lockstep, ..brief() });
-    assert!((guard.admit(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
+    assert!((guard.admit_velocity(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
     let gamma = Vec2::new(0.1, 0.3);
     let twist = guard.velocity_to_twist(0.7, gamma);
     assert_eq!(twist, exact_hold(0.7, 0.1, 0.01 * gamma, 0.01));
@@ -249,7 +261,7 @@ fn front_point_moves_by_gamma_without_neighbors() {
 
 #[test]
 fn request_is_limited_by_braking_time_and_reach() {
-    let mut guard = Guard::new(&burger());
+    let mut guard = Guard::new(&turtlebot3_burger_brief());
     let wanted = |angle: f64| rotate(angle, Vec2::new(0.22, 0.0));
     // Straight ahead from rest: 2.5 m/s^2 for 0.1 s exceeds v_max.
     let ahead = guard.steer(&sample(0, 0.0, &[]), wanted(0.0));
@@ -269,15 +281,15 @@ fn uncertified_approach_brakes() {
     let away = [Vec2::new(-0.301, 0.0)];
     let now = Twist::new(0.2, 0.0);
     let drives = Sample { twist: now, ..sample(0, 0.0, &away) };
-    let mut guard = Guard::new(&burger());
+    let mut guard = Guard::new(&turtlebot3_burger_brief());
     assert_eq!(guard.steer(&drives, Vec2::new(0.2, 0.0)), Twist::ZERO);
     // With an unexpired command instead of the twist in force.
-    let mut guard = Guard::new(&burger());
-    guard.alive.push_back((0, now));
+    let mut guard = Guard::new(&turtlebot3_burger_brief());
+    guard.unexpired_commands.push_back((0, now));
     assert_eq!(guard.certify(&sample(0, 0.0, &away), now), Twist::ZERO);
     // Moving away there is nothing to certify against.
     let leaves = Sample { twist: now, ..sample(0, PI, &away) };
-    let mut guard = Guard::new(&burger());
+    let mut guard = Guard::new(&turtlebot3_burger_brief());
     assert!(guard.certify(&leaves, now).v_m_s > 0.19);
 }
 
@@ -285,7 +297,7 @@ fn uncertified_approach_brakes() {
 /// for H + T.
 #[test]
 fn robot_without_inertia_uses_its_full_share_of_the_slack() {
-    let alone = AgentBrief { limits: None, ..burger() };
+    let alone = AgentBrief { limits: None, ..turtlebot3_burger_brief() };
     for (brief, rate, h) in [(brief(), 40.0, 0.025), (alone, 1.0 / 0.45, 0.11)] {
         let brief = AgentBrief { pace: Pace::Lockstep, ..brief };
         let (d, v_max) = (brief.avoidance.distance_min_m, brief.avoidance.speed_max_m_s);

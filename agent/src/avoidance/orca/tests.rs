@@ -1,6 +1,6 @@
 //! Tests of the guarantees of ORCA (van den Berg et al. 2011), and of their limits.
 
-use formation::front_point::twist_for;
+use formation::front_point::twist_for_front_velocity;
 use formation::random::SplitMix64;
 use proptest::prelude::*;
 use protocol::brief::AgentBrief;
@@ -9,14 +9,22 @@ use super::super::guard::tests::brief as guarded;
 use super::super::ideal_simulation::{IdealSimulation, draw_separated_points};
 use super::*;
 
-const D: f64 = 0.2;
-const TAU_S: f64 = 2.0;
+const DISTANCE_MIN_M: f64 = 0.2;
+const TIME_HORIZON_S: f64 = 2.0;
 
 fn orca() -> Orca {
-    Orca { d: D, clearance: 0.1, v_max: 0.5, ell: 0.1, period: 0.01, tau: TAU_S, sides: Vec::new() }
+    Orca {
+        distance_min: DISTANCE_MIN_M,
+        clearance: 0.1,
+        v_max: 0.5,
+        ell: 0.1,
+        period: 0.01,
+        time_horizon: TIME_HORIZON_S,
+        half_planes: Vec::new(),
+    }
 }
 
-fn polar(angle: f64, length: f64) -> Vec2 {
+fn polar_vector(angle: f64, length: f64) -> Vec2 {
     length * Vec2::new(angle.cos(), angle.sin())
 }
 
@@ -27,12 +35,12 @@ fn minimum_distance(p: Vec2, v: Vec2, time: f64) -> f64 {
     (p - when * v).norm()
 }
 
-fn collide(p: Vec2, v: Vec2, time: f64) -> bool {
-    minimum_distance(p, v, time) < D
+fn robots_collide(p: Vec2, v: Vec2, time: f64) -> bool {
+    minimum_distance(p, v, time) < DISTANCE_MIN_M
 }
 
 /// Returns the maximum violation of a side.
-fn missed(u: Vec2, sides: &[HalfPlane]) -> f64 {
+fn max_violation(u: Vec2, sides: &[HalfPlane]) -> f64 {
     sides.iter().map(|side| side.violation_m_s(u)).fold(f64::NEG_INFINITY, f64::max)
 }
 
@@ -45,15 +53,15 @@ proptest! {
     fn smallest_change_reaches_the_velocity_obstacle_boundary(
         (direction, far) in (-3.2..3.2f64, 0.001..1.5f64), (course, speed) in (-3.2..3.2f64, 0.0..1.0f64),
     ) {
-        let (p, v) = (polar(direction, D + far), polar(course, speed));
-        let (u, n) = orca().smallest_change(p, v);
+        let (p, v) = (polar_vector(direction, DISTANCE_MIN_M + far), polar_vector(course, speed));
+        let (u, n) = orca().smallest_velocity_change(p, v);
         let border = v + u;
-        prop_assert!(!collide(p, border + 1e-6 * n, TAU_S));
-        prop_assert!(collide(p, border - 1e-6 * n, TAU_S));
+        prop_assert!(!robots_collide(p, border + 1e-6 * n, TIME_HORIZON_S));
+        prop_assert!(robots_collide(p, border - 1e-6 * n, TIME_HORIZON_S));
         prop_assert!((u - u.dot(&n) * n).norm() < 1e-9);
         for k in 0..64 {
-            let other = v + polar(f64::from(k) * 0.1, 0.999 * u.norm() - 1e-9);
-            prop_assert_eq!(collide(p, other, TAU_S), collide(p, v, TAU_S), "{:?}", other);
+            let other = v + polar_vector(f64::from(k) * 0.1, 0.999 * u.norm() - 1e-9);
+            prop_assert_eq!(robots_collide(p, other, TIME_HORIZON_S), robots_collide(p, v, TIME_HORIZON_S), "{:?}", other);
         }
     }
 
@@ -64,23 +72,23 @@ proptest! {
         velocities in [(-3.2..3.2f64, 0.0..0.5f64), (-3.2..3.2f64, 0.0..0.5f64)],
         wanted in [(-3.2..3.2f64, 0.0..0.5f64), (-3.2..3.2f64, 0.0..0.5f64)],
     ) {
-        let z = polar(direction, -(D + far));
-        let [a, b] = velocities.map(|(angle, speed)| polar(angle, speed));
+        let z = polar_vector(direction, -(DISTANCE_MIN_M + far));
+        let [a, b] = velocities.map(|(angle, speed)| polar_vector(angle, speed));
         let choose = |z: Vec2, own: Vec2, other: Vec2, gamma: Vec2| {
             let mut orca = Orca { v_max: 10.0, ..orca() };
             let (away, velocities) = ([z], [other]);
             let sample = Sample {
-                twist: twist_for(0.0, 0.1, own),
-                away: &away,
-                velocities: &velocities,
+                twist: twist_for_front_velocity(0.0, 0.1, own),
+                neighbor_vectors: &away,
+                neighbor_velocities: &velocities,
                 ..Sample::default()
             };
-            orca.velocity(&sample, gamma).unwrap()
+            orca.choose_velocity(&sample, gamma).unwrap()
         };
-        let [wants_a, wants_b] = wanted.map(|(angle, speed)| polar(angle, speed));
+        let [wants_a, wants_b] = wanted.map(|(angle, speed)| polar_vector(angle, speed));
         let relative = choose(z, a, b, wants_a) - choose(-z, b, a, wants_b);
         // At the boundary itself rounding decides.
-        prop_assert!(minimum_distance(-z, relative, TAU_S) > D - 1e-9, "{relative:?}");
+        prop_assert!(minimum_distance(-z, relative, TIME_HORIZON_S) > DISTANCE_MIN_M - 1e-9, "{relative:?}");
     }
 }
 
@@ -99,14 +107,14 @@ fn ideal_robots_keep_d_while_programs_are_feasible() {
         let mut closest = f64::INFINITY;
         for _ in 0..2000 {
             let now = simulation.step();
-            let solved = |(orca, u): (&Orca, &Vec2)| missed(*u, &orca.sides) < 1e-9;
+            let solved = |(orca, u): (&Orca, &Vec2)| max_violation(*u, &orca.half_planes) < 1e-9;
             if !simulation.methods.iter().zip(&simulation.velocities).all(solved) {
                 break;
             }
             kept += 1;
             closest = closest.min(now);
         }
-        assert!(closest > D - 1e-9, "seed {seed}: {closest}");
+        assert!(closest > DISTANCE_MIN_M - 1e-9, "seed {seed}: {closest}");
         arrived += u32::from(simulation.goal_distance_max() < 0.01);
     }
     assert!(kept > 30_000 && arrived >= 15, "{kept} periods, {arrived} of 20 arrived");
@@ -118,23 +126,25 @@ fn wall_constraint_is_full_and_not_relaxed() {
     // The wall is 0.15 m ahead, and another robot approaches from behind at 0.5 m/s.
     let (walls, away) = ([Vec2::new(-0.15, 0.0)], [Vec2::new(0.21, 0.0)]);
     let velocities = [Vec2::new(0.5, 0.0)];
-    let sample = Sample { walls: &walls, ..Sample::default() };
-    let u = orca.velocity(&sample, Vec2::new(0.5, 0.0)).unwrap();
+    let sample = Sample { wall_vectors: &walls, ..Sample::default() };
+    let u = orca.choose_velocity(&sample, Vec2::new(0.5, 0.0)).unwrap();
     assert!((u - Vec2::new(0.025, 0.0)).norm() < 1e-12, "0.05 m of slack in 2 s: {u:?}");
-    let pushed = Sample { away: &away, velocities: &velocities, ..sample };
-    let u = orca.velocity(&pushed, Vec2::new(0.5, 0.0)).unwrap();
+    let pushed = Sample { neighbor_vectors: &away, neighbor_velocities: &velocities, ..sample };
+    let u = orca.choose_velocity(&pushed, Vec2::new(0.5, 0.0)).unwrap();
     assert!(u.x <= 0.025 + 1e-9, "{u:?}");
     // Inside the clearance it must leave within one period.
     let beyond = [Vec2::new(-0.097, 0.0)];
-    let u = orca.velocity(&Sample { walls: &beyond, ..Sample::default() }, Vec2::zeros()).unwrap();
+    let u = orca
+        .choose_velocity(&Sample { wall_vectors: &beyond, ..Sample::default() }, Vec2::zeros())
+        .unwrap();
     assert!((u.x + 0.3).abs() < 1e-9, "{u:?}");
 }
 
 #[test]
 fn missing_velocities_give_no_velocity() {
     let away = [Vec2::new(0.3, 0.0)];
-    let sample = Sample { away: &away, ..Sample::default() };
-    assert_eq!(orca().velocity(&sample, Vec2::new(0.1, 0.0)), None);
+    let sample = Sample { neighbor_vectors: &away, ..Sample::default() };
+    assert_eq!(orca().choose_velocity(&sample, Vec2::new(0.1, 0.0)), None);
 }
 
 #[test]
@@ -142,10 +152,10 @@ fn sensing_radius_covers_all_meetings_in_the_horizon() {
     let mut brief = AgentBrief { ..guarded() };
     brief.avoidance.gains = [("horizon_s".to_owned(), 2.0)].into();
     brief.avoidance.kind = "orca".into();
-    let needed = sensing_radius_m(&Conditions::for_robot(&brief));
+    let needed = sensing_radius_m(&MethodConditions::for_robot(&brief));
     assert!((needed - 2.2).abs() < 1e-12, "d + 2 v_max tau: {needed}");
     brief.avoidance.clearance_m = 1.5;
-    assert!((sensing_radius_m(&Conditions::for_robot(&brief)) - 2.5).abs() < 1e-12);
+    assert!((sensing_radius_m(&MethodConditions::for_robot(&brief)) - 2.5).abs() < 1e-12);
     assert!(super::super::build(&brief).is_ok());
     brief.avoidance.gains.clear();
     assert!(super::super::build(&brief).is_err());

@@ -4,24 +4,26 @@ use formation::random::SplitMix64;
 use proptest::prelude::*;
 
 use super::super::guard::tests::brief;
-use super::super::ideal_simulation::{IdealSimulation, antipodal, draw_separated_points};
+use super::super::ideal_simulation::{
+    IdealSimulation, antipodal_starts_and_goals, draw_separated_points,
+};
 use super::*;
 
-const D: f64 = 0.2;
+const DISTANCE_MIN_M: f64 = 0.2;
 
 fn rbl(k: f64, period: f64) -> Rbl {
     Rbl {
-        d: D,
+        distance_min: DISTANCE_MIN_M,
         clearance: 0.1,
         v_max: 0.5,
         period,
-        k,
-        spread_wanted: 0.1,
+        approach_rate: k,
+        nominal_spread: 0.1,
         spread: 0.1,
-        theta: 0.0,
-        disc: grid(0.6),
-        cell: Vec::new(),
-        sides: Vec::new(),
+        goal_rotation_rad: 0.0,
+        disc_points: disc_grid_points(0.6),
+        cell_points: Vec::new(),
+        half_planes: Vec::new(),
     }
 }
 
@@ -34,13 +36,13 @@ fn simulation(at: Vec<Vec2>, goals: Vec<Vec2>, k: f64, period: f64) -> IdealSimu
 fn ideal_robots_keep_d() {
     for seed in 0..12 {
         let mut random = SplitMix64::new(seed);
-        let robots = random.between(2, 8) as usize;
-        let at = draw_separated_points(&mut random, robots, 1.2, D);
+        let robots = random.draw_between(2, 8) as usize;
+        let at = draw_separated_points(&mut random, robots, 1.2, DISTANCE_MIN_M);
         let goals = draw_separated_points(&mut random, robots, 1.2, 0.0);
         let mut simulation = simulation(at, goals, 10.0, 0.05);
         for k in 0..300 {
             let closest = simulation.step();
-            assert!(closest > D - 1e-9, "seed {seed}: {closest} in period {k}");
+            assert!(closest > DISTANCE_MIN_M - 1e-9, "seed {seed}: {closest} in period {k}");
         }
     }
 }
@@ -49,10 +51,10 @@ fn ideal_robots_keep_d() {
 #[test]
 fn ideal_robots_arrive_near_their_goals() {
     for robots in [2, 3, 4, 6, 8] {
-        let [at, goals] = antipodal(robots, 1.0);
+        let [at, goals] = antipodal_starts_and_goals(robots, 1.0);
         let mut simulation = simulation(at, goals, 10.0, 0.02);
         let closest = (0..3000).map(|_| simulation.step()).fold(f64::INFINITY, f64::min);
-        assert!(closest > D - 1e-9, "{robots}: {closest}");
+        assert!(closest > DISTANCE_MIN_M - 1e-9, "{robots}: {closest}");
         assert!(
             simulation.goal_distance_max() < 0.05,
             "{robots}: {}",
@@ -71,7 +73,7 @@ fn single_robot_goes_straight_to_its_goal_and_stays() {
     }
     assert!(simulation.goal_distance_max() < 1e-3, "{}", simulation.goal_distance_max());
     // Without a goal it stays where it is.
-    let u = rbl(10.0, 0.02).velocity(&Sample::default(), Vec2::new(0.3, 0.0)).unwrap();
+    let u = rbl(10.0, 0.02).choose_velocity(&Sample::default(), Vec2::new(0.3, 0.0)).unwrap();
     assert!(u.norm() < 1e-12, "{u:?}");
 }
 
@@ -86,30 +88,31 @@ proptest! {
         let away: Vec<Vec2> = near.into_iter().map(polar).collect();
         let walls: Vec<Vec2> = wall.into_iter().map(polar).collect();
         let mut rbl = rbl(10.0, 0.02);
-        rbl.collect_cell(&Sample { away: &away, walls: &walls, ..Sample::default() });
-        let disc = grid(0.6);
+        rbl.collect_cell_points(&Sample { neighbor_vectors: &away, wall_vectors: &walls, ..Sample::default() });
+        let disc = disc_grid_points(0.6);
         let nearer = |q: &Vec2| away.iter().all(|z| {
             // Definition of the paper: compared with the other robot or, if it is near, with a point before it.
             let p = -z;
-            let moved = if p.norm() >= 2.0 * D { p } else {
-                p + 2.0 * (D - 0.5 * p.norm()) * z / z.norm()
+            let moved = if p.norm() >= 2.0 * DISTANCE_MIN_M { p } else {
+                p + 2.0 * (DISTANCE_MIN_M - 0.5 * p.norm()) * z / z.norm()
             };
             (q - moved).norm() >= q.norm() - 1e-12
         });
         let clear = |q: &Vec2| walls.iter().all(|z| z.dot(q) / z.norm() >= 0.1 - z.norm() - 1e-12);
         let expected: Vec<Vec2> = disc.into_iter().filter(|q| nearer(q) && clear(q)).collect();
         // At a boundary rounding decides.
-        prop_assert!(rbl.cell.len().abs_diff(expected.len()) <= 2, "{} {}", rbl.cell.len(), expected.len());
+        prop_assert!(rbl.cell_points.len().abs_diff(expected.len()) <= 2, "{} {}", rbl.cell_points.len(), expected.len());
     }
 }
 
 #[test]
 fn empty_cell_stops_the_robot() {
     let away = [Vec2::new(0.05, 0.0), Vec2::new(-0.05, 0.0)];
-    let sample = Sample { away: &away, error: Some(Vec2::new(1.0, 0.0)), ..Sample::default() };
+    let sample =
+        Sample { neighbor_vectors: &away, error: Some(Vec2::new(1.0, 0.0)), ..Sample::default() };
     let mut rbl = rbl(10.0, 0.02);
-    assert_eq!(rbl.velocity(&sample, Vec2::zeros()), Some(Vec2::zeros()));
-    assert!(rbl.cell.is_empty());
+    assert_eq!(rbl.choose_velocity(&sample, Vec2::zeros()), Some(Vec2::zeros()));
+    assert!(rbl.cell_points.is_empty());
 }
 
 #[test]
@@ -118,19 +121,20 @@ fn blocked_robot_turns_goal_clockwise_and_back_when_free() {
     // Another robot ahead leaves 0.06 m.
     let away = [Vec2::new(-0.26, 0.0)];
     let goal = Some(Vec2::new(-1.0, 0.0)); // ahead
-    let held = Sample { away: &away, error: goal, ..Sample::default() };
-    rbl.velocity(&held, Vec2::zeros());
+    let held = Sample { neighbor_vectors: &away, error: goal, ..Sample::default() };
+    rbl.choose_velocity(&held, Vec2::zeros());
     assert!(
-        (rbl.theta - 0.1).abs() < 1e-12 && (rbl.spread - 0.05).abs() < 1e-12,
+        (rbl.goal_rotation_rad - 0.1).abs() < 1e-12 && (rbl.spread - 0.05).abs() < 1e-12,
         "first (8) and (9)"
     );
-    let u = rbl.velocity(&Sample { error: goal, ..Sample::default() }, Vec2::zeros()).unwrap();
+    let u =
+        rbl.choose_velocity(&Sample { error: goal, ..Sample::default() }, Vec2::zeros()).unwrap();
     assert!(u.y < -0.01, "the goal lies clockwise of ahead: {u:?}");
     let free = Sample { error: goal, ..Sample::default() };
     for _ in 0..100 {
-        rbl.velocity(&free, Vec2::zeros());
+        rbl.choose_velocity(&free, Vec2::zeros());
     }
-    assert_eq!(rbl.theta, 0.0);
+    assert_eq!(rbl.goal_rotation_rad, 0.0);
     assert!((rbl.spread - 0.1).abs() < 1e-4, "{}", rbl.spread);
 }
 
@@ -140,9 +144,12 @@ fn turned_goal_resets_if_the_straight_way_is_longer() {
     let goal = Some(Vec2::new(-1.0, 0.0));
     // The way ahead is free, and another robot is on the right, in the direction of the turned goal.
     let away = [Vec2::new(0.0, 0.26)];
-    rbl.theta = FRAC_PI_2;
-    rbl.velocity(&Sample { away: &away, error: goal, ..Sample::default() }, Vec2::zeros());
-    assert_eq!(rbl.theta, 0.0);
+    rbl.goal_rotation_rad = FRAC_PI_2;
+    rbl.choose_velocity(
+        &Sample { neighbor_vectors: &away, error: goal, ..Sample::default() },
+        Vec2::zeros(),
+    );
+    assert_eq!(rbl.goal_rotation_rad, 0.0);
 }
 
 #[test]
@@ -150,9 +157,10 @@ fn sensing_radius_covers_touching_cells_and_period_advised() {
     let mut brief = brief();
     let gains = [("cell_radius_m", 0.6), ("spread_m", 0.1), ("approach_per_s", 10.0)];
     brief.avoidance.gains = gains.map(|(key, gain)| (key.to_owned(), gain)).into();
-    let at = Conditions::for_robot(&brief);
+    let at = MethodConditions::for_robot(&brief);
     assert!((sensing_radius_m(&at) - 1.2).abs() < 1e-12);
-    assert!((ROW.description.advice)(&at).is_none());
-    let advice = (ROW.description.advice)(&Conditions { period_s: 0.06, ..at }).unwrap();
+    assert!((ROW.description.find_warning)(&at).is_none());
+    let advice =
+        (ROW.description.find_warning)(&MethodConditions { period_s: 0.06, ..at }).unwrap();
     assert!(advice.message.starts_with("approach_per_s T = 0.6: "), "{}", advice.message);
 }

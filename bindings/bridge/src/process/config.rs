@@ -6,52 +6,52 @@
 use protocol::brief::BridgeBrief;
 use serde_json::{Value, json};
 
-use crate::topics::{self, PREFIX};
+use crate::topics::{self, KEY_PREFIX};
 
 /// Time without a message after which a peer is gone, ms. zenoh sends four keep-alive messages in that time.
 const LEASE_MS: u64 = 1_000;
 /// Maximum time for opening a connection, ms.
-const OPEN_MS: u64 = 500;
+const OPEN_TIMEOUT_MS: u64 = 500;
 /// Backoff of reconnection attempts, ms: initial and maximum.
-const RETRY_MS: [u64; 2] = [100, 200];
+const RECONNECT_BACKOFF_MS: [u64; 2] = [100, 200];
 /// Maximum time for which a sample waits for space in the queue before it is dropped, us.
-const WAIT_US: u64 = 500;
+const QUEUE_WAIT_US_MAX: u64 = 500;
 /// Maximum length of a frame, bytes. Longer ones are refused.
 const FRAME_BYTES_MAX: u64 = 1 << 20;
 
 /// Purpose of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum End {
+pub enum SessionRole {
     /// Listens for connections of other hosts.
     Listening,
     /// Connects to the host with this index.
-    To(usize),
+    Connecting(usize),
 }
 
-impl End {
+impl SessionRole {
     /// Returns whether the session of host `here` is for communication with `host`. Of two hosts, the one with
     /// the larger index connects.
     pub fn is_session_with(self, here: usize, host: usize) -> bool {
         match self {
-            End::Listening => host > here,
-            End::To(peer) => host == peer,
+            SessionRole::Listening => host > here,
+            SessionRole::Connecting(peer) => host == peer,
         }
     }
 }
 
 /// Returns the complete configuration of a session, as JSON.
-pub fn session_config(brief: &BridgeBrief, end: End) -> Value {
+pub fn session_config(brief: &BridgeBrief, end: SessionRole) -> Value {
     let protocol = if brief.certificates.is_some() { "tls" } else { &brief.transport };
     let endpoint = |host: usize| format!("{protocol}/{}", brief.hosts[host].address);
     let (listen, connect) = match end {
-        End::Listening => (vec![endpoint(brief.here)], vec![]),
-        End::To(peer) => (vec![], vec![endpoint(peer)]),
+        SessionRole::Listening => (vec![endpoint(brief.here)], vec![]),
+        SessionRole::Connecting(peer) => (vec![], vec![endpoint(peer)]),
     };
-    let mut peers = topics::peers(brief, brief.here);
+    let mut peers = topics::peer_hosts(brief, brief.here);
     peers.retain(|&peer| end.is_session_with(brief.here, peer));
     let retry = json!({
-        "period_init_ms": RETRY_MS[0],
-        "period_max_ms": RETRY_MS[1],
+        "period_init_ms": RECONNECT_BACKOFF_MS[0],
+        "period_max_ms": RECONNECT_BACKOFF_MS[1],
         "period_increase_factor": 1.5,
     });
     let mut config = json!({
@@ -76,8 +76,8 @@ pub fn session_config(brief: &BridgeBrief, end: End) -> Value {
         "adminspace": { "enabled": false },
         "transport": {
             "unicast": {
-                "open_timeout": OPEN_MS,
-                "accept_timeout": OPEN_MS,
+                "open_timeout": OPEN_TIMEOUT_MS,
+                "accept_timeout": OPEN_TIMEOUT_MS,
                 "accept_pending": 64,
                 "max_sessions": 2 * brief.hosts.len() + 2,
                 "max_links": 1,
@@ -90,7 +90,7 @@ pub fn session_config(brief: &BridgeBrief, end: End) -> Value {
                     "keep_alive": 4,
                     "queue": {
                         "size": { "real_time": 16 },
-                        "congestion_control": { "drop": { "wait_before_drop": WAIT_US } },
+                        "congestion_control": { "drop": { "wait_before_drop": QUEUE_WAIT_US_MAX } },
                     },
                 },
                 "rx": { "max_message_size": FRAME_BYTES_MAX },
@@ -108,16 +108,16 @@ pub fn session_config(brief: &BridgeBrief, end: End) -> Value {
             "verify_name_on_connect": true,
             "close_link_on_expiration": true,
         });
-        config["access_control"] = access(brief, &peers);
+        config["access_control"] = access_control_config(brief, &peers);
     }
     config
 }
 
 /// Returns the access list, by the common names of certificates: each host may write below its own name, and
 /// receive. Everything else is denied.
-fn access(brief: &BridgeBrief, peers: &[usize]) -> Value {
+fn access_control_config(brief: &BridgeBrief, peers: &[usize]) -> Value {
     let names: Vec<&str> = peers.iter().map(|&peer| brief.hosts[peer].name.as_str()).collect();
-    let below = |name: &str| format!("{PREFIX}/{name}/**");
+    let below = |name: &str| format!("{KEY_PREFIX}/{name}/**");
     let own = below(&brief.hosts[brief.here].name);
     let rule = |id: String, message: &str, flow: &str, key: &str| {
         json!({
@@ -131,7 +131,7 @@ fn access(brief: &BridgeBrief, peers: &[usize]) -> Value {
     let mut rules = vec![
         rule("say".into(), "put", "egress", &own),
         rule("be-heard".into(), "declare_subscriber", "ingress", &own),
-        rule("hear".into(), "declare_subscriber", "egress", &format!("{PREFIX}/**")),
+        rule("hear".into(), "declare_subscriber", "egress", &format!("{KEY_PREFIX}/**")),
     ];
     let (mut subjects, mut policies) = (Vec::new(), Vec::new());
     for name in names {

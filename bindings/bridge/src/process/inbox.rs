@@ -9,86 +9,96 @@ use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
 use protocol::clock;
-use protocol::dropped::Dropped;
+use protocol::dropped::DropReason;
 
-use crate::frame::Header;
-use crate::gate::{Boots, Gate};
+use crate::frame::FrameHeader;
+use crate::gate::{BridgeBoots, FrameFilter};
 
 /// Maximum number of queued frames with status and latencies. Further ones are dropped, and the sender sends them
 /// again.
-const TOLD_MAX: usize = 16;
+const QUEUED_STATUS_FRAMES_MAX: usize = 16;
 
 /// An accepted frame.
 #[derive(Debug, Clone)]
-pub struct Arrived {
+pub struct ReceivedFrame {
     /// Index of the route on which the frame arrived.
     pub route: usize,
     /// Header of the frame.
-    pub header: Header,
+    pub header: FrameHeader,
     /// Content of the frame.
     pub content: Vec<u8>,
     /// Time of arrival, ns.
-    pub at_ns: u64,
+    pub arrival_ns: u64,
 }
 
 /// Queue of frames that have arrived and that the bridge's loop has not read.
 pub struct Inbox {
-    state: Mutex<State>,
+    state: Mutex<InboxState>,
     arrival: Condvar,
 }
 
-struct State {
+struct InboxState {
     /// Queue of each route that ends here.
-    lanes: Vec<Option<Lane>>,
+    route_queues: Vec<Option<RouteQueue>>,
     /// Current bridge of each host.
-    boots: Vec<Boots>,
+    boots: Vec<BridgeBoots>,
     /// Number of dropped frames, by reason.
-    dropped: [u64; Dropped::ALL.len()],
-    arrived: bool,
+    dropped_counts: [u64; DropReason::ALL.len()],
+    has_frames: bool,
 }
 
-struct Lane {
-    gate: Gate,
+struct RouteQueue {
+    filter: FrameFilter,
     sending_host: usize,
-    keeps: usize,
-    waiting: VecDeque<Arrived>,
+    capacity: usize,
+    frames: VecDeque<ReceivedFrame>,
 }
 
 impl Inbox {
     /// Creates queues for these numbers of routes and hosts.
     pub fn new(routes: usize, hosts: usize) -> Inbox {
-        let state = State {
-            lanes: (0..routes).map(|_| None).collect(),
-            boots: vec![Boots::default(); hosts],
-            dropped: [0; Dropped::ALL.len()],
-            arrived: false,
+        let state = InboxState {
+            route_queues: (0..routes).map(|_| None).collect(),
+            boots: vec![BridgeBoots::default(); hosts],
+            dropped_counts: [0; DropReason::ALL.len()],
+            has_frames: false,
         };
         Inbox { state: Mutex::new(state), arrival: Condvar::new() }
     }
 
     /// Opens the queue of a route for frames of host `from` that pass `gate`. `all`: keep all frames, not only
     /// the newest.
-    pub fn open(&self, route: usize, from: usize, gate: Gate, all: bool) {
-        let keeps = if all { TOLD_MAX } else { 1 };
-        self.lock().lanes[route] =
-            Some(Lane { gate, sending_host: from, keeps, waiting: VecDeque::new() });
+    pub fn open_route(&self, route: usize, from: usize, gate: FrameFilter, all: bool) {
+        let keeps = if all { QUEUED_STATUS_FRAMES_MAX } else { 1 };
+        self.lock().route_queues[route] = Some(RouteQueue {
+            filter: gate,
+            sending_host: from,
+            capacity: keeps,
+            frames: VecDeque::new(),
+        });
     }
 
     /// Adds a frame, or drops it and counts the reason.
-    pub fn put(&self, route: usize, frame: &[u8]) {
+    pub fn push_frame(&self, route: usize, frame: &[u8]) {
         let at_ns = clock::now_ns();
         let mut state = self.lock();
-        let State { lanes, boots, dropped, arrived } = &mut *state;
+        let InboxState { route_queues: lanes, boots, dropped_counts: dropped, has_frames: arrived } =
+            &mut *state;
         let Some(lane) = &mut lanes[route] else { return };
-        match lane.gate.accept_frame(frame, &mut boots[lane.sending_host]) {
+        match lane.filter.accept_frame(frame, &mut boots[lane.sending_host]) {
             Ok((header, content)) => {
-                if lane.waiting.len() == lane.keeps {
-                    if lane.keeps > 1 {
+                if lane.frames.len() == lane.capacity {
+                    if lane.capacity > 1 {
                         return;
                     }
-                    lane.waiting.clear();
+                    lane.frames.clear();
                 }
-                lane.waiting.push_back(Arrived { route, header, content: content.to_vec(), at_ns });
+                lane.frames.push_back(ReceivedFrame {
+                    route,
+                    header,
+                    content: content.to_vec(),
+                    arrival_ns: at_ns,
+                });
                 *arrived = true;
                 drop(state);
                 self.arrival.notify_one();
@@ -98,9 +108,9 @@ impl Inbox {
     }
 
     /// Waits until a frame arrives, at most until `until_ns`. Returns all queued frames.
-    pub fn wait(&self, until_ns: u64) -> Vec<Arrived> {
+    pub fn wait_for_frames(&self, until_ns: u64) -> Vec<ReceivedFrame> {
         let mut state = self.lock();
-        while !state.arrived {
+        while !state.has_frames {
             let left_ns = until_ns.saturating_sub(clock::now_ns());
             if left_ns == 0 {
                 break;
@@ -108,16 +118,16 @@ impl Inbox {
             let waited = self.arrival.wait_timeout(state, Duration::from_nanos(left_ns));
             state = waited.unwrap_or_else(std::sync::PoisonError::into_inner).0;
         }
-        state.arrived = false;
-        state.lanes.iter_mut().flatten().flat_map(|lane| lane.waiting.drain(..)).collect()
+        state.has_frames = false;
+        state.route_queues.iter_mut().flatten().flat_map(|lane| lane.frames.drain(..)).collect()
     }
 
     /// Returns the number of frames dropped for this reason.
-    pub fn dropped_count(&self, why: Dropped) -> u64 {
-        self.lock().dropped[why as usize]
+    pub fn dropped_count(&self, why: DropReason) -> u64 {
+        self.lock().dropped_counts[why as usize]
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, InboxState> {
         // After a panic in another thread the state is still consistent.
         self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }

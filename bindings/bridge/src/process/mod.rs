@@ -26,26 +26,28 @@ pub mod wire;
 use std::path::Path;
 
 use protocol::brief::{self, BridgeBrief};
-use protocol::process::{self, Failure, Stop, TimeSlice};
+use protocol::process::{self, Failure, StopFlag, TimeSlice};
 use protocol::{clock, run_root};
 
 use self::bridge::Bridge;
 
 /// Runs the process: name, log and exit code included.
 pub fn main(brief_path: &Path, realtime_priority: bool) -> u8 {
-    let log = || process::log_to_stderr_and(refusals::Listener::layer(), refusals::is_counted);
-    process::main_that_logs("phalanx-bridge", realtime_priority, log, || run(brief_path))
+    let log = || {
+        process::log_to_stderr_and_listener(refusals::RefusalCounter::layer(), refusals::is_counted)
+    };
+    process::main_with_log("phalanx-bridge", realtime_priority, log, || run(brief_path))
 }
 
 /// Forwards samples as the brief says until the process is asked to stop.
 fn run(brief_path: &Path) -> Result<(), Failure> {
     let brief: BridgeBrief = brief::read(brief_path)?;
-    let stop = Stop::on_signals()?;
+    let stop = StopFlag::for_termination_signals()?;
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
     process::request_time_slice(TimeSlice::Short);
     let mut bridge = Bridge::open(brief)?;
-    tracing::info!(host = bridge.host(), "ready");
+    tracing::info!(host = bridge.host_name(), "ready");
     while !stop.is_requested() {
         bridge.iterate()?;
     }

@@ -6,7 +6,7 @@ use std::fmt::Debug;
 use iceoryx2::port::ReceiveError;
 use iceoryx2::prelude::ZeroCopySend;
 use protocol::brief::BridgeBrief;
-use protocol::dropped::Dropped;
+use protocol::dropped::DropReason;
 use protocol::message::{
     Beacon, BridgeHeader, Command, LatencyHeader, LatencyRow, NeighborStatus, Odometry,
     OrderHeader, OrderRow, PeerRow, Plain, ReportHeader, ReportRow, StatusHeader,
@@ -15,7 +15,7 @@ use protocol::service::{
     self, Factory, Node, Publisher, SendError, ServiceError, Subscriber, send_slice,
 };
 
-use super::times::Times;
+use super::times::StampConverter;
 use crate::frame::{self, decode_slice};
 use crate::topics::Topic;
 
@@ -24,10 +24,10 @@ use crate::topics::Topic;
 pub enum PortError {
     /// The sample is dropped and counted, for this reason.
     #[error("dropped: {}", .0.keyword())]
-    Dropped(Dropped),
+    Dropped(DropReason),
     /// A port could not be created.
     #[error(transparent)]
-    Service(#[from] ServiceError),
+    CreatePort(#[from] ServiceError),
     /// A sample could not be received.
     #[error("cannot receive from a process of this host: {0}")]
     Receive(#[from] ReceiveError),
@@ -36,70 +36,81 @@ pub enum PortError {
     Send(#[from] iceoryx2::port::SendError),
     /// A slice could not be sent.
     #[error("cannot send to a process of this host: {0}")]
-    Slice(#[from] SendError),
+    SendSlice(#[from] SendError),
 }
 
-impl From<Dropped> for PortError {
-    fn from(why: Dropped) -> PortError {
+impl From<DropReason> for PortError {
+    fn from(why: DropReason) -> PortError {
         PortError::Dropped(why)
     }
 }
 
 /// Function that returns the newest sample of a process of this host, converted for other hosts; `None` if there is
 /// no new one. The number is the current time, ns.
-pub type Source = Box<dyn FnMut(&mut Times, u64) -> Result<Option<Vec<u8>>, PortError>>;
+pub type SampleSource =
+    Box<dyn FnMut(&mut StampConverter, u64) -> Result<Option<Vec<u8>>, PortError>>;
 /// Function that delivers a sample from another host to a process of this host. The number is the current time, ns.
-pub type Sink = Box<dyn FnMut(&mut Times, &[u8], u64) -> Result<(), PortError>>;
+pub type SampleSink = Box<dyn FnMut(&mut StampConverter, &[u8], u64) -> Result<(), PortError>>;
 
 /// Returns the layout hash of the content of a topic.
-pub fn layout(topic: Topic) -> u64 {
+pub fn topic_layout_hash(topic: Topic) -> u64 {
     match topic {
         // Behind the beacon follow the bytes of its message.
         Topic::Beacon(_) => Beacon::LAYOUT.rotate_left(3),
         Topic::Odometry(_) => Odometry::LAYOUT,
         Topic::Command(_) => Command::LAYOUT,
-        Topic::Orders(_) => frame::layout::<OrderRow, OrderHeader>(),
-        Topic::Report(_) => frame::layout::<ReportRow, ReportHeader>(),
-        Topic::Bridge(_) => frame::layout::<PeerRow, BridgeHeader>(),
-        Topic::Told(_) => {
-            frame::layout::<NeighborStatus, StatusHeader>()
-                ^ frame::layout::<LatencyRow, LatencyHeader>().rotate_left(7)
+        Topic::Orders(_) => frame::layout_hash::<OrderRow, OrderHeader>(),
+        Topic::Report(_) => frame::layout_hash::<ReportRow, ReportHeader>(),
+        Topic::BridgeStatus(_) => frame::layout_hash::<PeerRow, BridgeHeader>(),
+        Topic::StatusRecords(_) => {
+            frame::layout_hash::<NeighborStatus, StatusHeader>()
+                ^ frame::layout_hash::<LatencyRow, LatencyHeader>().rotate_left(7)
         }
-        Topic::Confirmed(_) | Topic::Ask(_) | Topic::Answer(_) => frame::layout::<u64, ()>(),
+        Topic::Acknowledgment(_) | Topic::ClockRequest(_) | Topic::ClockResponse(_) => {
+            frame::layout_hash::<u64, ()>()
+        }
     }
 }
 
 /// Returns the source of a topic that starts here; `None` if that is the bridge itself.
-pub fn source(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Source>, PortError> {
+pub fn open_source(
+    brief: &BridgeBrief,
+    node: &Node,
+    topic: Topic,
+) -> Result<Option<SampleSource>, PortError> {
     let robot = |place: usize| brief.robots[place].name.as_str();
     let host = |place: usize| brief.hosts[place].name.as_str();
     let source = match topic {
         Topic::Beacon(place) => {
-            let from = service::beacon(robot(place)).open(node)?.subscriber()?;
-            beacons(from)
+            let from = service::beacon_topic(robot(place)).open(node)?.subscriber()?;
+            beacon_source(from)
         }
         Topic::Odometry(place) => {
-            let from = service::odometry(robot(place)).open(node)?.subscriber()?;
-            samples(from, |times, odometry: Odometry, _| {
-                times.run_began(odometry.stamp_ns.saturating_sub(odometry.t_ns));
+            let from = service::odometry_topic(robot(place)).open(node)?.subscriber()?;
+            sample_source(from, |times, odometry: Odometry, _| {
+                times.set_run_start(odometry.stamp_ns.saturating_sub(odometry.t_ns));
                 Ok(odometry)
             })
         }
         Topic::Command(place) => {
-            let from = service::command(robot(place)).open(node)?.subscriber()?;
-            samples(from, Times::convert_outgoing_command)
+            let from = service::command_topic(robot(place)).open(node)?.subscriber()?;
+            sample_source(from, StampConverter::convert_outgoing_command)
         }
-        Topic::Orders(to) => slices(service::orders(host(to)).open(node)?.subscriber()?),
-        Topic::Report(of) => slices(service::report(host(of)).open(node)?.subscriber()?),
+        Topic::Orders(to) => {
+            slice_source(service::orders_topic(host(to)).open(node)?.subscriber()?)
+        }
+        Topic::Report(of) => {
+            slice_source(service::host_report_topic(host(of)).open(node)?.subscriber()?)
+        }
         _ => return Ok(None),
     };
     Ok(Some(source))
 }
 
-fn samples<M>(
+fn sample_source<M>(
     from: Subscriber<M>,
-    mut stamped: impl FnMut(&mut Times, M, u64) -> Result<M, Dropped> + 'static,
-) -> Source
+    mut stamped: impl FnMut(&mut StampConverter, M, u64) -> Result<M, DropReason> + 'static,
+) -> SampleSource
 where
     M: Plain + Debug + ZeroCopySend,
 {
@@ -115,7 +126,7 @@ where
 
 /// Returns the source of beacons and their messages. If several are queued, each message is forwarded in turn, and only
 /// the newest beacon without a message.
-fn beacons(from: Subscriber<[u8], Beacon>) -> Source {
+fn beacon_source(from: Subscriber<[u8], Beacon>) -> SampleSource {
     Box::new(move |times, now_ns| {
         let mut newest = None;
         while let Some(sample) = from.receive()? {
@@ -132,14 +143,14 @@ fn beacons(from: Subscriber<[u8], Beacon>) -> Source {
     })
 }
 
-fn slices<P, H>(from: Subscriber<[P], H>) -> Source
+fn slice_source<P, H>(from: Subscriber<[P], H>) -> SampleSource
 where
     P: Plain + Debug + ZeroCopySend,
     H: Plain + Debug + ZeroCopySend,
 {
     Box::new(move |_, _| {
         let mut newest = None;
-        while let Some(content) = next_slice(&from)? {
+        while let Some(content) = receive_encoded_slice(&from)? {
             newest = Some(content);
         }
         Ok(newest)
@@ -147,7 +158,7 @@ where
 }
 
 /// Returns the next queued slice, encoded; `None` if there is none.
-pub fn next_slice<P, H>(from: &Subscriber<[P], H>) -> Result<Option<Vec<u8>>, PortError>
+pub fn receive_encoded_slice<P, H>(from: &Subscriber<[P], H>) -> Result<Option<Vec<u8>>, PortError>
 where
     P: Plain + Debug + ZeroCopySend,
     H: Plain + Debug + ZeroCopySend,
@@ -159,21 +170,26 @@ where
 }
 
 /// Returns the destination of a topic that ends here; `None` if that is the bridge itself or a [`CommandPort`].
-pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sink>, PortError> {
+pub fn open_sink(
+    brief: &BridgeBrief,
+    node: &Node,
+    topic: Topic,
+) -> Result<Option<SampleSink>, PortError> {
     let robot = |place: usize| brief.robots[place].name.as_str();
     let host = |place: usize| brief.hosts[place].name.as_str();
     let (odometry_age, beacon_age) = (brief.odometry_age_ns_max, brief.beacon_age_ns_max);
     let robots = brief.robots.len();
-    let sink: Sink = match topic {
+    let sink: SampleSink = match topic {
         Topic::Beacon(place) => {
             let message_bytes_max = brief.robots[place].message_bytes_max;
-            let to = service::beacon(robot(place)).open(node)?.publisher(message_bytes_max)?;
+            let to =
+                service::beacon_topic(robot(place)).open(node)?.publisher(message_bytes_max)?;
             Box::new(move |times, content, now_ns| {
                 let parts = content.split_at_checked(size_of::<Beacon>());
-                let (beacon, message) = parts.ok_or(Dropped::Garbage)?;
-                let beacon = decode_plausible(beacon, Beacon::is_plausible)?;
+                let (beacon, message) = parts.ok_or(DropReason::Garbage)?;
+                let beacon = decode_plausible_message(beacon, Beacon::is_plausible)?;
                 if message.len() > message_bytes_max {
-                    return Err(Dropped::Implausible.into());
+                    return Err(DropReason::Implausible.into());
                 }
                 let beacon = times.convert_incoming_beacon(beacon, now_ns, beacon_age)?;
                 send_slice(&to, beacon, message.len(), |i| message[i])?;
@@ -181,9 +197,9 @@ pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sin
             })
         }
         Topic::Odometry(place) => {
-            let to = service::odometry(robot(place)).open(node)?.publisher()?;
+            let to = service::odometry_topic(robot(place)).open(node)?.publisher()?;
             Box::new(move |times, content, now_ns| {
-                let odometry = decode_plausible(content, is_plausible)?;
+                let odometry = decode_plausible_message(content, is_plausible_odometry)?;
                 to.send_copy(times.convert_incoming_odometry(
                     place,
                     odometry,
@@ -194,15 +210,15 @@ pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sin
             })
         }
         Topic::Orders(to) => {
-            let to = service::orders(host(to)).open(node)?.publisher(robots)?;
+            let to = service::orders_topic(host(to)).open(node)?.publisher(robots)?;
             Box::new(move |_, content, _| deliver_slice(&to, content))
         }
         Topic::Report(of) => {
-            let to = service::report(host(of)).open(node)?.publisher(robots)?;
+            let to = service::host_report_topic(host(of)).open(node)?.publisher(robots)?;
             Box::new(move |_, content, _| deliver_slice(&to, content))
         }
-        Topic::Bridge(of) => {
-            let to = service::bridge(host(of)).open(node)?.publisher(brief.hosts.len())?;
+        Topic::BridgeStatus(of) => {
+            let to = service::bridge_topic(host(of)).open(node)?.publisher(brief.hosts.len())?;
             Box::new(move |_, content, _| deliver_slice(&to, content))
         }
         _ => return Ok(None),
@@ -214,48 +230,51 @@ pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sin
 /// takes a sender for a ready robot.
 pub struct CommandPort {
     service: Factory<Command>,
-    to: Option<Publisher<Command>>,
+    publisher: Option<Publisher<Command>>,
 }
 
 impl CommandPort {
     /// Opens the service of the robot with this index.
     pub fn open(brief: &BridgeBrief, node: &Node, robot: usize) -> Result<CommandPort, PortError> {
-        let service = service::command(&brief.robots[robot].name).open(node)?;
-        Ok(CommandPort { service, to: None })
+        let service = service::command_topic(&brief.robots[robot].name).open(node)?;
+        Ok(CommandPort { service, publisher: None })
     }
 
     /// Creates the sender if there is none: the robot is running.
-    pub fn is_there(&mut self) -> Result<&Publisher<Command>, PortError> {
-        if self.to.is_none() {
-            self.to = Some(self.service.publisher()?);
+    pub fn open_publisher(&mut self) -> Result<&Publisher<Command>, PortError> {
+        if self.publisher.is_none() {
+            self.publisher = Some(self.service.publisher()?);
         }
-        Ok(self.to.as_ref().expect("just made"))
+        Ok(self.publisher.as_ref().expect("just made"))
     }
 
     /// Delivers a command of the robot, unless it is too old.
     pub fn deliver(
         &mut self,
-        times: &mut Times,
+        times: &mut StampConverter,
         content: &[u8],
         now_ns: u64,
         age_ns_max: u64,
     ) -> Result<(), PortError> {
-        let command = decode_plausible(content, Command::is_plausible)?;
+        let command = decode_plausible_message(content, Command::is_plausible)?;
         let command = times.check_incoming_command(command, now_ns, age_ns_max);
-        let to = self.is_there()?;
+        let to = self.open_publisher()?;
         to.send_copy(command?)?;
         Ok(())
     }
 }
 
 /// Decodes a message and checks that it is plausible.
-fn decode_plausible<M: Plain>(content: &[u8], is_so: impl Fn(&M) -> bool) -> Result<M, Dropped> {
-    let message = M::from_bytes(content).ok_or(Dropped::Garbage)?;
-    if is_so(&message) { Ok(message) } else { Err(Dropped::Implausible) }
+fn decode_plausible_message<M: Plain>(
+    content: &[u8],
+    is_so: impl Fn(&M) -> bool,
+) -> Result<M, DropReason> {
+    let message = M::from_bytes(content).ok_or(DropReason::Garbage)?;
+    if is_so(&message) { Ok(message) } else { Err(DropReason::Implausible) }
 }
 
 /// Returns whether a working plant could have sent this odometry sample: all its numbers are finite.
-fn is_plausible(odometry: &Odometry) -> bool {
+fn is_plausible_odometry(odometry: &Odometry) -> bool {
     let Odometry { x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s, .. } = *odometry;
     let near = odometry.near.iter().chain(&odometry.walls).flatten();
     near.chain(&[x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s]).all(|number| number.is_finite())
@@ -267,11 +286,11 @@ where
     P: Plain + Debug + ZeroCopySend,
     H: Plain + Debug + Default + ZeroCopySend,
 {
-    let (header, rows) = decode_slice::<P, H>(content).ok_or(Dropped::Garbage)?;
+    let (header, rows) = decode_slice::<P, H>(content).ok_or(DropReason::Garbage)?;
     match send_slice(to, header, rows.len(), |place| rows[place]) {
         Ok(_) => Ok(()),
         // Longer than any slice that is sent here.
-        Err(SendError::Loan { .. }) => Err(Dropped::Implausible.into()),
+        Err(SendError::Loan { .. }) => Err(DropReason::Implausible.into()),
         Err(error) => Err(error.into()),
     }
 }

@@ -11,7 +11,7 @@ use std::fmt::{Debug, Write as _};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use protocol::dropped::Dropped;
+use protocol::dropped::DropReason;
 use tracing::field::{Field, Visit};
 use tracing::level_filters::LevelFilter;
 use tracing::{Event, Level, Metadata, Subscriber};
@@ -21,17 +21,17 @@ use tracing_subscriber::layer::Context;
 use tracing_subscriber::registry::LookupSpan;
 
 /// Log targets of zenoh: the listener, the connector, and the access list.
-const LISTENS: &str = "zenoh_link_tls";
+const LISTENER_LOG_TARGET: &str = "zenoh_link_tls";
 const ORCHESTRATOR_TARGET: &str = "zenoh::net::runtime::orchestrator";
 const ACCESS_CONTROL_TARGET: &str = "zenoh::net::routing::interceptor::access_control";
 /// Number of kinds of messages for which the access list logs an answer when a key is declared, without a
 /// message.
-const KINDS: u32 = 9;
+const ANSWERS_PER_DECLARATION: u32 = 9;
 
-static REFUSAL_COUNTS: [AtomicU64; Dropped::ALL.len()] =
-    [const { AtomicU64::new(0) }; Dropped::ALL.len()];
+static REFUSAL_COUNTS: [AtomicU64; DropReason::ALL.len()] =
+    [const { AtomicU64::new(0) }; DropReason::ALL.len()];
 /// First refusal for each reason, for the log.
-static FIRST_REFUSALS: Mutex<Vec<(Dropped, String)>> = Mutex::new(Vec::new());
+static FIRST_REFUSALS: Mutex<Vec<(DropReason, String)>> = Mutex::new(Vec::new());
 
 thread_local! {
     /// Number of answers of the access list that are still about a key being declared on this thread.
@@ -39,12 +39,12 @@ thread_local! {
 }
 
 /// Returns the number of refusals for this reason.
-pub fn refusal_count(why: Dropped) -> u64 {
+pub fn refusal_count(why: DropReason) -> u64 {
     REFUSAL_COUNTS[why as usize].load(Ordering::Relaxed)
 }
 
 /// Returns the first refusal for each reason since the last call, as zenoh's text.
-pub fn take_first_refusals() -> Vec<(Dropped, String)> {
+pub fn take_first_refusals() -> Vec<(DropReason, String)> {
     FIRST_REFUSALS.lock().map(|mut first| std::mem::take(&mut *first)).unwrap_or_default()
 }
 
@@ -53,15 +53,15 @@ pub fn take_first_refusals() -> Vec<(Dropped, String)> {
 pub fn is_counted(about: &Metadata<'_>) -> bool {
     match about.target() {
         ACCESS_CONTROL_TARGET => true,
-        target => target.starts_with(LISTENS) && *about.level() == Level::WARN,
+        target => target.starts_with(LISTENER_LOG_TARGET) && *about.level() == Level::WARN,
     }
 }
 
 /// Subscriber layer for zenoh's log.
 #[derive(Debug, Clone, Copy)]
-pub struct Listener;
+pub struct RefusalCounter;
 
-impl Listener {
+impl RefusalCounter {
     /// Returns a layer that receives only the events that it needs.
     pub fn layer<S>() -> impl Layer<S> + Send + Sync
     where
@@ -71,13 +71,13 @@ impl Listener {
             is_counted(about)
                 || about.target() == ORCHESTRATOR_TARGET && *about.level() <= Level::DEBUG
         });
-        Listener.with_filter(heard.with_max_level_hint(LevelFilter::TRACE))
+        RefusalCounter.with_filter(heard.with_max_level_hint(LevelFilter::TRACE))
     }
 }
 
-impl<S: Subscriber> Layer<S> for Listener {
+impl<S: Subscriber> Layer<S> for RefusalCounter {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
-        let mut message = Message(String::new());
+        let mut message = MessageVisitor(String::new());
         event.record(&mut message);
         let target = event.metadata().target();
         let Some(why) = refusal_reason(target, &message.0) else { return };
@@ -89,9 +89,9 @@ impl<S: Subscriber> Layer<S> for Listener {
     }
 }
 
-struct Message(String);
+struct MessageVisitor(String);
 
-impl Visit for Message {
+impl Visit for MessageVisitor {
     fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
         if field.name() == "message" {
             let _ = write!(self.0, "{value:?}");
@@ -100,36 +100,36 @@ impl Visit for Message {
 }
 
 /// Returns the reason of a refusal that an event reports; `None` if it reports none.
-fn refusal_reason(target: &str, message: &str) -> Option<Dropped> {
+fn refusal_reason(target: &str, message: &str) -> Option<DropReason> {
     let says = |words: &str| message.contains(words);
     let of_certificate = || match says("invalid peer certificate") {
-        true if says("expired") || says("not valid yet") => Some(Dropped::Expired),
-        true => Some(Dropped::Certificate),
-        false => says("peer sent no certificates").then_some(Dropped::Certificate),
+        true if says("expired") || says("not valid yet") => Some(DropReason::Expired),
+        true => Some(DropReason::Certificate),
+        false => says("peer sent no certificates").then_some(DropReason::Certificate),
     };
     match target {
         ACCESS_CONTROL_TARGET => access_list_reason(message),
         // Refusals by the other side are counted there.
         ORCHESTRATOR_TARGET => of_certificate(),
         _ if says("Too many open files") || says("fatal alert") => None,
-        _ => of_certificate().or(says("file limit").then_some(Dropped::Handshake)),
+        _ => of_certificate().or(says("file limit").then_some(DropReason::Handshake)),
     }
 }
 
 /// Returns the reason of a refusal that an event of the access list reports; `None` if it reports none.
-fn access_list_reason(message: &str) -> Option<Dropped> {
+fn access_list_reason(message: &str) -> Option<DropReason> {
     let says = |words: &str| message.contains(words);
     if says("caching permissions") {
-        PENDING_DECLARATIONS.set(KINDS);
+        PENDING_DECLARATIONS.set(ANSWERS_PER_DECLARATION);
     } else if says("did not match any configured ACL subject") {
-        return Some(Dropped::Stranger);
+        return Some(DropReason::UnknownHost);
     } else if says("authorized to") {
         let of_message = says("cached result") || PENDING_DECLARATIONS.get() == 0;
         if !of_message {
             PENDING_DECLARATIONS.set(PENDING_DECLARATIONS.get() - 1);
         }
         let denied = of_message && says("unauthorized to Put (ingress)");
-        return denied.then_some(Dropped::Denied);
+        return denied.then_some(DropReason::Denied);
     }
     None
 }
@@ -142,27 +142,35 @@ mod tests {
     fn log_events_map_to_one_reason_or_none() {
         let hint = ". Hint: increase the system open file limit.";
         for (target, message, why) in [
-            (LISTENS, "invalid peer certificate: UnknownIssuer", Some(Dropped::Certificate)),
-            (LISTENS, "peer sent no certificates", Some(Dropped::Certificate)),
-            (LISTENS, "invalid peer certificate: certificate expired: 5", Some(Dropped::Expired)),
-            (LISTENS, "received corrupt message", Some(Dropped::Handshake)),
-            (LISTENS, "Timeout during TLS handshake", Some(Dropped::Handshake)),
-            (LISTENS, "received fatal alert: CertificateExpired", None),
-            (LISTENS, "Too many open files (os error 24)", None),
+            (
+                LISTENER_LOG_TARGET,
+                "invalid peer certificate: UnknownIssuer",
+                Some(DropReason::Certificate),
+            ),
+            (LISTENER_LOG_TARGET, "peer sent no certificates", Some(DropReason::Certificate)),
+            (
+                LISTENER_LOG_TARGET,
+                "invalid peer certificate: certificate expired: 5",
+                Some(DropReason::Expired),
+            ),
+            (LISTENER_LOG_TARGET, "received corrupt message", Some(DropReason::Handshake)),
+            (LISTENER_LOG_TARGET, "Timeout during TLS handshake", Some(DropReason::Handshake)),
+            (LISTENER_LOG_TARGET, "received fatal alert: CertificateExpired", None),
+            (LISTENER_LOG_TARGET, "Too many open files (os error 24)", None),
             (
                 ORCHESTRATOR_TARGET,
                 "Unable to connect: invalid peer certificate: x",
-                Some(Dropped::Certificate),
+                Some(DropReason::Certificate),
             ),
             (ORCHESTRATOR_TARGET, "Unable to connect: connection refused", None),
             (
                 ACCESS_CONTROL_TARGET,
                 "x did not match any configured ACL subject. y",
-                Some(Dropped::Stranger),
+                Some(DropReason::UnknownHost),
             ),
         ] {
             let message = match target {
-                LISTENS => format!("{message}{hint}"),
+                LISTENER_LOG_TARGET => format!("{message}{hint}"),
                 _ => message.to_owned(),
             };
             assert_eq!(refusal_reason(target, &message), why, "{message}");
@@ -173,11 +181,11 @@ mod tests {
     fn access_list_answer_about_a_key_is_not_counted() {
         let (denied, allowed) = ("is unauthorized to Put (ingress) on", "is authorized to Put on");
         assert_eq!(access_list_reason("ACL (ingress): caching permissions for `k` ..."), None);
-        (0..KINDS).for_each(|_| assert_eq!(access_list_reason(denied), None));
-        assert_eq!(access_list_reason(denied), Some(Dropped::Denied));
+        (0..ANSWERS_PER_DECLARATION).for_each(|_| assert_eq!(access_list_reason(denied), None));
+        assert_eq!(access_list_reason(denied), Some(DropReason::Denied));
         assert_eq!(
             access_list_reason(&format!("Using cached result: x {denied}")),
-            Some(Dropped::Denied)
+            Some(DropReason::Denied)
         );
         assert_eq!(access_list_reason(allowed), None);
         assert_eq!(access_list_reason("is unauthorized to Declare Subscriber (ingress) on"), None);

@@ -14,7 +14,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 
-use super::config::{self, End};
+use super::config::{self, SessionRole};
 use super::inbox::Inbox;
 use crate::topics::{self, Route, Topic};
 use crate::wire::{self, WireError};
@@ -24,19 +24,19 @@ pub struct PeerSessions {
     brief: BridgeBrief,
     routes: Vec<Route>,
     inbox: Arc<Inbox>,
-    links: Vec<Link>,
+    sessions: Vec<PeerSession>,
 }
 
 /// Session to one host, or for all hosts that connect to this one.
-struct Link {
-    end: End,
+struct PeerSession {
+    role: SessionRole,
     /// The open session; `None` if it could not be opened again.
-    open: Option<Open>,
+    open_session: Option<OpenSession>,
     /// Whether the peer was connected before.
-    connected: bool,
+    was_connected: bool,
 }
 
-struct Open {
+struct OpenSession {
     session: zenoh::Session,
     /// Sender of each route that starts here and ends at a peer of this session.
     senders: Vec<Option<Publisher<'static>>>,
@@ -50,19 +50,23 @@ impl PeerSessions {
         routes: &[Route],
         inbox: &Arc<Inbox>,
     ) -> Result<PeerSessions, WireError> {
-        let peers = topics::peers(brief, brief.here);
-        let connects = peers.iter().filter(|&&peer| peer < brief.here).map(|&peer| End::To(peer));
-        let listens = peers.iter().any(|&peer| End::Listening.is_session_with(brief.here, peer));
-        let listens = listens.then_some(End::Listening);
-        let link = |end| Link { end, open: None, connected: false };
+        let peers = topics::peer_hosts(brief, brief.here);
+        let connects = peers
+            .iter()
+            .filter(|&&peer| peer < brief.here)
+            .map(|&peer| SessionRole::Connecting(peer));
+        let listens =
+            peers.iter().any(|&peer| SessionRole::Listening.is_session_with(brief.here, peer));
+        let listens = listens.then_some(SessionRole::Listening);
+        let link = |end| PeerSession { role: end, open_session: None, was_connected: false };
         let mut wire = PeerSessions {
             brief: brief.clone(),
             routes: routes.to_vec(),
             inbox: inbox.clone(),
-            links: listens.into_iter().chain(connects).map(link).collect(),
+            sessions: listens.into_iter().chain(connects).map(link).collect(),
         };
-        for place in 0..wire.links.len() {
-            wire.links[place].open = Some(wire.session(wire.links[place].end)?);
+        for place in 0..wire.sessions.len() {
+            wire.sessions[place].open_session = Some(wire.open_session(wire.sessions[place].role)?);
         }
         Ok(wire)
     }
@@ -71,7 +75,7 @@ impl PeerSessions {
     pub fn send(&self, route: usize, frame: Vec<u8>) -> Result<(), zenoh::Error> {
         let frame = ZBytes::from(frame);
         let mut sent = Ok(());
-        for open in self.links.iter().filter_map(|link| link.open.as_ref()) {
+        for open in self.sessions.iter().filter_map(|link| link.open_session.as_ref()) {
             if let Some(sender) = &open.senders[route] {
                 sent = sent.and(sender.put(frame.clone()).wait());
             }
@@ -81,10 +85,11 @@ impl PeerSessions {
 
     /// Opens a new session in place of each one that has lost its peer. Call it more often than zenoh tries to
     /// reconnect.
-    pub fn mend(&mut self) {
-        for place in 0..self.links.len() {
-            let Link { end, open, connected } = &mut self.links[place];
-            if *end == End::Listening {
+    pub fn reopen_lost_sessions(&mut self) {
+        for place in 0..self.sessions.len() {
+            let PeerSession { role: end, open_session: open, was_connected: connected } =
+                &mut self.sessions[place];
+            if *end == SessionRole::Listening {
                 continue;
             }
             if let Some(open) = open {
@@ -99,14 +104,14 @@ impl PeerSessions {
                 // Closing may block.
                 std::thread::spawn(move || lost.close());
             }
-            match self.session(self.links[place].end) {
-                Ok(open) => self.links[place].open = Some(open),
+            match self.open_session(self.sessions[place].role) {
+                Ok(open) => self.sessions[place].open_session = Some(open),
                 Err(error) => tracing::debug!(%error, "not connected again"),
             }
         }
     }
 
-    fn session(&self, end: End) -> Result<Open, WireError> {
+    fn open_session(&self, end: SessionRole) -> Result<OpenSession, WireError> {
         let here = self.brief.here;
         let ends_at = |host: usize| end.is_session_with(here, host);
         let address = || self.brief.hosts[here].address.clone();
@@ -114,22 +119,23 @@ impl PeerSessions {
             .map_err(|why| WireError::Open(address(), why))?;
         let mut senders = Vec::new();
         for (place, route) in self.routes.iter().enumerate() {
-            let sends = route.from == here && route.to.iter().any(|&to| ends_at(to));
-            senders.push(sends.then(|| sender(&session, route)).transpose()?);
-            if route.to.contains(&here) && ends_at(route.from) {
-                receive(&session, place, route, &self.inbox)?;
+            let sends =
+                route.sending_host == here && route.receiving_hosts.iter().any(|&to| ends_at(to));
+            senders.push(sends.then(|| declare_sender(&session, route)).transpose()?);
+            if route.receiving_hosts.contains(&here) && ends_at(route.sending_host) {
+                declare_receiver(&session, place, route, &self.inbox)?;
             }
         }
-        Ok(Open { session, senders })
+        Ok(OpenSession { session, senders })
     }
 
     /// Closes all sessions.
     pub fn close(self) {
-        self.links.into_iter().filter_map(|link| link.open).for_each(Open::close);
+        self.sessions.into_iter().filter_map(|link| link.open_session).for_each(OpenSession::close);
     }
 }
 
-impl Open {
+impl OpenSession {
     fn close(self) {
         drop(self.senders);
         wire::close(&self.session);
@@ -137,13 +143,16 @@ impl Open {
 }
 
 /// Creates a sender that never blocks.
-fn sender(session: &zenoh::Session, route: &Route) -> Result<Publisher<'static>, WireError> {
+fn declare_sender(
+    session: &zenoh::Session,
+    route: &Route,
+) -> Result<Publisher<'static>, WireError> {
     let (priority, express) = match route.topic {
         Topic::Beacon(_) | Topic::Odometry(_) | Topic::Command(_) => (Priority::RealTime, true),
-        Topic::Ask(_) | Topic::Answer(_) => (Priority::InteractiveHigh, true),
+        Topic::ClockRequest(_) | Topic::ClockResponse(_) => (Priority::InteractiveHigh, true),
         Topic::Orders(_) | Topic::Report(_) => (Priority::InteractiveLow, true),
-        Topic::Bridge(_) | Topic::Confirmed(_) => (Priority::Data, false),
-        Topic::Told(_) => (Priority::DataLow, false),
+        Topic::BridgeStatus(_) | Topic::Acknowledgment(_) => (Priority::Data, false),
+        Topic::StatusRecords(_) => (Priority::DataLow, false),
     };
     let declared = session
         .declare_publisher(route.key.clone())
@@ -154,7 +163,7 @@ fn sender(session: &zenoh::Session, route: &Route) -> Result<Publisher<'static>,
     declared.map_err(WireError::declare_error(&route.key))
 }
 
-fn receive(
+fn declare_receiver(
     session: &zenoh::Session,
     place: usize,
     route: &Route,
@@ -163,7 +172,7 @@ fn receive(
     let inbox = inbox.clone();
     let declared = session
         .declare_subscriber(route.key.clone())
-        .callback(move |sample| inbox.put(place, &sample.payload().to_bytes()))
+        .callback(move |sample| inbox.push_frame(place, &sample.payload().to_bytes()))
         .background()
         .wait();
     declared.map_err(WireError::declare_error(&route.key))

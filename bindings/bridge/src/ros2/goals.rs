@@ -5,24 +5,24 @@
 
 use formation::Vec2;
 use formation::obstacle::Obstacles;
-use protocol::goal::Refused;
+use protocol::goal::RefusalReason;
 use protocol::message::{Goal, GoalCounts};
 use protocol::ros2::Ros2Brief;
-use protocol::ros2::messages::{MAP, StampedPose, read_pose_stamped};
+use protocol::ros2::messages::{MAP_FRAME, StampedPose, read_pose_stamped};
 
 /// Area in which goals may lie.
 #[derive(Debug, Clone)]
-pub struct Arena {
+pub struct GoalArea {
     obstacles: Obstacles,
     clearance_m: f64,
     closed_walls: Vec<Vec<Vec2>>,
 }
 
-impl Arena {
+impl GoalArea {
     /// Creates the area of a brief.
-    pub fn from_brief(brief: &Ros2Brief) -> Arena {
+    pub fn from_brief(brief: &Ros2Brief) -> GoalArea {
         let corners = |wall: &Vec<[f64; 2]>| wall.iter().map(|&corner| corner.into()).collect();
-        Arena {
+        GoalArea {
             obstacles: Obstacles::new(&brief.obstacles),
             clearance_m: brief.clearance_m,
             closed_walls: brief.closed_walls_m.iter().map(corners).collect(),
@@ -30,18 +30,18 @@ impl Arena {
     }
 
     /// Returns the target in a message for a robot with this start position, or the reason for refusing it.
-    pub fn goal_position(&self, message: &[u8], start: Vec2) -> Result<Vec2, Refused> {
+    pub fn parse_goal_position(&self, message: &[u8], start: Vec2) -> Result<Vec2, RefusalReason> {
         let StampedPose { frame, position_m, orientation } =
-            read_pose_stamped(message).ok_or(Refused::Layout)?;
+            read_pose_stamped(message).ok_or(RefusalReason::Layout)?;
         if position_m.iter().chain(&orientation).any(|number| !number.is_finite()) {
-            return Err(Refused::NotFinite);
+            return Err(RefusalReason::NotFinite);
         }
-        if !frame.is_empty() && frame != MAP {
-            return Err(Refused::Frame);
+        if !frame.is_empty() && frame != MAP_FRAME {
+            return Err(RefusalReason::WrongFrame);
         }
         let [x_m, y_m, _] = position_m;
         if !(Goal { stamp_ns: 0, x_m, y_m }).is_plausible() {
-            return Err(Refused::Far);
+            return Err(RefusalReason::Far);
         }
         let place = Vec2::new(x_m, y_m);
         if self
@@ -49,10 +49,10 @@ impl Arena {
             .iter()
             .any(|wall| polygon_contains(wall, place) != polygon_contains(wall, start))
         {
-            return Err(Refused::Outside);
+            return Err(RefusalReason::BehindWall);
         }
         if self.obstacles.obstacles_within(place, self.clearance_m).next().is_some() {
-            return Err(Refused::Blocked);
+            return Err(RefusalReason::TooCloseToWall);
         }
         Ok(place)
     }
@@ -84,7 +84,7 @@ impl GoalInbox {
     }
 
     /// Stores the target of a robot, m, received at `now_ns`, or counts the reason for refusing it.
-    pub fn put(&mut self, robot: usize, place: Result<Vec2, Refused>, now_ns: u64) {
+    pub fn store_goal(&mut self, robot: usize, place: Result<Vec2, RefusalReason>, now_ns: u64) {
         match place {
             Ok(place) => {
                 self.counts.taken += 1;
@@ -93,7 +93,7 @@ impl GoalInbox {
                 let stamp_ns = now_ns.max(before_ns + 1);
                 self.newest_goals[robot] = Some(Goal { stamp_ns, x_m: place.x, y_m: place.y });
             }
-            Err(why) => self.counts.refuse(why),
+            Err(why) => self.counts.count_refusal(why),
         }
     }
 
@@ -117,23 +117,23 @@ mod tests {
     const START: Vec2 = Vec2::new(0.0, 0.0);
 
     /// Returns an area with a closed square of 4 m around the origin, and a disc in it.
-    fn arena() -> Arena {
+    fn example_area() -> GoalArea {
         let corners = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]];
         let side = |i: usize| Obstacle::segment(corners[i], corners[(i + 1) % 4]);
         let mut parts: Vec<Obstacle> = (0..4).map(side).collect();
         parts.push(Obstacle::Disc { center_m: [1.0, 1.0], radius_m: 0.5 });
-        Arena {
+        GoalArea {
             obstacles: Obstacles::new(&parts),
             clearance_m: 0.1,
             closed_walls: vec![corners.map(Vec2::from).to_vec()],
         }
     }
 
-    fn message(frame: &str, numbers: [f64; 7]) -> Vec<u8> {
+    fn encode_goal_message(frame: &str, numbers: [f64; 7]) -> Vec<u8> {
         let mut out = Writer::new();
-        out.time(0);
-        out.string(frame);
-        out.f64s(&numbers);
+        out.write_time(0);
+        out.write_string(frame);
+        out.write_f64s(&numbers);
         out.bytes().to_vec()
     }
 
@@ -143,49 +143,58 @@ mod tests {
 
     #[test]
     fn goal_is_refused_for_the_first_applicable_reason() {
-        let arena = arena();
-        let place = |frame, numbers| arena.goal_position(&message(frame, numbers), START);
+        let arena = example_area();
+        let place =
+            |frame, numbers| arena.parse_goal_position(&encode_goal_message(frame, numbers), START);
         for frame in ["map", ""] {
             assert_eq!(place(frame, pose_values(-1.0, 0.5)), Ok(Vec2::new(-1.0, 0.5)));
         }
         // Height and orientation, of any length, are ignored.
         let turned = [-1.0, 0.5, 7.0, 0.0, 0.0, 0.0, 0.0];
         assert_eq!(place("map", turned), Ok(Vec2::new(-1.0, 0.5)));
-        assert_eq!(arena.goal_position(b"nonsense", START), Err(Refused::Layout));
+        assert_eq!(arena.parse_goal_position(b"nonsense", START), Err(RefusalReason::Layout));
         for nan in 0..7 {
             for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
                 let mut numbers = pose_values(-1.0, 0.5);
                 numbers[nan] = wrong;
-                assert_eq!(place("odom", numbers), Err(Refused::NotFinite));
+                assert_eq!(place("odom", numbers), Err(RefusalReason::NotFinite));
             }
         }
         for frame in ["odom", "/map", "r1/base_link"] {
-            assert_eq!(place(frame, pose_values(-1.0, 0.5)), Err(Refused::Frame), "{frame}");
+            assert_eq!(
+                place(frame, pose_values(-1.0, 0.5)),
+                Err(RefusalReason::WrongFrame),
+                "{frame}"
+            );
         }
-        assert_eq!(place("map", pose_values(1e300, 0.0)), Err(Refused::Far));
-        assert_eq!(place("map", pose_values(3.0, 0.5)), Err(Refused::Outside));
-        assert_eq!(place("map", pose_values(1.0, 1.0)), Err(Refused::Blocked));
+        assert_eq!(place("map", pose_values(1e300, 0.0)), Err(RefusalReason::Far));
+        assert_eq!(place("map", pose_values(3.0, 0.5)), Err(RefusalReason::BehindWall));
+        assert_eq!(place("map", pose_values(1.0, 1.0)), Err(RefusalReason::TooCloseToWall));
         assert_eq!(
             place("map", pose_values(-1.95, 0.0)),
-            Err(Refused::Blocked),
+            Err(RefusalReason::TooCloseToWall),
             "too near to a wall"
         );
     }
 
     #[test]
     fn goal_inside_wall_is_refused_for_robot_outside() {
-        let arena = arena();
+        let arena = example_area();
         let start = Vec2::new(5.0, 5.0);
-        let place = |numbers| arena.goal_position(&message("map", numbers), start);
+        let place =
+            |numbers| arena.parse_goal_position(&encode_goal_message("map", numbers), start);
         assert_eq!(place(pose_values(3.0, 0.5)), Ok(Vec2::new(3.0, 0.5)));
-        assert_eq!(place(pose_values(-1.0, 0.5)), Err(Refused::Outside));
+        assert_eq!(place(pose_values(-1.0, 0.5)), Err(RefusalReason::BehindWall));
     }
 
     #[test]
     fn without_walls_any_plausible_goal_is_accepted() {
         let open =
-            Arena { obstacles: Obstacles::new(&[]), clearance_m: 0.1, closed_walls: Vec::new() };
-        assert!(open.goal_position(&message("", pose_values(1e6, -1e6)), START).is_ok());
+            GoalArea { obstacles: Obstacles::new(&[]), clearance_m: 0.1, closed_walls: Vec::new() };
+        assert!(
+            open.parse_goal_position(&encode_goal_message("", pose_values(1e6, -1e6)), START)
+                .is_ok()
+        );
     }
 
     #[test]
@@ -193,9 +202,9 @@ mod tests {
         let mut inbox = GoalInbox::new(2, 5);
         let place = |x_m| Ok(Vec2::new(x_m, 0.0));
         for (x_m, now_ns) in [(1.0, 10), (2.0, 10), (3.0, 9)] {
-            inbox.put(1, place(x_m), now_ns);
+            inbox.store_goal(1, place(x_m), now_ns);
         }
-        inbox.put(1, Err(Refused::Frame), 20);
+        inbox.store_goal(1, Err(RefusalReason::WrongFrame), 20);
         assert_eq!(inbox.newest_goal(0), None);
         assert_eq!(inbox.newest_goal(1), Some(Goal { stamp_ns: 12, x_m: 3.0, y_m: 0.0 }));
         let counts = inbox.counts();

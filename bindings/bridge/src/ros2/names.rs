@@ -12,7 +12,7 @@ pub const GID_BYTES: usize = 16;
 /// are left out, except the durability, whose default has changed.
 const QOS: &str = ":2:,10:,:,:,,";
 /// Prefix of all tokens.
-const LIVELINESS: &str = "@ros2_lv";
+const LIVELINESS_PREFIX: &str = "@ros2_lv";
 
 /// A message type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,40 +55,40 @@ pub struct NodeName<'a> {
 
 impl NodeName<'_> {
     /// Returns the liveliness token of the node.
-    pub fn token(&self) -> String {
-        self.entity("NN", self.id)
+    pub fn node_token(&self) -> String {
+        self.entity_key("NN", self.id)
     }
 
     /// Returns the liveliness token of a sender of the node, with the entity number `id`.
     pub fn publisher_token(&self, id: usize, topic: &str, message: MessageType) -> String {
-        self.end("MP", id, topic, message)
+        self.endpoint_token("MP", id, topic, message)
     }
 
     /// Returns the liveliness token of a receiver of the node, with the entity number `id`.
     pub fn subscriber_token(&self, id: usize, topic: &str, message: MessageType) -> String {
-        self.end("MS", id, topic, message)
+        self.endpoint_token("MS", id, topic, message)
     }
 
-    fn end(&self, kind: &str, id: usize, topic: &str, message: MessageType) -> String {
+    fn endpoint_token(&self, kind: &str, id: usize, topic: &str, message: MessageType) -> String {
         let topic = topic.replace('/', "%");
-        format!("{}/{topic}/{}/{}/{QOS}", self.entity(kind, id), message.name, message.hash)
+        format!("{}/{topic}/{}/{}/{QOS}", self.entity_key(kind, id), message.name, message.hash)
     }
 
-    fn entity(&self, kind: &str, id: usize) -> String {
+    fn entity_key(&self, kind: &str, id: usize) -> String {
         let NodeName { domain, session, id: node, name } = self;
         // No enclave, and the root namespace.
-        format!("{LIVELINESS}/{domain}/{session}/{node}/{id}/{kind}/%/%/{name}")
+        format!("{LIVELINESS_PREFIX}/{domain}/{session}/{node}/{id}/{kind}/%/%/{name}")
     }
 }
 
 /// Returns the key of a topic, whose name begins with a slash.
-pub fn key(domain: u32, topic: &str, message: MessageType) -> String {
+pub fn topic_key(domain: u32, topic: &str, message: MessageType) -> String {
     let topic = topic.trim_start_matches('/');
     format!("{domain}/{topic}/{}/{}", message.name, message.hash)
 }
 
 /// Returns the global id of a sender, derived from its token: unique, and the same for all receivers.
-pub fn gid(token: &str) -> [u8; GID_BYTES] {
+pub fn derive_gid(token: &str) -> [u8; GID_BYTES] {
     let digest = Sha256::digest(token.as_bytes());
     std::array::from_fn(|i| digest[i])
 }
@@ -96,23 +96,23 @@ pub fn gid(token: &str) -> [u8; GID_BYTES] {
 /// Returns the attachment that rmw_zenoh requires with each message, without which receivers drop it: sequence
 /// number from 1, time of sending in ROS time, ns, and sender. Three values without names, as since rmw_zenoh
 /// 0.2.4, the sender with a length prefix. (rmw_zenoh, issue 641)
-pub fn attachment(sequence: i64, stamp_ns: i64, gid: &[u8; GID_BYTES]) -> Vec<u8> {
+pub fn encode_attachment(sequence: i64, stamp_ns: i64, gid: &[u8; GID_BYTES]) -> Vec<u8> {
     let length = [GID_BYTES as u8];
     [&sequence.to_le_bytes()[..], &stamp_ns.to_le_bytes(), &length, gid].concat()
 }
 
 /// Returns the topic of a robot's odometry.
-pub fn odom(robot: &str) -> String {
+pub fn odometry_topic(robot: &str) -> String {
     format!("/{robot}/odom")
 }
 
 /// Returns the topic of a robot's goals.
-pub fn goal_pose(robot: &str) -> String {
+pub fn goal_topic(robot: &str) -> String {
     format!("/{robot}/goal_pose")
 }
 
 /// Returns whether ROS 2 accepts a name for a node and as part of a topic.
-pub fn is_valid(name: &str) -> bool {
+pub fn is_valid_name(name: &str) -> bool {
     let begins = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
     let only = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
     begins && only && !name.contains("__")
@@ -128,10 +128,10 @@ mod tests {
     fn keys_and_tokens_equal_those_of_rmw_zenoh() {
         let hash = ODOMETRY.hash;
         assert_eq!(
-            key(7, &odom("r1"), ODOMETRY),
+            topic_key(7, &odometry_topic("r1"), ODOMETRY),
             format!("7/r1/odom/nav_msgs::msg::dds_::Odometry_/{hash}")
         );
-        assert_eq!(NODE.token(), "@ros2_lv/7/0a1b/3/3/NN/%/%/r1");
+        assert_eq!(NODE.node_token(), "@ros2_lv/7/0a1b/3/3/NN/%/%/r1");
         assert_eq!(
             NODE.publisher_token(4, "/r1/odom", ODOMETRY),
             format!(
@@ -139,7 +139,7 @@ mod tests {
             )
         );
         assert_eq!(
-            NODE.subscriber_token(5, &goal_pose("r1"), POSE_STAMPED),
+            NODE.subscriber_token(5, &goal_topic("r1"), POSE_STAMPED),
             format!(
                 "@ros2_lv/7/0a1b/3/5/MS/%/%/r1/%r1%goal_pose/geometry_msgs::msg::dds_::PoseStamped_/{}/{QOS}",
                 POSE_STAMPED.hash
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn attachment_has_number_time_and_sender() {
         let gid = std::array::from_fn(|i| i as u8);
-        let bytes = attachment(0x0102, -1, &gid);
+        let bytes = encode_attachment(0x0102, -1, &gid);
         assert_eq!(bytes[..8], [2, 1, 0, 0, 0, 0, 0, 0]);
         assert_eq!(bytes[8..16], [0xff; 8]);
         assert_eq!(bytes[16], 16);
@@ -159,18 +159,18 @@ mod tests {
 
     #[test]
     fn gid_is_derived_from_the_token() {
-        let gids = [4, 5].map(|id| gid(&NODE.publisher_token(id, "/tf", TF)));
+        let gids = [4, 5].map(|id| derive_gid(&NODE.publisher_token(id, "/tf", TF)));
         assert_ne!(gids[0], gids[1]);
-        assert_eq!(gids[0], gid(&NODE.publisher_token(4, "/tf", TF)));
+        assert_eq!(gids[0], derive_gid(&NODE.publisher_token(4, "/tf", TF)));
     }
 
     #[test]
     fn names_invalid_in_ros_are_refused() {
         for name in ["r1", "_x", "Leader_2"] {
-            assert!(is_valid(name), "{name}");
+            assert!(is_valid_name(name), "{name}");
         }
         for name in ["", "1r", "r-1", "r.1", "a__b", "r/1", "é"] {
-            assert!(!is_valid(name), "{name}");
+            assert!(!is_valid_name(name), "{name}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Character encodings of graph files: UTF-8, UTF-16, and in XML a declared ISO-8859-1 or Windows-1252.
 
-use crate::scenario::file::Trouble;
+use crate::scenario::file::FileError;
 
 /// Number of bytes at the start of a file in which an XML declaration is looked for.
 const DECLARATION_BYTES_MAX: usize = 256;
@@ -16,25 +16,25 @@ const WINDOWS_1252: [char; 32] = [
 
 /// Returns the text of a graph file. Fails for an encoding that is not read, and for bytes
 /// that the encoding does not allow; the message names the encoding.
-pub(super) fn decode(bytes: Vec<u8>) -> Result<String, Trouble> {
+pub(super) fn decode(bytes: Vec<u8>) -> Result<String, FileError> {
     match bytes[..] {
         [0xff, 0xfe, 0, 0, ..] | [0, 0, 0xfe, 0xff, ..] => {
             Err(decoding_error("is UTF-32".to_owned()))
         }
-        [0xff, 0xfe, ref text @ ..] => utf_16(text, u16::from_le_bytes),
-        [0xfe, 0xff, ref text @ ..] => utf_16(text, u16::from_be_bytes),
+        [0xff, 0xfe, ref text @ ..] => decode_utf_16(text, u16::from_le_bytes),
+        [0xfe, 0xff, ref text @ ..] => decode_utf_16(text, u16::from_be_bytes),
         // Without a byte order mark, the first character tells: it is ASCII in every format.
-        [first, 0, ..] if first != 0 => utf_16(&bytes, u16::from_le_bytes),
-        [0, second, ..] if second != 0 => utf_16(&bytes, u16::from_be_bytes),
-        _ => eight_bits(bytes),
+        [first, 0, ..] if first != 0 => decode_utf_16(&bytes, u16::from_le_bytes),
+        [0, second, ..] if second != 0 => decode_utf_16(&bytes, u16::from_be_bytes),
+        _ => decode_declared_encoding(bytes),
     }
 }
 
-fn decoding_error(what: String) -> Trouble {
-    Trouble { problem: what, expected: ENCODING_REMEDY }
+fn decoding_error(what: String) -> FileError {
+    FileError { problem: what, remedy: ENCODING_REMEDY }
 }
 
-fn utf_16(bytes: &[u8], unit: impl Fn([u8; 2]) -> u16) -> Result<String, Trouble> {
+fn decode_utf_16(bytes: &[u8], unit: impl Fn([u8; 2]) -> u16) -> Result<String, FileError> {
     let (units, rest) = bytes.as_chunks();
     if !rest.is_empty() {
         return Err(decoding_error("is UTF-16 with half a character at its end".to_owned()));
@@ -50,11 +50,11 @@ fn utf_16(bytes: &[u8], unit: impl Fn([u8; 2]) -> u16) -> Result<String, Trouble
 }
 
 /// Decodes text of one byte or more for a character, as the XML declaration says or else as UTF-8.
-fn eight_bits(bytes: Vec<u8>) -> Result<String, Trouble> {
+fn decode_declared_encoding(bytes: Vec<u8>) -> Result<String, FileError> {
     let declared = declared_encoding(&bytes);
     let is_ascii = bytes.iter().all(|byte| byte.is_ascii() && *byte != 0x1b);
     match declared.as_deref() {
-        None | Some("utf-8" | "utf8" | "utf-16" | "us-ascii" | "ascii") => utf_8(bytes),
+        None | Some("utf-8" | "utf8" | "utf-16" | "us-ascii" | "ascii") => decode_utf_8(bytes),
         Some("iso-8859-1" | "iso8859-1" | "iso_8859-1" | "latin1" | "latin-1" | "l1") => {
             Ok(bytes.into_iter().map(char::from).collect())
         }
@@ -66,12 +66,12 @@ fn eight_bits(bytes: Vec<u8>) -> Result<String, Trouble> {
             Ok(bytes.into_iter().map(decode).collect())
         }
         // ASCII is the same in all of these but those that shift.
-        Some(name) if is_ascii && name != "utf-7" => utf_8(bytes),
+        Some(name) if is_ascii && name != "utf-7" => decode_utf_8(bytes),
         Some(name) => Err(decoding_error(format!("is declared to be {name:?}"))),
     }
 }
 
-fn utf_8(bytes: Vec<u8>) -> Result<String, Trouble> {
+fn decode_utf_8(bytes: Vec<u8>) -> Result<String, FileError> {
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         let line = error.as_bytes()[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;

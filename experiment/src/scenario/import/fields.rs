@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::scenario::diagnostic::{Diagnostic, Source};
+use crate::scenario::diagnostic::{Diagnostic, SourceText};
 
 /// A field without surrounding spaces and quotes, and its byte range in the text.
 #[derive(Debug, Clone)]
@@ -47,21 +47,24 @@ impl Separator {
 
 /// All rows of a text.
 #[derive(Debug)]
-pub(super) struct Fields<'t> {
+pub(super) struct SeparatedText<'t> {
     pub(super) separator: Separator,
     pub(super) rows: Vec<FieldRow<'t>>,
 }
 
-impl Fields<'_> {
+impl SeparatedText<'_> {
     /// Returns the number in a field. A decimal comma is accepted unless commas separate the fields.
-    pub(super) fn number(&self, text: &str) -> Option<f64> {
-        number(text, self.separator)
+    pub(super) fn parse_number(&self, text: &str) -> Option<f64> {
+        parse_number(text, self.separator)
     }
 }
 
 /// Splits a text into rows and fields. Skips empty lines and lines that begin with `#`. Fails if a field contains a
 /// quote.
-pub(super) fn read<'t>(source: &Source, text: &'t str) -> Result<Fields<'t>, Diagnostic> {
+pub(super) fn split_fields<'t>(
+    source: &SourceText,
+    text: &'t str,
+) -> Result<SeparatedText<'t>, Diagnostic> {
     let mut lines: Vec<(usize, &str)> = Vec::new();
     let mut at = 0;
     for line in text.split(['\n', '\r']) {
@@ -74,9 +77,9 @@ pub(super) fn read<'t>(source: &Source, text: &'t str) -> Result<Fields<'t>, Dia
     if declared.is_some() {
         lines.remove(0);
     }
-    let separator = declared.unwrap_or_else(|| detect(&lines));
-    let row = |(at, line): (usize, &'t str)| split(source, line, at, separator);
-    Ok(Fields { separator, rows: lines.into_iter().map(row).collect::<Result<_, _>>()? })
+    let separator = declared.unwrap_or_else(|| detect_separator(&lines));
+    let row = |(at, line): (usize, &'t str)| split_line(source, line, at, separator);
+    Ok(SeparatedText { separator, rows: lines.into_iter().map(row).collect::<Result<_, _>>()? })
 }
 
 /// Returns the separator that spreadsheets declare in a first line `sep=;`.
@@ -93,7 +96,7 @@ fn declared_separator(line: &str) -> Option<Separator> {
 
 /// Returns the separator that occurs in most lines. In text separated by spaces or tabs, a comma in a number is a
 /// decimal comma.
-fn detect(lines: &[(usize, &str)]) -> Separator {
+fn detect_separator(lines: &[(usize, &str)]) -> Separator {
     let is_in_most = |separator: Separator| {
         let has =
             |line: &str| unquoted_characters(line.trim()).any(|(_, c)| separator.is_separator(c));
@@ -101,7 +104,7 @@ fn detect(lines: &[(usize, &str)]) -> Separator {
         with > 0 && 2 * with >= lines.len()
     };
     let holds_fields = |field: &str| {
-        let mut parts = field.split_whitespace().map(|part| number(part, Separator::Comma));
+        let mut parts = field.split_whitespace().map(|part| parse_number(part, Separator::Comma));
         field.trim().contains(char::is_whitespace) && parts.all(|part| part.is_some())
     };
     let commas_separate = || !lines.iter().any(|(_, line)| line.split(',').any(holds_fields));
@@ -128,8 +131,8 @@ fn unquoted_characters(line: &str) -> impl Iterator<Item = (usize, char)> {
 }
 
 /// Splits the line that begins at byte `at` of the text.
-fn split<'t>(
-    source: &Source,
+fn split_line<'t>(
+    source: &SourceText,
     line: &'t str,
     at: usize,
     separator: Separator,
@@ -151,7 +154,7 @@ fn split<'t>(
         let text = inner.unwrap_or(trimmed);
         let span = from..from + text.len();
         if text.contains('"') {
-            return Err(source.error(
+            return Err(source.error_at(
                 &span,
                 format!("a quotation mark is inside the field {text:?}"),
                 "expected names and numbers without quotes in them",
@@ -163,7 +166,7 @@ fn split<'t>(
 }
 
 /// Parses a finite number, or `true` as 1 and `false` as 0.
-fn number(text: &str, separator: Separator) -> Option<f64> {
+fn parse_number(text: &str, separator: Separator) -> Option<f64> {
     if text.eq_ignore_ascii_case("true") || text.eq_ignore_ascii_case("false") {
         return Some(f64::from(text.len() == "true".len()));
     }

@@ -5,29 +5,32 @@ use std::ops::Range;
 
 use roxmltree::{Document, Error, Node as Element, ParsingOptions};
 
-use super::{Attribute, Builder, EDGE_KEYS, LocatedValue, Name, Network, Tree, has_meaning};
-use crate::scenario::diagnostic::{Diagnostic, Source};
+use super::{
+    Attribute, AttributeValue, EDGE_KEYS, ImportedGraph, ImportedGraphBuilder, LocatedValue,
+    NodeId, is_known_key,
+};
+use crate::scenario::diagnostic::{Diagnostic, SourceText};
 
 pub(super) fn read(
-    source: &Source,
+    source: &SourceText,
     text: &str,
     robot_keys: &[&str],
-) -> Result<Network, Diagnostic> {
-    let document = parse(source, text)?;
-    let xml = Xml { source };
+) -> Result<ImportedGraph, Diagnostic> {
+    let document = parse_xml(source, text)?;
+    let xml = XmlSource { source };
     let root = document.root_element();
     if root.tag_name().name() != "graphml" {
         let message = format!("this is no GraphML, but `{}`", root.tag_name().name());
         return Err(xml.error_at(root, message, "expected the element `graphml`"));
     }
-    let graphs: Vec<Element<'_, '_>> = children(root, "graph").collect();
+    let graphs: Vec<Element<'_, '_>> = child_elements(root, "graph").collect();
     let &[graph] = &graphs[..] else {
         let message = format!("the file has {} graphs", graphs.len());
         let at = graphs.last().copied().unwrap_or(root);
         return Err(xml.error_at(at, message, "expected one element `graph`"));
     };
     let mut keys = BTreeMap::new();
-    for key in children(root, "key") {
+    for key in child_elements(root, "key") {
         keys.insert(xml.required_attribute(key, "id")?, key);
     }
     let directed = match xml.required_attribute(graph, "edgedefault")? {
@@ -38,27 +41,30 @@ pub(super) fn read(
             return Err(xml.error_at(graph, message, "expected \"directed\" or \"undirected\""));
         }
     };
-    let mut builder = Builder::new(source, robot_keys);
-    if let Some(element) = children(graph, "hyperedge").next() {
+    let mut builder = ImportedGraphBuilder::new(source, robot_keys);
+    if let Some(element) = child_elements(graph, "hyperedge").next() {
         return Err(xml.error_at(
             element,
             "a hyperedge has no direction from one robot to another",
             "expected edges between two robots each",
         ));
     }
-    for node in children(graph, "node") {
-        if let Some(nested) = children(node, "graph").next() {
+    for node in child_elements(graph, "node") {
+        if let Some(nested) = child_elements(node, "graph").next() {
             let expected = "expected all nodes in one graph";
             return Err(xml.error_at(nested, "a graph is nested in a node", expected));
         }
-        let name = Name::read(xml.required_attribute(node, "id")?);
-        let attributes = xml.attributes(node, &keys, robot_keys)?;
-        builder.node(name, node.range(), attributes)?;
+        let name = NodeId::from_text(xml.required_attribute(node, "id")?);
+        let attributes = xml.parse_attributes(node, &keys, robot_keys)?;
+        builder.add_node(name, node.range(), attributes)?;
     }
-    for edge in children(graph, "edge") {
+    for edge in child_elements(graph, "edge") {
         let mut ends = Vec::new();
         for key in ["source", "target"] {
-            ends.push((Name::read(xml.required_attribute(edge, key)?), xml.attribute(edge, key)));
+            ends.push((
+                NodeId::from_text(xml.required_attribute(edge, key)?),
+                xml.attribute_span(edge, key),
+            ));
         }
         let ends = <[_; 2]>::try_from(ends).expect("there are two ends");
         let directed = match edge.attribute("directed") {
@@ -70,22 +76,22 @@ pub(super) fn read(
                 return Err(xml.error_at(edge, message, "expected \"true\" or \"false\""));
             }
         };
-        let attributes = xml.attributes(edge, &keys, EDGE_KEYS)?;
-        builder.link(ends, directed, edge.range(), attributes)?;
+        let attributes = xml.parse_attributes(edge, &keys, EDGE_KEYS)?;
+        builder.add_edge(ends, directed, edge.range(), attributes)?;
     }
     Ok(builder.network)
 }
 
 /// Parses XML. A document type declaration is ignored. One that declares entities is refused, because a few nested
 /// entities can expand to gigabytes.
-fn parse<'t>(source: &Source, text: &'t str) -> Result<Document<'t>, Diagnostic> {
+fn parse_xml<'t>(source: &SourceText, text: &'t str) -> Result<Document<'t>, Diagnostic> {
     let failed = |error| xml_syntax_error(source, text, &error);
     match Document::parse(text) {
         Err(Error::DtdDetected) => (),
         parsed => return parsed.map_err(failed),
     }
     if let Some(at) = text.find("<!ENTITY") {
-        return Err(source.error(
+        return Err(source.error_at(
             &(at..at + "<!ENTITY".len()),
             "the document type declares an entity",
             "expected GraphML without entities: write out what they stand for",
@@ -96,7 +102,7 @@ fn parse<'t>(source: &Source, text: &'t str) -> Result<Document<'t>, Diagnostic>
 }
 
 /// Returns the diagnostic of an XML syntax error.
-fn xml_syntax_error(source: &Source, text: &str, error: &roxmltree::Error) -> Diagnostic {
+fn xml_syntax_error(source: &SourceText, text: &str, error: &roxmltree::Error) -> Diagnostic {
     let pos = error.pos();
     let (row, column) = (pos.row as usize, pos.col as usize);
     let line_start: usize =
@@ -106,10 +112,10 @@ fn xml_syntax_error(source: &Source, text: &str, error: &roxmltree::Error) -> Di
     let at = line_start + within;
     let message = error.to_string();
     let message = message.rsplit_once(" at ").map_or(message.as_str(), |(what, _)| what);
-    source.error(&(at..at + 1), format!("this is no GraphML: {message}"), "expected XML here")
+    source.error_at(&(at..at + 1), format!("this is no GraphML: {message}"), "expected XML here")
 }
 
-fn children<'x, 'i>(
+fn child_elements<'x, 'i>(
     element: Element<'x, 'i>,
     name: &'static str,
 ) -> impl Iterator<Item = Element<'x, 'i>> {
@@ -117,22 +123,22 @@ fn children<'x, 'i>(
 }
 
 /// Source of the text, for locations.
-struct Xml<'a> {
-    source: &'a Source,
+struct XmlSource<'a> {
+    source: &'a SourceText,
 }
 
-impl Xml<'_> {
+impl XmlSource<'_> {
     fn error_at(
         &self,
         element: Element<'_, '_>,
         message: impl Into<String>,
         expected: impl Into<String>,
     ) -> Diagnostic {
-        self.source.error(&element.range(), message, expected)
+        self.source.error_at(&element.range(), message, expected)
     }
 
     /// Returns the byte range of the value of an XML attribute.
-    fn attribute(&self, element: Element<'_, '_>, name: &str) -> Range<usize> {
+    fn attribute_span(&self, element: Element<'_, '_>, name: &str) -> Range<usize> {
         element.attribute_node(name).map_or(element.range(), |node| node.range_value())
     }
 
@@ -153,7 +159,7 @@ impl Xml<'_> {
 
     /// Returns the attributes of a node or an edge: the values of its `data` elements, and the defaults of keys without
     /// such an element. Fails for a `data` element with an undeclared key whose id is one of `known`.
-    fn attributes(
+    fn parse_attributes(
         &self,
         element: Element<'_, '_>,
         keys: &BTreeMap<&str, Element<'_, '_>>,
@@ -161,11 +167,11 @@ impl Xml<'_> {
     ) -> Result<Vec<Attribute>, Diagnostic> {
         let kind = element.tag_name().name();
         let mut attributes: Vec<Attribute> = Vec::new();
-        for data in children(element, "data") {
+        for data in child_elements(element, "data") {
             let id = self.required_attribute(data, "key")?;
             match keys.get(id) {
-                Some(key) => attributes.push(value(*key, data)),
-                None if has_meaning(id, known) => {
+                Some(key) => attributes.push(parse_data_attribute(*key, data)),
+                None if is_known_key(id, known) => {
                     let message = format!("`data` has the key {id:?}, which is not declared");
                     return Err(self.error_at(
                         data,
@@ -173,14 +179,14 @@ impl Xml<'_> {
                         "expected the id of an element `key`",
                     ));
                 }
-                None => attributes.push((id.to_owned(), LocatedValue::text("", data.range()))),
+                None => attributes.push((id.to_owned(), LocatedValue::from_text("", data.range()))),
             }
         }
         for key in keys.values() {
             let meant_for = key.attribute("for").unwrap_or("all");
-            let Some(default) = children(*key, "default").next() else { continue };
+            let Some(default) = child_elements(*key, "default").next() else { continue };
             if meant_for == kind || meant_for == "all" {
-                let attribute = value(*key, default);
+                let attribute = parse_data_attribute(*key, default);
                 if attributes.iter().all(|(key, _)| *key != attribute.0) {
                     attributes.push(attribute);
                 }
@@ -191,7 +197,7 @@ impl Xml<'_> {
 }
 
 /// Returns the value of a `key` that the element `holder` contains, or the reason why it is invalid.
-fn value(key: Element<'_, '_>, holder: Element<'_, '_>) -> Attribute {
+fn parse_data_attribute(key: Element<'_, '_>, holder: Element<'_, '_>) -> Attribute {
     // Drawings of editors have no name.
     let name = key.attribute("attr.name").or(key.attribute("id")).unwrap_or_default();
     let text = holder.text().unwrap_or_default().trim();
@@ -210,10 +216,10 @@ fn value(key: Element<'_, '_>, holder: Element<'_, '_>) -> Attribute {
             "false" | "0" => Ok("false".to_owned()),
             _ => Err("expected true or false"),
         },
-        _ => return (name.to_owned(), LocatedValue::text(text, span)),
+        _ => return (name.to_owned(), LocatedValue::from_text(text, span)),
     };
     let given = match value {
-        Ok(value) => LocatedValue { value: Tree::Plain(value), span },
+        Ok(value) => LocatedValue { value: AttributeValue::Plain(value), span },
         Err(expected) => {
             LocatedValue::unreadable_value(format!("`{name}` is {text:?}"), expected, span)
         }

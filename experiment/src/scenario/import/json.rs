@@ -7,8 +7,8 @@ use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::value::RawValue;
 
-use super::{Attribute, Builder, LocatedValue, Name, Network, Tree};
-use crate::scenario::diagnostic::{Diagnostic, Source};
+use super::{Attribute, AttributeValue, ImportedGraph, ImportedGraphBuilder, LocatedValue, NodeId};
+use crate::scenario::diagnostic::{Diagnostic, SourceText};
 
 /// Maximum nesting depth of a value: lists in tables.
 const DEPTH_MAX: usize = 4;
@@ -16,13 +16,14 @@ const DEPTH_MAX: usize = 4;
 const SHOWN_CHARACTERS_MAX: usize = 60;
 
 pub(super) fn read(
-    source: &Source,
+    source: &SourceText,
     text: &str,
     robot_keys: &[&str],
-) -> Result<Network, Diagnostic> {
-    let (readable, not_finite) = without_not_finite(text);
-    let json = Json { source, text: &readable, original: text, not_finite };
-    let Object(root) =
+) -> Result<ImportedGraph, Diagnostic> {
+    let (readable, not_finite) = replace_non_finite_numbers(text);
+    let json =
+        JsonSource { source, text: &readable, original_text: text, non_finite_numbers: not_finite };
+    let JsonObject(root) =
         serde_json::from_str(&readable).map_err(|error| json.json_syntax_error(&error))?;
     json.reject_duplicate_members(
         &root,
@@ -58,18 +59,18 @@ pub(super) fn read(
         Some(_) => &["source", "target", "key"],
         None => &["source", "target"],
     };
-    let mut builder = Builder::new(source, robot_keys);
+    let mut builder = ImportedGraphBuilder::new(source, robot_keys);
     let Some(nodes) = get("nodes") else {
         return Err(
             json.error_in_file("the graph has no `nodes`", "expected `nodes`: a list of objects")
         );
     };
-    for node in json.list(nodes, "`nodes`")? {
-        let members = json.object(node, "a node")?;
+    for node in json.parse_list(nodes, "`nodes`")? {
+        let members = json.parse_object(node, "a node")?;
         json.reject_duplicate_members(&members, &["id"], "a node")?;
-        let id = json.end(node, &members, "id", "a node")?;
-        let attributes = json.attributes(members, &["id"]);
-        builder.node(id.0, json.span(node), attributes)?;
+        let id = json.parse_node_id(node, &members, "id", "a node")?;
+        let attributes = json.convert_attributes(members, &["id"]);
+        builder.add_node(id.0, json.span(node), attributes)?;
     }
     let edges = match (get("edges"), get("links")) {
         (Some(edges), None) => edges,
@@ -85,15 +86,15 @@ pub(super) fn read(
             ));
         }
     };
-    for edge in json.list(edges, "the list of edges")? {
-        let members = json.object(edge, "an edge")?;
+    for edge in json.parse_list(edges, "the list of edges")? {
+        let members = json.parse_object(edge, "an edge")?;
         json.reject_duplicate_members(&members, &["source", "target"], "an edge")?;
         let ends = [
-            json.end(edge, &members, "source", "an edge")?,
-            json.end(edge, &members, "target", "an edge")?,
+            json.parse_node_id(edge, &members, "source", "an edge")?,
+            json.parse_node_id(edge, &members, "target", "an edge")?,
         ];
-        let attributes = json.attributes(members, edge_members);
-        builder.link(ends, directed, json.span(edge), attributes)?;
+        let attributes = json.convert_attributes(members, edge_members);
+        builder.add_edge(ends, directed, json.span(edge), attributes)?;
     }
     Ok(builder.network)
 }
@@ -102,42 +103,42 @@ pub(super) fn read(
 type Members<'j> = Vec<(String, &'j RawValue)>;
 
 /// An object that can have duplicate names.
-struct Object<'j>(Members<'j>);
+struct JsonObject<'j>(Members<'j>);
 
-impl<'de: 'j, 'j> Deserialize<'de> for Object<'j> {
+impl<'de: 'j, 'j> Deserialize<'de> for JsonObject<'j> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct InOrder;
-        impl<'de> Visitor<'de> for InOrder {
-            type Value = Object<'de>;
+        struct MembersVisitor;
+        impl<'de> Visitor<'de> for MembersVisitor {
+            type Value = JsonObject<'de>;
 
             fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
                 f.write_str("an object")
             }
 
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Object<'de>, A::Error> {
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<JsonObject<'de>, A::Error> {
                 let mut members: Members<'de> = Vec::new();
                 while let Some((name, value)) = map.next_entry::<String, &RawValue>()? {
                     members.push((name, value));
                 }
-                Ok(Object(members))
+                Ok(JsonObject(members))
             }
         }
-        deserializer.deserialize_map(InOrder)
+        deserializer.deserialize_map(MembersVisitor)
     }
 }
 
 /// Source of the text, for locations.
-struct Json<'a> {
-    source: &'a Source,
+struct JsonSource<'a> {
+    source: &'a SourceText,
     /// The text that is parsed.
     text: &'a str,
     /// The text of the file, of the same length.
-    original: &'a str,
+    original_text: &'a str,
     /// Numbers of the file that JSON does not support (NaN, Infinity), by byte offset.
-    not_finite: BTreeMap<usize, &'static str>,
+    non_finite_numbers: BTreeMap<usize, &'static str>,
 }
 
-impl<'a> Json<'a> {
+impl<'a> JsonSource<'a> {
     /// Returns the byte range of a value in the text.
     fn span(&self, value: &RawValue) -> Range<usize> {
         let start = (value.get().as_ptr() as usize).saturating_sub(self.text.as_ptr() as usize);
@@ -150,12 +151,12 @@ impl<'a> Json<'a> {
         message: impl Into<String>,
         expected: impl Into<String>,
     ) -> Diagnostic {
-        self.source.error(&self.span(value), message, expected)
+        self.source.error_at(&self.span(value), message, expected)
     }
 
     /// Returns a value on one line, as it is in the file, truncated to [`SHOWN_CHARACTERS_MAX`].
     fn excerpt(&self, value: &RawValue) -> String {
-        let text: Vec<&str> = self.original[self.span(value)].split_whitespace().collect();
+        let text: Vec<&str> = self.original_text[self.span(value)].split_whitespace().collect();
         let text = text.join(" ");
         match text.char_indices().nth(SHOWN_CHARACTERS_MAX) {
             Some((end, _)) => format!("{}...", &text[..end]),
@@ -189,7 +190,7 @@ impl<'a> Json<'a> {
             if let Some((_, value)) = root.iter().find(|(key, _)| key == name)
                 && root.iter().all(|(key, _)| key != "nodes" || name == "adjacency")
             {
-                return Err(self.source.error(
+                return Err(self.source.error_at(
                     &(self.span(value).start..self.span(value).start + 1),
                     format!("this is {format}, not node-link JSON"),
                     "expected one object with `directed`, `nodes` and `edges`, as networkx's node_link_data makes it",
@@ -200,7 +201,7 @@ impl<'a> Json<'a> {
     }
 
     fn error_in_file(&self, message: &str, expected: &str) -> Diagnostic {
-        self.source.error(&(0..0), message, expected)
+        self.source.error_at(&(0..0), message, expected)
     }
 
     fn json_syntax_error(&self, error: &serde_json::Error) -> Diagnostic {
@@ -213,39 +214,39 @@ impl<'a> Json<'a> {
             true => "expected one object with `directed`, `nodes` and `edges`",
             false => "expected JSON, without comments and trailing commas",
         };
-        let message = format!("this is no node-link JSON: {}", without_place(error));
-        self.source.error(&(at..at + 1), message, expected)
+        let message = format!("this is no node-link JSON: {}", message_without_location(error));
+        self.source.error_at(&(at..at + 1), message, expected)
     }
 
-    fn list(&self, value: &'a RawValue, what: &str) -> Result<Vec<&'a RawValue>, Diagnostic> {
+    fn parse_list(&self, value: &'a RawValue, what: &str) -> Result<Vec<&'a RawValue>, Diagnostic> {
         serde_json::from_str(value.get()).map_err(|_| {
             self.error_at(value, format!("{what} is no list"), "expected a list: [...]")
         })
     }
 
-    fn object(&self, value: &'a RawValue, what: &str) -> Result<Members<'a>, Diagnostic> {
-        serde_json::from_str(value.get()).map(|Object(members)| members).map_err(|error| {
-            let message = format!("{what} is no object: {}", without_place(&error));
+    fn parse_object(&self, value: &'a RawValue, what: &str) -> Result<Members<'a>, Diagnostic> {
+        serde_json::from_str(value.get()).map(|JsonObject(members)| members).map_err(|error| {
+            let message = format!("{what} is no object: {}", message_without_location(&error));
             self.error_at(value, message, "expected an object: { ... }")
         })
     }
 
     /// Parses the id of a node in a node or an edge.
-    fn end(
+    fn parse_node_id(
         &self,
         around: &RawValue,
         members: &Members<'a>,
         key: &str,
         what: &str,
-    ) -> Result<(Name, Range<usize>), Diagnostic> {
+    ) -> Result<(NodeId, Range<usize>), Diagnostic> {
         let Some((_, value)) = members.iter().find(|(name, _)| name == key) else {
             let expected = format!("expected `{key}`: the name of a robot, or its number");
             return Err(self.error_at(around, format!("{what} has no `{key}`"), expected));
         };
         let name = if let Ok(number) = value.get().parse() {
-            Name::Number(number)
-        } else if let Some(text) = self.text(value) {
-            Name::read(&text)
+            NodeId::Number(number)
+        } else if let Some(text) = self.string_value(value) {
+            NodeId::from_text(&text)
         } else {
             let expected = match value.get().starts_with('[') {
                 true => {
@@ -264,28 +265,28 @@ impl<'a> Json<'a> {
     }
 
     /// Returns the string if the value is a string in the file, and not a replaced NaN or Infinity.
-    fn text(&self, value: &RawValue) -> Option<String> {
-        let is_number = self.not_finite.contains_key(&self.span(value).start);
+    fn string_value(&self, value: &RawValue) -> Option<String> {
+        let is_number = self.non_finite_numbers.contains_key(&self.span(value).start);
         serde_json::from_str(value.get()).ok().filter(|_| !is_number)
     }
 
-    fn attributes(&self, members: Members<'a>, structural: &[&str]) -> Vec<Attribute> {
+    fn convert_attributes(&self, members: Members<'a>, structural: &[&str]) -> Vec<Attribute> {
         let attributes = members.into_iter().filter(|(key, _)| !structural.contains(&key.as_str()));
-        attributes.map(|entry| self.attribute(entry, DEPTH_MAX)).collect()
+        attributes.map(|entry| self.convert_attribute(entry, DEPTH_MAX)).collect()
     }
 
-    fn attribute(&self, (key, value): (String, &'a RawValue), depth: usize) -> Attribute {
-        let given = self.toml_value(&key, value, depth);
+    fn convert_attribute(&self, (key, value): (String, &'a RawValue), depth: usize) -> Attribute {
+        let given = self.convert_to_toml(&key, value, depth);
         (key, given)
     }
 
     /// Converts a JSON value to the TOML value, or to an error message if TOML has no such value.
-    fn toml_value(&self, key: &str, value: &'a RawValue, depth: usize) -> LocatedValue {
+    fn convert_to_toml(&self, key: &str, value: &'a RawValue, depth: usize) -> LocatedValue {
         let (text, span) = (value.get(), self.span(value));
         let wrong = |what: &str, expected| {
             LocatedValue::unreadable_value(format!("`{key}` {what}"), expected, span.clone())
         };
-        if let Some(number) = self.not_finite.get(&span.start) {
+        if let Some(number) = self.non_finite_numbers.get(&span.start) {
             return wrong(&format!("is {number}"), "expected a finite number");
         }
         if depth == 0 {
@@ -293,7 +294,7 @@ impl<'a> Json<'a> {
         }
         let value = match text.as_bytes().first() {
             Some(b'{') => {
-                let Ok(Object(members)) = serde_json::from_str(text) else {
+                let Ok(JsonObject(members)) = serde_json::from_str(text) else {
                     return wrong("is no object", "expected an object: { ... }");
                 };
                 let mut names: Vec<&str> = members.iter().map(|(name, _)| name.as_str()).collect();
@@ -301,28 +302,29 @@ impl<'a> Json<'a> {
                 if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
                     return wrong(&format!("has `{}` twice", twice[0]), "expected it once");
                 }
-                let members = members.into_iter().map(|member| self.attribute(member, depth - 1));
-                Tree::Table(members.collect())
+                let members =
+                    members.into_iter().map(|member| self.convert_attribute(member, depth - 1));
+                AttributeValue::Table(members.collect())
             }
             Some(b'[') => {
                 let Ok(elements) = serde_json::from_str::<Vec<&RawValue>>(text) else {
                     return wrong("is no list", "expected a list: [...]");
                 };
                 let elements = elements.into_iter();
-                Tree::List(
-                    elements.map(|element| self.toml_value(key, element, depth - 1)).collect(),
+                AttributeValue::List(
+                    elements.map(|element| self.convert_to_toml(key, element, depth - 1)).collect(),
                 )
             }
             Some(b'"') => match serde_json::from_str::<String>(text) {
-                Ok(text) => return LocatedValue::text(&text, span),
+                Ok(text) => return LocatedValue::from_text(&text, span),
                 Err(error) => {
-                    let what = format!("is no text: {}", without_place(&error));
+                    let what = format!("is no text: {}", message_without_location(&error));
                     return wrong(&what, "expected a string");
                 }
             },
             Some(b'n') => return wrong("is null", "expected a value, or no such attribute"),
             // Numbers, true and false are written alike in both.
-            _ => Tree::Plain(text.to_owned()),
+            _ => AttributeValue::Plain(text.to_owned()),
         };
         LocatedValue { value, span }
     }
@@ -330,7 +332,7 @@ impl<'a> Json<'a> {
 
 /// Replaces each NaN and Infinity, which Python writes although JSON does not support them, by a string of the same
 /// length. Returns the text and the byte offsets of the replaced numbers.
-fn without_not_finite(text: &str) -> (String, BTreeMap<usize, &'static str>) {
+fn replace_non_finite_numbers(text: &str) -> (String, BTreeMap<usize, &'static str>) {
     let mut readable = String::with_capacity(text.len());
     let mut found = BTreeMap::new();
     let mut quoted = false;
@@ -358,7 +360,7 @@ fn without_not_finite(text: &str) -> (String, BTreeMap<usize, &'static str>) {
 }
 
 /// Returns an error message without the location at its end.
-fn without_place(error: &serde_json::Error) -> String {
+fn message_without_location(error: &serde_json::Error) -> String {
     let message = error.to_string();
     message.split(" at line ").next().unwrap_or_default().to_owned()
 }

@@ -5,9 +5,9 @@
 
 use std::ops::Range;
 
-use super::fields::{self, FieldRow, Fields, Separator, TextField};
-use super::{Builder, Name, Network};
-use crate::scenario::diagnostic::{Diagnostic, Source};
+use super::fields::{self, FieldRow, SeparatedText, Separator, TextField};
+use super::{ImportedGraph, ImportedGraphBuilder, NodeId};
+use crate::scenario::diagnostic::{Diagnostic, SourceText};
 
 /// Titles of the two columns of an edge list, in lower case.
 const EDGE_LIST_TITLES: &[(&str, &str)] = &[
@@ -22,45 +22,45 @@ const EDGE_LIST_TITLES: &[(&str, &str)] = &[
 ];
 /// Words that tools write for a missing number, in lower case.
 const MISSING_NUMBER_WORDS: &[&str] = &["", "nan", "na", "n/a", "none", "null", "inf", "-inf"];
-const SQUARE: &str =
+const SQUARE_MATRIX_REMEDY: &str =
     "expected a square matrix: row i, column j is 1 where robot i hears robot j, else 0";
 
 pub(super) fn read(
-    source: &Source,
+    source: &SourceText,
     text: &str,
     robot_keys: &[&str],
-) -> Result<Network, Diagnostic> {
-    let fields = fields::read(source, text)?;
+) -> Result<ImportedGraph, Diagnostic> {
+    let fields = fields::split_fields(source, text)?;
     if fields.rows.is_empty() {
         let expected = "expected a row for each robot";
-        return Err(source.error(&(0..0), "the matrix has no rows", expected));
+        return Err(source.error_at(&(0..0), "the matrix has no rows", expected));
     }
-    let sheet = Sheet { source, fields };
-    sheet.network(robot_keys).map_err(|error| sheet.list_of_edges().unwrap_or(error))
+    let sheet = MatrixText { source, fields };
+    sheet.build_graph(robot_keys).map_err(|error| sheet.edge_list_error().unwrap_or(error))
 }
 
 /// The fields of a file.
-struct Sheet<'a, 't> {
-    source: &'a Source,
-    fields: Fields<'t>,
+struct MatrixText<'a, 't> {
+    source: &'a SourceText,
+    fields: SeparatedText<'t>,
 }
 
 /// A square matrix with its row and column labels, if the file has any.
-struct Labeled<'t> {
-    above: Option<FieldRow<'t>>,
+struct LabeledMatrix<'t> {
+    column_labels: Option<FieldRow<'t>>,
     row_labels: Option<FieldRow<'t>>,
     body: Vec<FieldRow<'t>>,
 }
 
-impl<'t> Sheet<'_, 't> {
-    fn network(&self, robot_keys: &[&str]) -> Result<Network, Diagnostic> {
+impl<'t> MatrixText<'_, 't> {
+    fn build_graph(&self, robot_keys: &[&str]) -> Result<ImportedGraph, Diagnostic> {
         let labeled = self.separate_labels()?;
-        let values = self.values(&labeled)?;
-        self.refuse_negative(&labeled, &values)?;
-        let mut builder = Builder::new(self.source, robot_keys);
+        let values = self.parse_values(&labeled)?;
+        self.refuse_negative_values(&labeled, &values)?;
+        let mut builder = ImportedGraphBuilder::new(self.source, robot_keys);
         for i in 0..labeled.body.len() {
-            let (name, span) = self.name(&labeled, i)?;
-            builder.node(name, span, Vec::new())?;
+            let (name, span) = self.node_id(&labeled, i)?;
+            builder.add_node(name, span, Vec::new())?;
         }
         for (i, row) in values.iter().enumerate() {
             for (j, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
@@ -68,9 +68,9 @@ impl<'t> Sheet<'_, 't> {
                 let end =
                     |node: usize| (builder.network.nodes[node].name.clone(), cell.span.clone());
                 let ends = [end(j), end(i)];
-                builder.link(ends, true, cell.span.clone(), Vec::new())?;
-                if *value != 1.0 && builder.network.weighted.is_none() {
-                    builder.network.weighted = Some((cell.text.to_owned(), cell.span.clone()));
+                builder.add_edge(ends, true, cell.span.clone(), Vec::new())?;
+                if *value != 1.0 && builder.network.first_weight.is_none() {
+                    builder.network.first_weight = Some((cell.text.to_owned(), cell.span.clone()));
                 }
             }
         }
@@ -79,7 +79,7 @@ impl<'t> Sheet<'_, 't> {
 
     /// Separates labels from the matrix by the shape: with a row of labels there is one row more than columns, with a
     /// column of labels one column more than rows. With both or neither, the first field decides.
-    fn separate_labels(&self) -> Result<Labeled<'t>, Diagnostic> {
+    fn separate_labels(&self) -> Result<LabeledMatrix<'t>, Diagnostic> {
         let mut rows = self.fields.rows.clone();
         drop_trailing_separators(&mut rows);
         let (height, width) = (rows.len(), rows[rows.len() - 1].len());
@@ -89,14 +89,14 @@ impl<'t> Sheet<'_, 't> {
         let first = &rows[0];
         let column: FieldRow<'_> = rows[1..].iter().map(|row| row[0].clone()).collect();
         let (above, left) = if width == height && first.len() == width {
-            let both = self.has_corner(first, &column);
+            let both = self.has_both_labels(first, &column);
             (both, both)
         } else if width == height && first.len() + 1 == width {
             (true, true)
         } else if width + 1 == height
             && first.len() == width
             && self.are_labels(first)
-            && (width > 1 || self.fields.number(rows[1][0].text).is_some())
+            && (width > 1 || self.fields.parse_number(rows[1][0].text).is_some())
         {
             (true, false)
         } else if width == height + 1 && first.len() == width {
@@ -113,24 +113,24 @@ impl<'t> Sheet<'_, 't> {
         let above = above.then(|| rows.remove(0));
         let above = above.map(|mut row| row.split_off(row.len() + usize::from(left) - width));
         let left = left.then(|| rows.iter_mut().map(|row| row.remove(0)).collect());
-        Ok(Labeled { above, row_labels: left, body: rows })
+        Ok(LabeledMatrix { column_labels: above, row_labels: left, body: rows })
     }
 
     /// Returns whether a square of fields has both a row and a column of labels. `first` is the first row, and `column`
     /// the first column below the corner.
-    fn has_corner(&self, first: &FieldRow<'_>, column: &FieldRow<'_>) -> bool {
+    fn has_both_labels(&self, first: &FieldRow<'_>, column: &FieldRow<'_>) -> bool {
         let above = &first[1..];
         let same = above.iter().map(|cell| cell.text).eq(column.iter().map(|cell| cell.text));
         let is_label = |cell: &TextField<'_>| self.is_label(cell);
-        let corner = self.fields.number(first[0].text).is_none();
-        let labels = above.iter().any(is_label) || first_of_consecutive(above).is_some() || same;
+        let corner = self.fields.parse_number(first[0].text).is_none();
+        let labels = above.iter().any(is_label) || first_if_consecutive(above).is_some() || same;
         !above.is_empty() && (above.iter().all(is_label) || (corner && labels))
     }
 
     /// Returns whether a row or column of fields consists of names, or of consecutive robot numbers. Two fields 0 and 1
     /// do not count as numbers, because they may be part of the matrix.
     fn are_labels(&self, cells: &[TextField<'_>]) -> bool {
-        let counts = match first_of_consecutive(cells) {
+        let counts = match first_if_consecutive(cells) {
             Some(0) => cells.len() > 2,
             Some(_) => cells.len() > 1,
             None => false,
@@ -139,26 +139,30 @@ impl<'t> Sheet<'_, 't> {
     }
 
     fn is_label(&self, cell: &TextField<'_>) -> bool {
-        self.fields.number(cell.text).is_none() && !is_missing(cell.text)
+        self.fields.parse_number(cell.text).is_none() && !is_missing_number(cell.text)
     }
 
     /// Returns the name of robot `i`. Labels with names take precedence over labels with numbers.
-    fn name(&self, labeled: &Labeled<'t>, i: usize) -> Result<(Name, Range<usize>), Diagnostic> {
-        let Labeled { above, row_labels: left, body } = labeled;
+    fn node_id(
+        &self,
+        labeled: &LabeledMatrix<'t>,
+        i: usize,
+    ) -> Result<(NodeId, Range<usize>), Diagnostic> {
+        let LabeledMatrix { column_labels: above, row_labels: left, body } = labeled;
         let cell = match (left, above) {
             (Some(left), Some(above)) if left[i].text == above[i].text => &left[i],
             (Some(left), Some(above)) => {
-                match (first_of_consecutive(left).is_some(), first_of_consecutive(above).is_some())
+                match (first_if_consecutive(left).is_some(), first_if_consecutive(above).is_some())
                 {
                     (true, false) => &above[i],
                     (false, true) => &left[i],
                     _ => {
                         let (left, above) = (&left[i], &above[i]);
-                        return Err(self.source.error(
+                        return Err(self.source.error_at(
                             &left.span,
                             format!(
                                 "the row in line {} is called {:?}, but the column with the same index {:?}",
-                                self.source.line(left.span.start),
+                                self.source.line_number_at(left.span.start),
                                 left.text,
                                 above.text
                             ),
@@ -168,34 +172,34 @@ impl<'t> Sheet<'_, 't> {
                 }
             }
             (Some(cells), None) | (None, Some(cells)) => &cells[i],
-            (None, None) => return Ok((Name::Number(i as i64), body[i][0].span.clone())),
+            (None, None) => return Ok((NodeId::Number(i as i64), body[i][0].span.clone())),
         };
-        Ok((Name::read(cell.text), cell.span.clone()))
+        Ok((NodeId::from_text(cell.text), cell.span.clone()))
     }
 
-    fn values(&self, labeled: &Labeled<'_>) -> Result<Vec<Vec<f64>>, Diagnostic> {
+    fn parse_values(&self, labeled: &LabeledMatrix<'_>) -> Result<Vec<Vec<f64>>, Diagnostic> {
         let value = |cell: &TextField<'_>| {
-            self.fields.number(cell.text).ok_or_else(|| {
+            self.fields.parse_number(cell.text).ok_or_else(|| {
                 let what = match cell.text {
                     "" => "a field of the matrix is empty".to_owned(),
                     text => format!("a field of the matrix is {text:?}"),
                 };
-                let expected = match is_missing(cell.text) {
+                let expected = match is_missing_number(cell.text) {
                     true => "expected 0 where the row's robot does not hear the column's",
                     false => {
                         "expected a number: 0, or something else where the row's robot hears the column's"
                     }
                 };
-                self.source.error(&cell.span, what, expected)
+                self.source.error_at(&cell.span, what, expected)
             })
         };
         labeled.body.iter().map(|row| row.iter().map(value).collect()).collect()
     }
 
     /// Fails if a number is negative, as in a Laplacian or with signed weights.
-    fn refuse_negative(
+    fn refuse_negative_values(
         &self,
-        labeled: &Labeled<'_>,
+        labeled: &LabeledMatrix<'_>,
         values: &[Vec<f64>],
     ) -> Result<(), Diagnostic> {
         let fields = || {
@@ -222,10 +226,10 @@ impl<'t> Sheet<'_, 't> {
                     "expected the adjacency matrix: 1 where robot i hears robot j, 0 elsewhere and on the \
                      diagonal; with numpy, {remedy}.astype(int)"
                 );
-                return Err(self.source.error(span, message, expected));
+                return Err(self.source.error_at(span, message, expected));
             }
         }
-        Err(self.source.error(
+        Err(self.source.error_at(
             span,
             format!("a field of the matrix is {value}: an edge has no sign, so none repels"),
             "expected 1 where the row's robot hears the column's, else 0: laws treat all neighbors alike",
@@ -233,9 +237,9 @@ impl<'t> Sheet<'_, 't> {
     }
 
     fn row_length_error(&self, row: &FieldRow<'_>, other: &FieldRow<'_>) -> Diagnostic {
-        let line = |row: &FieldRow<'_>| self.source.line(row[0].span.start);
-        self.source.error(
-            &span(row),
+        let line = |row: &FieldRow<'_>| self.source.line_number_at(row[0].span.start);
+        self.source.error_at(
+            &row_span(row),
             format!(
                 "line {} has {}, but line {} has {}, separated by {}s",
                 line(row),
@@ -244,7 +248,7 @@ impl<'t> Sheet<'_, 't> {
                 format_count(other.len(), "field"),
                 self.fields.separator.name(),
             ),
-            SQUARE,
+            SQUARE_MATRIX_REMEDY,
         )
     }
 
@@ -254,15 +258,17 @@ impl<'t> Sheet<'_, 't> {
             1 => {
                 (String::new(), "expected fields that commas, semicolons, tabs or spaces separate")
             }
-            _ => (format!(", separated by {}s", self.fields.separator.name()), SQUARE),
+            _ => {
+                (format!(", separated by {}s", self.fields.separator.name()), SQUARE_MATRIX_REMEDY)
+            }
         };
         let message =
             format!("the file has {rows} of {fields}{separated}, which is no square matrix");
-        self.source.error(&span(&self.fields.rows[0]), message, expected)
+        self.source.error_at(&row_span(&self.fields.rows[0]), message, expected)
     }
 
     /// Returns the error for a file that is not a matrix but an edge list or an adjacency list; `None` otherwise.
-    fn list_of_edges(&self) -> Option<Diagnostic> {
+    fn edge_list_error(&self) -> Option<Diagnostic> {
         let rows = &self.fields.rows;
         let is_name = |cell: &TextField<'_>| self.is_label(cell);
         let is_id = |cell: &TextField<'_>| cell.text.parse::<u32>().is_ok();
@@ -301,19 +307,19 @@ impl<'t> Sheet<'_, 't> {
             return None;
         };
         let remedy = format!(
-            "{SQUARE}; networkx turns it into GraphML: nx.write_graphml(nx.{read}, \"graph.graphml\"), where a \
+            "{SQUARE_MATRIX_REMEDY}; networkx turns it into GraphML: nx.write_graphml(nx.{read}, \"graph.graphml\"), where a \
              target hears its source"
         );
         let message = match ids && !titled {
             true => format!("this is no square matrix; perhaps it is {what}"),
             false => format!("this is {what}, not an adjacency matrix"),
         };
-        Some(self.source.error(&span(&rows[0]), message, remedy))
+        Some(self.source.error_at(&row_span(&rows[0]), message, remedy))
     }
 }
 
 /// Returns the first number if the fields are consecutive integers that start at 0 or 1.
-fn first_of_consecutive(cells: &[TextField<'_>]) -> Option<usize> {
+fn first_if_consecutive(cells: &[TextField<'_>]) -> Option<usize> {
     let first = cells.first()?.text.parse().ok().filter(|first| *first <= 1)?;
     let counts = |(i, cell): (usize, &TextField<'_>)| cell.text.parse() == Ok(first + i);
     cells.iter().enumerate().all(counts).then_some(first)
@@ -344,11 +350,11 @@ fn drop_trailing_separators(rows: &mut [FieldRow<'_>]) {
     }
 }
 
-fn is_missing(text: &str) -> bool {
+fn is_missing_number(text: &str) -> bool {
     MISSING_NUMBER_WORDS.contains(&text.to_ascii_lowercase().as_str())
 }
 
-fn span(row: &FieldRow<'_>) -> Range<usize> {
+fn row_span(row: &FieldRow<'_>) -> Range<usize> {
     row[0].span.start..row[row.len() - 1].span.end
 }
 

@@ -27,71 +27,71 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use crate::scenario::diagnostic::{Diagnostic, Source, most_similar_word};
+use crate::scenario::diagnostic::{Diagnostic, SourceText, most_similar_word};
 
 /// Keys of an edge other than its ends.
 const EDGE_KEYS: &[&str] = &["offset_m"];
 /// Keys of robots and edges with lists and tables, which tools without these write as one attribute for each component.
-const SPELLED_OUT: &[(&str, &[&str])] = &[
+const COMPONENT_KEYS: &[(&str, &[&str])] = &[
     ("pose", &["x_m", "y_m", "heading_rad"]),
     ("place_m", &["place_x_m", "place_y_m"]),
     ("offset_m", &["offset_x_m", "offset_y_m"]),
 ];
 /// networkx's name for the drawing position of a node. It is not a misspelled `pose`.
-const DRAWN_AT: &str = "pos";
+const DRAWING_POSITION_KEY: &str = "pos";
 /// Maximum number of attributes without a meaning that get a warning of their own; one more counts the rest.
-const IGNORED_SHOWN_MAX: usize = 8;
+const IGNORED_ATTRIBUTE_WARNINGS_MAX: usize = 8;
 
 /// A graph as parsed from its file.
 #[derive(Debug, Default)]
-struct Network {
-    nodes: Vec<Node>,
+struct ImportedGraph {
+    nodes: Vec<ImportedNode>,
     links: Vec<ImportedEdge>,
     /// Attributes without an effect.
-    ignored: BTreeMap<String, Ignored>,
+    ignored_attributes: BTreeMap<String, IgnoredAttribute>,
     /// The first weight of a matrix that is neither 0 nor 1.
-    weighted: Option<(String, Range<usize>)>,
+    first_weight: Option<(String, Range<usize>)>,
 }
 
 /// An attribute without an effect.
 #[derive(Debug)]
-struct Ignored {
+struct IgnoredAttribute {
     /// Location at which the attribute is first used.
     span: Range<usize>,
     /// Similar key, if any.
-    close: Option<String>,
+    similar_key: Option<String>,
 }
 
 /// A node, which is a robot.
 #[derive(Debug)]
-struct Node {
-    name: Name,
+struct ImportedNode {
+    name: NodeId,
     span: Range<usize>,
     attributes: Vec<Attribute>,
 }
 
 /// Id of a node in the file.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-enum Name {
+enum NodeId {
     /// A robot name.
     Text(String),
     /// A number that counts the robots.
     Number(i64),
 }
 
-impl std::fmt::Display for Name {
+impl std::fmt::Display for NodeId {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Name::Text(text) => write!(f, "{text:?}"),
-            Name::Number(number) => write!(f, "{number}"),
+            NodeId::Text(text) => write!(f, "{text:?}"),
+            NodeId::Number(number) => write!(f, "{number}"),
         }
     }
 }
 
-impl Name {
+impl NodeId {
     /// Converts an id from a format without numbers.
-    fn read(text: &str) -> Name {
-        text.parse().map_or_else(|_| Name::Text(text.to_owned()), Name::Number)
+    fn from_text(text: &str) -> NodeId {
+        text.parse().map_or_else(|_| NodeId::Text(text.to_owned()), NodeId::Number)
     }
 }
 
@@ -110,13 +110,13 @@ type Attribute = (String, LocatedValue);
 /// A value and its location in the graph file.
 #[derive(Debug, Clone)]
 struct LocatedValue {
-    value: Tree,
+    value: AttributeValue,
     span: Range<usize>,
 }
 
 /// Value of an attribute.
 #[derive(Debug, Clone)]
-enum Tree {
+enum AttributeValue {
     /// Text of the value in TOML.
     Plain(String),
     List(Vec<LocatedValue>),
@@ -124,14 +124,17 @@ enum Tree {
     /// Reason why the value cannot be written in TOML. It is an error only if the attribute has a meaning.
     Unreadable {
         message: String,
-        expected: &'static str,
+        remedy: &'static str,
     },
 }
 
 impl LocatedValue {
     /// Creates a quoted TOML string.
-    fn text(text: &str, span: Range<usize>) -> LocatedValue {
-        LocatedValue { value: Tree::Plain(toml_edit::Value::from(text).to_string()), span }
+    fn from_text(text: &str, span: Range<usize>) -> LocatedValue {
+        LocatedValue {
+            value: AttributeValue::Plain(toml_edit::Value::from(text).to_string()),
+            span,
+        }
     }
 
     fn unreadable_value(
@@ -139,17 +142,19 @@ impl LocatedValue {
         expected: &'static str,
         span: Range<usize>,
     ) -> LocatedValue {
-        LocatedValue { value: Tree::Unreadable { message, expected }, span }
+        LocatedValue { value: AttributeValue::Unreadable { message, remedy: expected }, span }
     }
 
     /// Returns the error of the first unreadable value within this value, or `None`.
-    fn error(&self, source: &Source) -> Option<Diagnostic> {
+    fn first_error(&self, source: &SourceText) -> Option<Diagnostic> {
         match &self.value {
-            Tree::Plain(_) => None,
-            Tree::List(list) => list.iter().find_map(|given| given.error(source)),
-            Tree::Table(entries) => entries.iter().find_map(|(_, given)| given.error(source)),
-            Tree::Unreadable { message, expected } => {
-                Some(source.error(&self.span, message, *expected))
+            AttributeValue::Plain(_) => None,
+            AttributeValue::List(list) => list.iter().find_map(|given| given.first_error(source)),
+            AttributeValue::Table(entries) => {
+                entries.iter().find_map(|(_, given)| given.first_error(source))
+            }
+            AttributeValue::Unreadable { message, remedy: expected } => {
+                Some(source.error_at(&self.span, message, *expected))
             }
         }
     }
@@ -157,12 +162,12 @@ impl LocatedValue {
 
 /// Parses a graph in the format of its file extension, or returns `None` if the format is unknown. `robot_keys`:
 /// attributes of nodes that are keys of robots.
-fn network(
+fn parse_network(
     file: &Path,
-    source: &Source,
+    source: &SourceText,
     text: &str,
     robot_keys: &[&str],
-) -> Option<Result<Network, Diagnostic>> {
+) -> Option<Result<ImportedGraph, Diagnostic>> {
     let reader = match file.extension()?.to_str()?.to_ascii_lowercase().as_str() {
         "json" => json::read,
         "csv" => matrix::read,
@@ -173,17 +178,17 @@ fn network(
 }
 
 /// Returns whether `key` is one of these keys or a component of one.
-fn has_meaning(key: &str, known: &[&str]) -> bool {
-    let parts = SPELLED_OUT.iter().filter(|(whole, _)| known.contains(whole));
+fn is_known_key(key: &str, known: &[&str]) -> bool {
+    let parts = COMPONENT_KEYS.iter().filter(|(whole, _)| known.contains(whole));
     known.contains(&key) || parts.flat_map(|(_, names)| names.iter()).any(|name| *name == key)
 }
 
 /// A graph under construction.
-struct Builder<'a> {
-    source: &'a Source,
+struct ImportedGraphBuilder<'a> {
+    source: &'a SourceText,
     robot_keys: &'a [&'a str],
-    network: Network,
-    node_indices: BTreeMap<Name, usize>,
+    network: ImportedGraph,
+    node_indices: BTreeMap<NodeId, usize>,
     /// Edges found so far, one for each direction.
     seen_edges: BTreeMap<[usize; 2], SeenEdge>,
 }
@@ -192,46 +197,47 @@ struct Builder<'a> {
 struct SeenEdge {
     span: Range<usize>,
     /// Ends of an undirected edge in file order; `None` for a directed edge.
-    undirected: Option<[usize; 2]>,
+    undirected_ends: Option<[usize; 2]>,
 }
 
-impl<'a> Builder<'a> {
-    fn new(source: &'a Source, robot_keys: &'a [&'a str]) -> Builder<'a> {
+impl<'a> ImportedGraphBuilder<'a> {
+    fn new(source: &'a SourceText, robot_keys: &'a [&'a str]) -> ImportedGraphBuilder<'a> {
         let (places, seen) = (BTreeMap::new(), BTreeMap::new());
-        Builder {
+        ImportedGraphBuilder {
             source,
             robot_keys,
-            network: Network::default(),
+            network: ImportedGraph::default(),
             node_indices: places,
             seen_edges: seen,
         }
     }
 
-    fn node(
+    fn add_node(
         &mut self,
-        name: Name,
+        name: NodeId,
         span: Range<usize>,
         attributes: Vec<Attribute>,
     ) -> Result<(), Diagnostic> {
         let number = self.network.nodes.len();
         if let Some(first) = self.node_indices.insert(name.clone(), number) {
-            let line = self.source.line(self.network.nodes[first].span.start);
-            return Err(self.source.error(
+            let line = self.source.line_number_at(self.network.nodes[first].span.start);
+            return Err(self.source.error_at(
                 &span,
                 format!("node {name} occurs twice, first in line {line}"),
                 "expected a unique name",
             ));
         }
-        let attributes = self.keys(&format!("node {name}"), attributes, self.robot_keys)?;
-        self.network.nodes.push(Node { name, span, attributes });
+        let attributes =
+            self.convert_to_keys(&format!("node {name}"), attributes, self.robot_keys)?;
+        self.network.nodes.push(ImportedNode { name, span, attributes });
         Ok(())
     }
 
     /// Adds an edge; an undirected one in both directions. Fails for a duplicate, except that an undirected edge may be
     /// given from both ends.
-    fn link(
+    fn add_edge(
         &mut self,
-        ends: [(Name, Range<usize>); 2],
+        ends: [(NodeId, Range<usize>); 2],
         directed: bool,
         span: Range<usize>,
         attributes: Vec<Attribute>,
@@ -241,12 +247,12 @@ impl<'a> Builder<'a> {
         for (place, (name, span)) in places.iter_mut().zip(&ends) {
             *place = *self.node_indices.get(name).ok_or_else(|| {
                 let message = format!("an edge ends at {name}, but there is no such node");
-                self.source.error(span, message, self.known_nodes())
+                self.source.error_at(span, message, self.known_nodes_remedy())
             })?;
         }
-        let attributes = self.keys(&title, attributes, EDGE_KEYS)?;
+        let attributes = self.convert_to_keys(&title, attributes, EDGE_KEYS)?;
         if let (false, Some((key, offset))) = (directed, attributes.first()) {
-            return Err(self.source.error(
+            return Err(self.source.error_at(
                 &offset.span,
                 format!("`{key}` is given for an edge without a direction, so it is not known which end it refers to"),
                 "expected a directed graph, or `place_m` = [x, y] in the nodes",
@@ -258,20 +264,22 @@ impl<'a> Builder<'a> {
             .get(&places)
             .or_else(|| self.seen_edges.get(&[to, from]).filter(|_| !directed));
         if let Some(before) = before {
-            if !directed && from != to && before.undirected == Some([to, from]) {
+            if !directed && from != to && before.undirected_ends == Some([to, from]) {
                 return Ok(());
             }
-            let line = self.source.line(before.span.start);
-            return Err(self.source.error(
+            let line = self.source.line_number_at(before.span.start);
+            return Err(self.source.error_at(
                 &span,
                 format!("{title} occurs twice, first in line {line}"),
                 "expected one edge for a pair and direction: parallel edges have no meaning here",
             ));
         }
         let undirected = (!directed).then_some(places);
-        self.seen_edges.insert(places, SeenEdge { span: span.clone(), undirected });
+        self.seen_edges
+            .insert(places, SeenEdge { span: span.clone(), undirected_ends: undirected });
         if !directed {
-            self.seen_edges.insert([to, from], SeenEdge { span: span.clone(), undirected });
+            self.seen_edges
+                .insert([to, from], SeenEdge { span: span.clone(), undirected_ends: undirected });
             let (span, attributes) = (span.clone(), Vec::new());
             self.network.links.push(ImportedEdge { from: to, to: from, span, attributes });
         }
@@ -279,8 +287,8 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    fn known_nodes(&self) -> String {
-        let names: Vec<String> = self.node_indices.keys().take(8).map(Name::to_string).collect();
+    fn known_nodes_remedy(&self) -> String {
+        let names: Vec<String> = self.node_indices.keys().take(8).map(NodeId::to_string).collect();
         let more = if self.node_indices.len() > names.len() { ", ..." } else { "" };
         format!("expected the id of a node: {}{more}", names.join(", "))
     }
@@ -288,33 +296,33 @@ impl<'a> Builder<'a> {
     /// Converts attributes to keys of the scenario. Attributes for single components, such as `x_m`, are combined into
     /// one key. An attribute without a meaning is recorded for a warning. Fails if the value of any other attribute
     /// cannot be read.
-    fn keys(
+    fn convert_to_keys(
         &mut self,
         title: &str,
         attributes: Vec<Attribute>,
         known: &[&str],
     ) -> Result<Vec<Attribute>, Diagnostic> {
         let spelled_out: Vec<_> =
-            SPELLED_OUT.iter().filter(|(whole, _)| known.contains(whole)).collect();
+            COMPONENT_KEYS.iter().filter(|(whole, _)| known.contains(whole)).collect();
         let mut keys: Vec<Attribute> = Vec::new();
         let mut parts: BTreeMap<String, LocatedValue> = BTreeMap::new();
         for (key, given) in attributes {
             let names = spelled_out.iter().flat_map(|(_, names)| names.iter()).copied();
             let is_part = names.clone().any(|name| name == key);
             if !is_part && !known.contains(&key.as_str()) {
-                self.network.ignored.entry(key).or_insert_with_key(|key| {
+                self.network.ignored_attributes.entry(key).or_insert_with_key(|key| {
                     let close = most_similar_word(key, names.chain(known.iter().copied()));
-                    let close = close.filter(|_| key != DRAWN_AT).map(str::to_owned);
-                    Ignored { span: given.span, close }
+                    let close = close.filter(|_| key != DRAWING_POSITION_KEY).map(str::to_owned);
+                    IgnoredAttribute { span: given.span, similar_key: close }
                 });
                 continue;
             }
-            if let Some(error) = given.error(self.source) {
+            if let Some(error) = given.first_error(self.source) {
                 return Err(error);
             }
             if parts.contains_key(&key) || keys.iter().any(|(other, _)| *other == key) {
                 let message = format!("{title} has `{key}` twice");
-                return Err(self.source.error(&given.span, message, "expected it once"));
+                return Err(self.source.error_at(&given.span, message, "expected it once"));
             }
             if is_part {
                 parts.insert(key, given);
@@ -326,7 +334,7 @@ impl<'a> Builder<'a> {
             let found = names.iter().filter_map(|name| Some((*name, parts.get(*name)?.clone())));
             let found: Vec<(&str, LocatedValue)> = found.collect();
             let Some((first, LocatedValue { span, .. })) = found.first() else { continue };
-            let wrong = |message, expected| Err(self.source.error(span, message, expected));
+            let wrong = |message, expected| Err(self.source.error_at(span, message, expected));
             if keys.iter().any(|(key, _)| key == whole) {
                 let message = format!("{title} has `{first}` and `{whole}`");
                 return wrong(message, "expected one of them".to_owned());
@@ -337,10 +345,10 @@ impl<'a> Builder<'a> {
             }
             let span = span.clone();
             let value = match *whole {
-                "pose" => {
-                    Tree::Table(found.into_iter().map(|(key, part)| (key.into(), part)).collect())
-                }
-                _ => Tree::List(found.into_iter().map(|(_, part)| part).collect()),
+                "pose" => AttributeValue::Table(
+                    found.into_iter().map(|(key, part)| (key.into(), part)).collect(),
+                ),
+                _ => AttributeValue::List(found.into_iter().map(|(_, part)| part).collect()),
             };
             keys.push(((*whole).to_owned(), LocatedValue { value, span }));
         }
@@ -348,30 +356,32 @@ impl<'a> Builder<'a> {
     }
 }
 
-impl Network {
+impl ImportedGraph {
     /// Returns a warning for each attribute that has no effect, with those first that resemble a key. Beyond
-    /// [`IGNORED_SHOWN_MAX`] one warning counts the rest.
-    fn warnings(&self, source: &Source) -> Vec<Diagnostic> {
+    /// [`IGNORED_ATTRIBUTE_WARNINGS_MAX`] one warning counts the rest.
+    fn warnings(&self, source: &SourceText) -> Vec<Diagnostic> {
         let expected = "expected keys of a robot, or at an edge `offset_m`";
-        let mut ignored: Vec<_> = self.ignored.iter().collect();
-        ignored.sort_by_key(|(_, attribute)| attribute.close.is_none());
-        let warning = |(key, attribute): &(&String, &Ignored)| {
+        let mut ignored: Vec<_> = self.ignored_attributes.iter().collect();
+        ignored.sort_by_key(|(_, attribute)| attribute.similar_key.is_none());
+        let warning = |(key, attribute): &(&String, &IgnoredAttribute)| {
             let message = format!("the attribute `{key}` has no meaning here and is ignored");
-            let close = attribute.close.as_ref().map(|close| format!("did you mean `{close}`?"));
+            let close =
+                attribute.similar_key.as_ref().map(|close| format!("did you mean `{close}`?"));
             let expected = close.unwrap_or_else(|| expected.to_owned());
-            source.error(&attribute.span, message, expected).as_warning()
+            source.error_at(&attribute.span, message, expected).into_warning()
         };
-        let mut warnings: Vec<_> = ignored.iter().take(IGNORED_SHOWN_MAX).map(warning).collect();
-        if let Some((_, attribute)) = ignored.get(IGNORED_SHOWN_MAX) {
-            let more = ignored.len() - IGNORED_SHOWN_MAX;
+        let mut warnings: Vec<_> =
+            ignored.iter().take(IGNORED_ATTRIBUTE_WARNINGS_MAX).map(warning).collect();
+        if let Some((_, attribute)) = ignored.get(IGNORED_ATTRIBUTE_WARNINGS_MAX) {
+            let more = ignored.len() - IGNORED_ATTRIBUTE_WARNINGS_MAX;
             let message = format!("{more} more attributes have no meaning here and are ignored");
-            warnings.push(source.error(&attribute.span, message, expected).as_warning());
+            warnings.push(source.error_at(&attribute.span, message, expected).into_warning());
         }
-        if let Some((weight, span)) = &self.weighted {
+        if let Some((weight, span)) = &self.first_weight {
             let message =
                 format!("the weights, such as {weight}, have no meaning here and are ignored");
             let expected = "expected 0 or 1: laws treat all neighbors alike";
-            warnings.push(source.error(span, message, expected).as_warning());
+            warnings.push(source.error_at(span, message, expected).into_warning());
         }
         warnings
     }

@@ -4,31 +4,31 @@
 use std::path::{Path, PathBuf};
 
 use crate::scenario::Scenario;
-use crate::scenario::read::{Overrides, Reading, read_text};
-use crate::scenario::tests::catalog;
+use crate::scenario::read::{Overrides, ReadResult, read_text};
+use crate::scenario::tests::test_catalog;
 
 const SCENARIO_HEAD: &str = "name = \"t\"\nduration_s = 1.0\nperiod_s = 0.005\n\
     avoidance = { distance_min_m = 0.2, speed_max_m_s = 0.3 }\n\
     robot_defaults = { front_point_m = 0.045, law = \"formation-unit\", speed_m_s = 0.1 }\n";
 
-const ROBOTS: &str = "robot = [\n\
+const ROBOTS_TOML: &str = "robot = [\n\
     { name = \"r1\", pose = { x_m = -0.045, y_m = -0.35, heading_rad = 0.0 } }, # first\n\
     { name = \"r2\", pose = { x_m = 0.4, y_m = 0.205, heading_rad = 1.5707963267948966 } },\n\
     { name = \"r3\", pose = { x_m = -0.4, y_m = 0.295, heading_rad = -1.5707963267948966 } },\n]\n";
 
 /// The chapter's triangle: r1 hears r2, r2 hears r3, r3 hears r1.
-const EDGES: &str = "edge = [\n\
+const EDGES_TOML: &str = "edge = [\n\
     { from = \"r2\", to = \"r1\", offset_m = [0.15, 0.2598076211353316] },\n\
     { from = \"r3\", to = \"r2\", offset_m = [-0.3, 0.0] },\n\
     { from = \"r1\", to = \"r3\", offset_m = [0.15, -0.2598076211353316] },\n]\n";
 
-fn graphs() -> PathBuf {
+fn graphs_dir() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/graphs")
 }
 
 /// Returns a scenario that imports the graphs.
-fn parse_with_overrides(text: &str, overrides: &Overrides) -> Reading {
-    read_text(&graphs().join("test.toml"), text, overrides, &catalog())
+fn parse_with_overrides(text: &str, overrides: &Overrides) -> ReadResult {
+    read_text(&graphs_dir().join("test.toml"), text, overrides, &test_catalog())
 }
 
 fn parse(text: &str) -> (Scenario, String) {
@@ -49,14 +49,14 @@ fn edges(scenario: &Scenario) -> Vec<(usize, usize, [f64; 2])> {
 /// Checks that the effective text needs no graph file and parses to the same scenario and text.
 fn assert_effective_text_parses(scenario: &Scenario, text: &str) {
     let elsewhere = Path::new("/nowhere/scenario.toml");
-    let (again, same, _) = read_text(elsewhere, text, &Overrides::default(), &catalog())
+    let (again, same, _) = read_text(elsewhere, text, &Overrides::default(), &test_catalog())
         .unwrap_or_else(|error| panic!("{}\n{text}", error.render(false)));
     assert_eq!((&again, same.as_str()), (scenario, text));
 }
 
 #[test]
 fn imported_graph_with_poses_equals_the_inline_scenario() {
-    let (inline, _) = parse(&format!("{SCENARIO_HEAD}{ROBOTS}{EDGES}"));
+    let (inline, _) = parse(&format!("{SCENARIO_HEAD}{ROBOTS_TOML}{EDGES_TOML}"));
     for file in ["triangle-edges.json", "triangle-links.json", "triangle.graphml"] {
         let (imported, text) = parse(&format!("{SCENARIO_HEAD}graph = \"{file}\" # whose?\n"));
         assert_eq!(imported.robots, inline.robots, "{file}");
@@ -68,7 +68,7 @@ fn imported_graph_with_poses_equals_the_inline_scenario() {
 
 #[test]
 fn places_give_the_offsets_of_graphs_that_have_none() {
-    let placed = ROBOTS
+    let placed = ROBOTS_TOML
         .replace("name = \"r1\"", "name = \"r1\", place_m = [0.0, 0.0]")
         .replace("name = \"r2\"", "name = \"r2\", place_m = [-0.25, -0.5]")
         .replace("name = \"r3\"", "name = \"r3\", place_m = [0.25, -0.5]");
@@ -87,7 +87,7 @@ fn places_give_the_offsets_of_graphs_that_have_none() {
 
 #[test]
 fn undirected_edge_becomes_two_directed_edges() {
-    let placed = ROBOTS.replace("pose =", "place_m = [0.0, 0.0], pose =");
+    let placed = ROBOTS_TOML.replace("pose =", "place_m = [0.0, 0.0], pose =");
     let placed =
         placed.replacen("[0.0, 0.0]", "[0.5, 0.5]", 1).replacen("[0.0, 0.0]", "[0.0, 1.0]", 1);
     for file in ["all-hear-all.json", "all-hear-all.graphml"] {
@@ -141,7 +141,7 @@ fn edges_of_the_graph_stand_beside_those_of_the_scenario() {
 #[test]
 fn arguments_change_imported_robots_and_name_another_graph() {
     let overrides = Overrides {
-        set: ["robot.r2.speed_m_s=0.25".into(), "graph=triangle.graphml".into()].into(),
+        assignments: ["robot.r2.speed_m_s=0.25".into(), "graph=triangle.graphml".into()].into(),
         faults: vec!["kill r3 @0.5".into()],
         seed: Some(3),
     };
@@ -156,11 +156,11 @@ fn arguments_change_imported_robots_and_name_another_graph() {
 }
 
 /// Imports a graph file with this name and text into a scenario without anything else.
-fn import_text(name: &str, text: &str) -> Reading {
+fn import_text(name: &str, text: &str) -> ReadResult {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join(name), text).unwrap();
     let scenario = format!("{SCENARIO_HEAD}graph = \"{name}\"\n");
-    read_text(&folder.path().join("s.toml"), &scenario, &Overrides::default(), &catalog())
+    read_text(&folder.path().join("s.toml"), &scenario, &Overrides::default(), &test_catalog())
 }
 
 #[test]
@@ -209,7 +209,7 @@ fn diagnostics_point_into_the_graph_file_or_the_scenario() {
 
 #[test]
 fn unknown_graph_attribute_is_ignored_with_a_warning() {
-    let json = std::fs::read_to_string(graphs().join("triangle-edges.json")).unwrap();
+    let json = std::fs::read_to_string(graphs_dir().join("triangle-edges.json")).unwrap();
     let json = json.replace("\"id\":", "\"color\": \"red\", \"pos\": [0, 1], \"id\":");
     let (_, _, warnings) = import_text("g.json", &json).unwrap();
     let messages: Vec<&str> = warnings.iter().map(|warning| warning.message.as_str()).collect();

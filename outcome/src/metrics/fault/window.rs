@@ -1,22 +1,22 @@
 //! Effect of one fault: detection, largest error, and recovery.
 
-use protocol::message::Contact;
+use protocol::message::ReceptionState;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::Report;
-use experiment::prediction::{Broken, broken_means, lines};
-use experiment::scenario::{Silenced, Struck};
-use formation::seconds;
+use super::ReceptionReport;
+use experiment::prediction::{BrokenPrediction, broken_definition_text, lines_by_cause};
+use experiment::scenario::{AffectedComponent, SilencedSource};
+use formation::ns_to_seconds;
 
 /// Reason that is reported instead of a prediction for a fault with false data.
-const NOT_PREDICTED: &str = "the effect of a lie is not predicted";
+const NOT_PREDICTED_REASON: &str = "the effect of a lie is not predicted";
 
 /// A fault under observation.
 #[derive(Debug, Clone)]
 pub(super) struct FaultWindow {
     pub(super) number: usize,
     description: String,
-    affected: Struck,
+    affected_component: AffectedComponent,
     began_ns: u64,
     ended_ns: Option<u64>,
     /// Time at which the silenced robot or edge returned; `None` if it has not.
@@ -24,27 +24,27 @@ pub(super) struct FaultWindow {
     stale_ns: Option<u64>,
     lost_ns: Option<u64>,
     /// Extremes until the recovery.
-    worst: Extremes,
+    extremes_until_recovery: Extremes,
     /// Extremes since the recovery. They count if the recovery did not last, or if no error was ever above the
     /// bound.
-    worst_since: Extremes,
+    extremes_since_recovery: Extremes,
     /// Whether an error was ever above the bound.
-    disturbed: bool,
+    was_disturbed: bool,
     recovered_ns: Option<u64>,
     prediction: Prediction,
     /// Robots whose errors have left the bound.
     displaced_robots: DisplacedRobots,
     /// Whether another fault began after this one had recovered. Later samples then belong to the other fault.
-    closed: bool,
+    is_closed: bool,
 }
 
 /// Predicted effect of a fault, computed when it begins.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Prediction {
     /// Robots that the fault breaks.
-    pub(super) broken: Vec<Broken>,
+    pub(super) broken_robots: Vec<BrokenPrediction>,
     /// Indices of the robots that the fault disconnects from every leader.
-    pub(super) orphaned: Vec<usize>,
+    pub(super) orphaned_robots: Vec<usize>,
 }
 
 /// Two flags of a robot: for its error to the neighbors it receives from, and for its error to the ideal formation.
@@ -53,23 +53,29 @@ pub(super) type ErrorFlags = [bool; 2];
 /// Robots that were within bounds when the fault began and are not any more.
 #[derive(Debug, Clone)]
 struct DisplacedRobots {
-    within_bound: Vec<ErrorFlags>,
-    outside_bound: Vec<ErrorFlags>,
+    was_within_bound: Vec<ErrorFlags>,
+    has_left_bound: Vec<ErrorFlags>,
 }
 
 impl DisplacedRobots {
-    fn new(within_bound: impl Iterator<Item = ErrorFlags>, silenced: Silenced) -> DisplacedRobots {
-        let counts = |i| silenced != Silenced::Robot(i);
+    fn new(
+        within_bound: impl Iterator<Item = ErrorFlags>,
+        silenced: SilencedSource,
+    ) -> DisplacedRobots {
+        let counts = |i| silenced != SilencedSource::Robot(i);
         let within_bound: Vec<ErrorFlags> = (0..)
             .zip(within_bound)
             .map(|(i, within_bound)| within_bound.map(|c| c && counts(i)))
             .collect();
-        DisplacedRobots { outside_bound: vec![[false; 2]; within_bound.len()], within_bound }
+        DisplacedRobots {
+            has_left_bound: vec![[false; 2]; within_bound.len()],
+            was_within_bound: within_bound,
+        }
     }
 
     fn add_truth(&mut self, beyond: impl Iterator<Item = ErrorFlags>) {
         for ((left, within_bound), beyond) in
-            self.outside_bound.iter_mut().zip(&self.within_bound).zip(beyond)
+            self.has_left_bound.iter_mut().zip(&self.was_within_bound).zip(beyond)
         {
             *left = [within_bound[0] && beyond[0], within_bound[1] && beyond[1]];
         }
@@ -78,33 +84,33 @@ impl DisplacedRobots {
     /// Returns the names of these robots. `error` is 0 for the error to neighbors, 1 for the error to the ideal
     /// formation.
     fn names(&self, error: usize, names: &[String]) -> Vec<String> {
-        let left = self.outside_bound.iter().zip(names).filter(|(left, _)| left[error]);
+        let left = self.has_left_bound.iter().zip(names).filter(|(left, _)| left[error]);
         left.map(|(_, name)| name.clone()).collect()
     }
 }
 
 /// End of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum End {
+pub enum FaultEnd {
     /// Repair: the effect of the fault is undone.
-    Whole,
+    Repaired,
     /// Permanent fault: no repair follows, and the fault counts as ended when it begins.
-    ForGood,
+    Permanent,
 }
 
 /// Extreme values over a period.
 #[derive(Debug, Clone, Copy)]
 struct Extremes {
-    error_m: f64,
-    distance_m: f64,
+    error_m_max: f64,
+    distance_m_min: f64,
 }
 
 impl Extremes {
-    const NONE: Extremes = Extremes { error_m: 0.0, distance_m: f64::INFINITY };
+    const NONE: Extremes = Extremes { error_m_max: 0.0, distance_m_min: f64::INFINITY };
 
     fn merge(&mut self, other: Extremes) {
-        self.error_m = self.error_m.max(other.error_m);
-        self.distance_m = self.distance_m.min(other.distance_m);
+        self.error_m_max = self.error_m_max.max(other.error_m_max);
+        self.distance_m_min = self.distance_m_min.min(other.distance_m_min);
     }
 }
 
@@ -142,7 +148,7 @@ pub struct FaultReport {
     pub lost_after_s: Option<f64>,
     /// Largest error of a living robot until the recovery, m. If no error left the bound, until the next fault or
     /// the end of the run.
-    #[serde(deserialize_with = "or_infinite")]
+    #[serde(deserialize_with = "deserialize_or_infinite")]
     pub peak_error_m: f64,
     /// Smallest distance over the same period, m.
     pub min_distance_m: Option<f64>,
@@ -153,8 +159,8 @@ pub struct FaultReport {
 
 impl FaultReport {
     /// Returns the definition of *broken* as text, with its bound.
-    pub fn broken_means(&self) -> String {
-        broken_means(self.broken_m)
+    pub fn describe_broken(&self) -> String {
+        broken_definition_text(self.broken_m)
     }
 }
 
@@ -164,46 +170,46 @@ impl FaultWindow {
     pub(super) fn new(
         number: usize,
         what: String,
-        struck: Struck,
+        struck: AffectedComponent,
         began_ns: u64,
         prediction: Prediction,
         within_bound: impl Iterator<Item = ErrorFlags>,
     ) -> FaultWindow {
         FaultWindow {
             prediction,
-            displaced_robots: DisplacedRobots::new(within_bound, struck.silenced),
+            displaced_robots: DisplacedRobots::new(within_bound, struck.silenced_source),
             number,
             description: what,
-            affected: struck,
+            affected_component: struck,
             began_ns,
             ended_ns: None,
             returned_ns: None,
             stale_ns: None,
             lost_ns: None,
-            worst: Extremes::NONE,
-            worst_since: Extremes::NONE,
-            disturbed: false,
+            extremes_until_recovery: Extremes::NONE,
+            extremes_since_recovery: Extremes::NONE,
+            was_disturbed: false,
             recovered_ns: None,
-            closed: false,
+            is_closed: false,
         }
     }
 
     /// Ends the fault. A fault that ended for good may still be repaired later. Returns what the fault had silenced
     /// and no longer does.
-    pub(super) fn end(&mut self, end: End, t_ns: u64) -> Silenced {
+    pub(super) fn end(&mut self, end: FaultEnd, t_ns: u64) -> SilencedSource {
         if self.returned_ns.is_some() {
-            return Silenced::Nobody;
+            return SilencedSource::NoSource;
         }
         self.ended_ns = Some(t_ns);
-        if end == End::ForGood {
-            return Silenced::Nobody;
+        if end == FaultEnd::Permanent {
+            return SilencedSource::NoSource;
         }
         self.returned_ns = Some(t_ns);
-        self.affected.silenced
+        self.affected_component.silenced_source
     }
 
     pub(super) fn close_if_recovered(&mut self) {
-        self.closed |= self.recovered_ns.is_some();
+        self.is_closed |= self.recovered_ns.is_some();
     }
 
     /// Updates the window with one sample. `converged_since_ns` is the time since which all errors of living robots are
@@ -216,13 +222,13 @@ impl FaultWindow {
         beyond: impl Iterator<Item = ErrorFlags>,
         distance_m: f64,
     ) {
-        if self.closed || t_ns < self.began_ns {
+        if self.is_closed || t_ns < self.began_ns {
             return;
         }
         if self.returned_ns.is_none_or(|returned_ns| t_ns <= returned_ns) {
             self.displaced_robots.add_truth(beyond);
         }
-        self.disturbed |= converged_since_ns.is_none();
+        self.was_disturbed |= converged_since_ns.is_none();
         let ended_ns = self.ended_ns.filter(|&ended_ns| t_ns >= ended_ns);
         // A sample at the very instant of the end cannot show what the fault leads to.
         self.recovered_ns = match (ended_ns, converged_since_ns) {
@@ -231,62 +237,67 @@ impl FaultWindow {
             }
             _ => None,
         };
-        let now = Extremes { error_m, distance_m };
+        let now = Extremes { error_m_max: error_m, distance_m_min: distance_m };
         if ended_ns.is_some() && converged_since_ns.is_some() {
-            self.worst_since.merge(now);
+            self.extremes_since_recovery.merge(now);
         } else {
-            self.worst.merge(std::mem::replace(&mut self.worst_since, Extremes::NONE));
-            self.worst.merge(now);
+            self.extremes_until_recovery
+                .merge(std::mem::replace(&mut self.extremes_since_recovery, Extremes::NONE));
+            self.extremes_until_recovery.merge(now);
         }
     }
 
     /// Records a contact report, in any order. The earliest report about the struck robot counts.
-    pub(super) fn record_contact(&mut self, report: Report) {
-        let Report { hearer, neighbor, contact, since_ns } = report;
-        let struck = self.affected.robot == Some(neighbor)
-            && self.affected.hearer.is_none_or(|only| only == hearer);
+    pub(super) fn record_reception(&mut self, report: ReceptionReport) {
+        let ReceptionReport { receiver: hearer, neighbor, reception_state: contact, since_ns } =
+            report;
+        let struck = self.affected_component.robot == Some(neighbor)
+            && self.affected_component.receiver.is_none_or(|only| only == hearer);
         if !struck || since_ns < self.began_ns {
             return;
         }
         let first = match contact {
-            Contact::Stale => &mut self.stale_ns,
-            Contact::Lost => &mut self.lost_ns,
-            Contact::Fresh | Contact::Unheard => return,
+            ReceptionState::Stale => &mut self.stale_ns,
+            ReceptionState::Lost => &mut self.lost_ns,
+            ReceptionState::Fresh | ReceptionState::NothingReceived | ReceptionState::Apart => {
+                return;
+            }
         };
         *first = Some(first.map_or(since_ns, |first_ns| since_ns.min(first_ns)));
     }
 
     /// Returns the report. `broken_m` is the distance from its slot above which a robot is broken, m.
     pub(super) fn report(&self, names: &[String], broken_m: f64) -> FaultReport {
-        let broken = &self.prediction.broken;
-        let after = |from_ns: u64| move |t_ns: u64| seconds(t_ns.saturating_sub(from_ns));
+        let broken = &self.prediction.broken_robots;
+        let after = |from_ns: u64| move |t_ns: u64| ns_to_seconds(t_ns.saturating_sub(from_ns));
         let since_begin = after(self.began_ns);
         let name = |robot: usize| names[robot].as_str();
         // Contact changes after the return do not belong to this fault; the return may be reported last.
         let meanwhile =
             |&since_ns: &u64| self.returned_ns.is_none_or(|back_ns| since_ns <= back_ns);
-        let mut worst = self.worst;
-        if self.recovered_ns.is_none() || !self.disturbed {
-            worst.merge(self.worst_since);
+        let mut worst = self.extremes_until_recovery;
+        if self.recovered_ns.is_none() || !self.was_disturbed {
+            worst.merge(self.extremes_since_recovery);
         }
         let mut predicted_why =
-            lines(broken.iter().map(|one| (name(one.robot), one.describe(name))));
-        predicted_why.extend(self.affected.lies.then(|| NOT_PREDICTED.to_owned()));
+            lines_by_cause(broken.iter().map(|one| (name(one.robot), one.describe(name))));
+        predicted_why
+            .extend(self.affected_component.is_byzantine.then(|| NOT_PREDICTED_REASON.to_owned()));
         FaultReport {
-            t_s: seconds(self.began_ns),
+            t_s: ns_to_seconds(self.began_ns),
             what: self.description.clone(),
-            robot: self.affected.robot.map(|robot| names[robot].clone()),
+            robot: self.affected_component.robot.map(|robot| names[robot].clone()),
             predicted: broken.iter().map(|one| names[one.robot].clone()).collect(),
             predicted_why,
-            orphaned: self.prediction.orphaned.iter().map(|&i| names[i].clone()).collect(),
+            orphaned: self.prediction.orphaned_robots.iter().map(|&i| names[i].clone()).collect(),
             broken: self.displaced_robots.names(1, names),
             affected: self.displaced_robots.names(0, names),
             broken_m,
             lasted_s: self.ended_ns.map(since_begin),
             stale_after_s: self.stale_ns.filter(meanwhile).map(since_begin),
             lost_after_s: self.lost_ns.filter(meanwhile).map(since_begin),
-            peak_error_m: worst.error_m,
-            min_distance_m: worst.distance_m.is_finite().then_some(worst.distance_m),
+            peak_error_m: worst.error_m_max,
+            min_distance_m: worst.distance_m_min.is_finite().then_some(worst.distance_m_min),
             recovered_after_s: self
                 .ended_ns
                 .and_then(|ended_ns| self.recovered_ns.map(after(ended_ns))),
@@ -295,19 +306,23 @@ impl FaultWindow {
 }
 
 /// Deserializes a number that may have been infinite, which JSON represents as `null`.
-fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+fn deserialize_or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use experiment::prediction::Cause;
+    use experiment::prediction::BreakCause;
 
     const NS_PER_S: u64 = 1_000_000_000;
 
-    const AFFECTED_ROBOT: Struck =
-        Struck { robot: Some(1), hearer: None, silenced: Silenced::Robot(1), lies: false };
+    const AFFECTED_ROBOT: AffectedComponent = AffectedComponent {
+        robot: Some(1),
+        receiver: None,
+        silenced_source: SilencedSource::Robot(1),
+        is_byzantine: false,
+    };
 
     fn no_flags() -> impl Iterator<Item = ErrorFlags> {
         [[false; 2]; 3].into_iter()
@@ -317,14 +332,24 @@ mod tests {
         ["r1", "r2", "r3"].map(String::from).into()
     }
 
-    fn contact_report(hearer: usize, neighbor: usize, contact: Contact, since_ns: u64) -> Report {
-        Report { hearer, neighbor, contact, since_ns }
+    fn contact_report(
+        hearer: usize,
+        neighbor: usize,
+        contact: ReceptionState,
+        since_ns: u64,
+    ) -> ReceptionReport {
+        ReceptionReport { receiver: hearer, neighbor, reception_state: contact, since_ns }
     }
 
     fn prediction() -> Prediction {
-        let cause = Cause::Unled { leader: 1 };
-        let broken = vec![Broken { robot: 0, cause, off_m: None, outside_m: None }];
-        Prediction { broken, orphaned: vec![2] }
+        let cause = BreakCause::LeaderUnreachable { leader: 1 };
+        let broken = vec![BrokenPrediction {
+            robot: 0,
+            cause,
+            slot_distance_m: None,
+            hull_distance_m: None,
+        }];
+        Prediction { broken_robots: broken, orphaned_robots: vec![2] }
     }
 
     fn window() -> FaultWindow {
@@ -356,7 +381,7 @@ mod tests {
         assert_eq!(affected(&fault), ["r1"], "r2 is dead, and r3 was off its slot before");
         assert_eq!(broken(&fault), ["r1", "r3"], "but r3 was in its slot");
         fault.add_truth(12 * NS_PER_S, 0.0, None, no_flags(), 0.3);
-        fault.end(End::Whole, 12 * NS_PER_S);
+        fault.end(FaultEnd::Repaired, 12 * NS_PER_S);
         fault.add_truth(13 * NS_PER_S, 0.5, None, all(), 0.3);
         assert!(affected(&fault).is_empty(), "effects of the return do not belong to the silence");
         let FaultReport { predicted, predicted_why, orphaned, .. } = fault.report(&names(), 0.01);
@@ -368,10 +393,14 @@ mod tests {
     #[test]
     fn permanent_fault_stays_silenced_until_a_manual_restart() {
         let mut fault = window();
-        assert_eq!(fault.end(End::ForGood, 10 * NS_PER_S), Silenced::Nobody);
+        assert_eq!(fault.end(FaultEnd::Permanent, 10 * NS_PER_S), SilencedSource::NoSource);
         fault.add_truth(11 * NS_PER_S, 0.0, Some(9 * NS_PER_S), no_flags(), 1.0);
-        assert_eq!(fault.end(End::Whole, 15 * NS_PER_S), Silenced::Robot(1));
-        assert_eq!(fault.end(End::Whole, 16 * NS_PER_S), Silenced::Nobody, "it had ended already");
+        assert_eq!(fault.end(FaultEnd::Repaired, 15 * NS_PER_S), SilencedSource::Robot(1));
+        assert_eq!(
+            fault.end(FaultEnd::Repaired, 16 * NS_PER_S),
+            SilencedSource::NoSource,
+            "it had ended already"
+        );
         fault.add_truth(16 * NS_PER_S, 0.5, None, no_flags(), 1.0);
         fault.add_truth(17 * NS_PER_S, 0.0, Some(17 * NS_PER_S), no_flags(), 1.0);
         let report = fault.report(&names(), 0.01);
@@ -381,17 +410,21 @@ mod tests {
 
     #[test]
     fn lie_reports_that_nothing_is_predicted() {
-        let struck = Struck { robot: Some(1), lies: true, ..Struck::default() };
+        let struck = AffectedComponent {
+            robot: Some(1),
+            is_byzantine: true,
+            ..AffectedComponent::default()
+        };
         let what = "lie r2 beacons by [0.5, 0]".into();
         let fault = FaultWindow::new(0, what, struck, NS_PER_S, Prediction::default(), no_flags());
         let FaultReport { predicted, predicted_why, .. } = fault.report(&names(), 0.01);
         assert!(predicted.is_empty());
-        assert_eq!(predicted_why, [NOT_PREDICTED]);
+        assert_eq!(predicted_why, [NOT_PREDICTED_REASON]);
     }
 
     #[test]
     fn link_cut_is_detected_by_its_receiver() {
-        let struck = Struck { hearer: Some(2), ..AFFECTED_ROBOT };
+        let struck = AffectedComponent { receiver: Some(2), ..AFFECTED_ROBOT };
         let within_bound = [[true; 2]; 3].into_iter();
         let mut fault = FaultWindow::new(
             0,
@@ -401,9 +434,9 @@ mod tests {
             Prediction::default(),
             within_bound,
         );
-        fault.record_contact(contact_report(0, 1, Contact::Stale, 11 * NS_PER_S));
+        fault.record_reception(contact_report(0, 1, ReceptionState::Stale, 11 * NS_PER_S));
         assert_eq!(fault.report(&names(), 0.01).stale_after_s, None);
-        fault.record_contact(contact_report(2, 1, Contact::Stale, 12 * NS_PER_S));
+        fault.record_reception(contact_report(2, 1, ReceptionState::Stale, 12 * NS_PER_S));
         assert_eq!(fault.report(&names(), 0.01).stale_after_s, Some(2.0));
     }
 }

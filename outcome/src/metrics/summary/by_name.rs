@@ -16,12 +16,12 @@ pub(super) fn serialize<V: Serialize, S: Serializer>(
 pub(super) fn deserialize<'de, V: Deserialize<'de>, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Vec<(String, V)>, D::Error> {
-    deserializer.deserialize_map(InOrder(PhantomData))
+    deserializer.deserialize_map(OrderedMapVisitor(PhantomData))
 }
 
-struct InOrder<V>(PhantomData<V>);
+struct OrderedMapVisitor<V>(PhantomData<V>);
 
-impl<'de, V: Deserialize<'de>> Visitor<'de> for InOrder<V> {
+impl<'de, V: Deserialize<'de>> Visitor<'de> for OrderedMapVisitor<V> {
     type Value = Vec<(String, V)>;
 
     fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -10,31 +10,31 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use proptest::prelude::*;
 
 use super::*;
-use crate::recording::chunk::SIZE_MAX;
+use crate::recording::chunk::CHUNK_BYTES_MAX;
 
 #[derive(Debug, Clone)]
-enum Step {
+enum WriterStep {
     Message { channel: prop::sample::Index, stamp_ns: u64, size: usize, noise: bool },
     Flush,
     Attachment(Vec<u8>),
     Metadata(String),
 }
 
-fn step() -> impl Strategy<Value = Step> {
+fn any_step() -> impl Strategy<Value = WriterStep> {
     let size = prop_oneof![8 => 0..600usize, 2 => 0..20_000usize, 1 => 60_000..300_000usize];
     let message = (any::<prop::sample::Index>(), 1..1_000_000u64, size, any::<bool>());
     prop_oneof![
         20 => message.prop_map(|(channel, stamp_ns, size, noise)| {
-            Step::Message { channel, stamp_ns, size, noise }
+            WriterStep::Message { channel, stamp_ns, size, noise }
         }),
-        2 => Just(Step::Flush),
-        1 => prop::collection::vec(any::<u8>(), 0..2000).prop_map(Step::Attachment),
-        1 => "[a-z]{0,9}".prop_map(Step::Metadata),
+        2 => Just(WriterStep::Flush),
+        1 => prop::collection::vec(any::<u8>(), 0..2000).prop_map(WriterStep::Attachment),
+        1 => "[a-z]{0,9}".prop_map(WriterStep::Metadata),
     ]
 }
 
 /// Returns bytes that compress well, or do not compress with `noise`.
-fn content(size: usize, noise: bool, seed: u64) -> Vec<u8> {
+fn generate_content(size: usize, noise: bool, seed: u64) -> Vec<u8> {
     let mut word = seed.wrapping_mul(2).wrapping_add(1);
     let mut byte = || {
         word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -44,20 +44,26 @@ fn content(size: usize, noise: bool, seed: u64) -> Vec<u8> {
 }
 
 /// Creates a file with this number of channels, alternating between three types.
-fn create_with_channels(channels: usize) -> (tempfile::TempDir, std::path::PathBuf, Writer) {
+fn create_with_channels(
+    channels: usize,
+) -> (tempfile::TempDir, std::path::PathBuf, RecordingWriter) {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("out.mcap");
-    let mut writer = Writer::create(&path, "ros2").unwrap();
-    let schemas = [(); 3].map(|()| writer.schema("a type", "ros2msg", b"float64 x\n").unwrap());
+    let mut writer = RecordingWriter::create(&path, "ros2").unwrap();
+    let schemas =
+        [(); 3].map(|()| writer.register_schema("a type", "ros2msg", b"float64 x\n").unwrap());
     for (id, schema) in (0..channels).zip(schemas.into_iter().cycle()) {
         let metadata = BTreeMap::from([("key".into(), "value".into())]);
-        assert_eq!(usize::from(writer.channel(schema, &format!("/{id}"), metadata).unwrap()), id);
+        assert_eq!(
+            usize::from(writer.register_channel(schema, &format!("/{id}"), metadata).unwrap()),
+            id
+        );
     }
     (scratch, path, writer)
 }
 
 /// Reads every record of a file and checks all checksums.
-fn records(file: &[u8]) -> Vec<Record<'static>> {
+fn read_records(file: &[u8]) -> Vec<Record<'static>> {
     let options = LinearReaderOptions::default()
         .with_validate_chunk_crcs(true)
         .with_validate_data_section_crc(true)
@@ -82,7 +88,7 @@ fn records(file: &[u8]) -> Vec<Record<'static>> {
 /// Channel, sequence number, stamp and data of messages.
 type Messages = Vec<(u16, u32, u64, Vec<u8>)>;
 
-fn messages(records: &[Record<'_>]) -> Messages {
+fn extract_messages(records: &[Record<'_>]) -> Messages {
     let message = |record: &Record<'_>| match record {
         Record::Message { header, data } => {
             assert_eq!(header.log_time, header.publish_time);
@@ -94,7 +100,7 @@ fn messages(records: &[Record<'_>]) -> Messages {
 }
 
 /// Reads every message by the summary and the indexes, in the order of sequence numbers.
-fn indexed(file: &[u8], summary: &Summary) -> Messages {
+fn read_indexed_messages(file: &[u8], summary: &Summary) -> Messages {
     let mut messages = Vec::new();
     for chunk in summary.chunk_indexes.iter().filter(|c| !c.message_index_offsets.is_empty()) {
         for (channel, entries) in summary.read_message_indexes(file, chunk).unwrap() {
@@ -121,38 +127,38 @@ proptest! {
     #[test]
     fn crate_mcap_reads_all_records_in_order_and_by_index(
         channels in 1..40usize,
-        steps in prop::collection::vec(step(), 0..120),
+        steps in prop::collection::vec(any_step(), 0..120),
     ) {
         let (_scratch, path, mut writer) = create_with_channels(channels);
         let (mut written, mut attached, mut facts) = (Messages::new(), Vec::new(), Vec::new());
         for step in steps {
             match step {
-                Step::Message { channel, stamp_ns, size, noise } => {
+                WriterStep::Message { channel, stamp_ns, size, noise } => {
                     let (channel, number) = (channel.index(channels) as u16, written.len() as u32);
-                    let data = content(size, noise, stamp_ns);
-                    writer.message(channel, number, stamp_ns, &data).unwrap();
+                    let data = generate_content(size, noise, stamp_ns);
+                    writer.add_message(channel, number, stamp_ns, &data).unwrap();
                     written.push((channel, number, stamp_ns, data));
                 }
-                Step::Flush => writer.flush().unwrap(),
-                Step::Attachment(data) => {
+                WriterStep::Flush => writer.flush().unwrap(),
+                WriterStep::Attachment(data) => {
                     let name = format!("file {}", attached.len());
                     let media_type = "text/plain".to_owned();
                     let header = AttachmentHeader { log_time: 1, create_time: 2, name, media_type };
-                    writer.attachment(header, &data).unwrap();
+                    writer.append_attachment(header, &data).unwrap();
                     attached.push(data);
                 }
-                Step::Metadata(name) => {
+                WriterStep::Metadata(name) => {
                     let metadata = BTreeMap::from([("key".to_owned(), name.clone())]);
                     facts.push(Metadata { name, metadata });
-                    writer.metadata(facts.last().unwrap()).unwrap();
+                    writer.append_metadata(facts.last().unwrap()).unwrap();
                 }
             }
         }
         writer.finish().unwrap();
 
         let file = fs::read(&path).unwrap();
-        let read = records(&file);
-        prop_assert_eq!(&messages(&read), &written);
+        let read = read_records(&file);
+        prop_assert_eq!(&extract_messages(&read), &written);
         prop_assert!(mcap::read::footer(&file).unwrap().summary_crc != 0);
         for record in &read {
             if let Record::DataEnd(end) = record {
@@ -166,7 +172,7 @@ proptest! {
         }
 
         let summary = Summary::read(&file).unwrap().expect("a summary");
-        prop_assert_eq!(&indexed(&file, &summary), &written);
+        prop_assert_eq!(&read_indexed_messages(&file, &summary), &written);
         prop_assert_eq!(summary.channels.len(), channels);
         for (id, found) in &summary.channels {
             prop_assert_eq!(&found.topic, &format!("/{id}"));
@@ -175,7 +181,7 @@ proptest! {
         for chunk in &summary.chunk_indexes {
             let alone = chunk.message_index_offsets.len() == 1
                 && chunk.message_index_length == 9 + 2 + 4 + 16;
-            prop_assert!(chunk.uncompressed_size <= SIZE_MAX as u64 || alone);
+            prop_assert!(chunk.uncompressed_size <= CHUNK_BYTES_MAX as u64 || alone);
         }
         for (place, (index, data)) in summary.attachment_indexes.iter().zip(&attached).enumerate() {
             prop_assert_eq!(&index.name, &format!("file {place}"));
@@ -207,19 +213,20 @@ proptest! {
 #[test]
 fn partial_write_leaves_no_trace_after_the_disk_has_space() {
     let (_scratch, path, mut writer) = create_with_channels(1);
-    writer.message(0, 0, 10, &content(5000, true, 1)).unwrap();
+    writer.add_message(0, 0, 10, &generate_content(5000, true, 1)).unwrap();
     writer.flush().unwrap();
-    writer.message(0, 1, 20, &content(5000, true, 2)).unwrap();
+    writer.add_message(0, 1, 20, &generate_content(5000, true, 2)).unwrap();
     let good = std::mem::replace(&mut writer.file.file, File::open(&path).unwrap());
     writer.flush().unwrap_err();
     fs::OpenOptions::new().append(true).open(&path).unwrap().write_all(&[6; 100]).unwrap();
     writer.file.file = good;
-    writer.message(0, 2, 30, &content(5000, true, 3)).unwrap();
+    writer.add_message(0, 2, 30, &generate_content(5000, true, 3)).unwrap();
     // A dropped writer completes the file.
     drop(writer);
     let file = fs::read(&path).unwrap();
-    let stamps = messages(&records(&file)).into_iter().map(|(_, _, stamp_ns, _)| stamp_ns);
+    let stamps =
+        extract_messages(&read_records(&file)).into_iter().map(|(_, _, stamp_ns, _)| stamp_ns);
     assert_eq!(stamps.collect::<Vec<_>>(), [10, 20, 30]);
     let summary = Summary::read(&file).unwrap().expect("a summary");
-    assert_eq!((summary.chunk_indexes.len(), indexed(&file, &summary).len()), (2, 3));
+    assert_eq!((summary.chunk_indexes.len(), read_indexed_messages(&file, &summary).len()), (2, 3));
 }

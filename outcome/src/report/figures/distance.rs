@@ -3,19 +3,19 @@
 use formation::Vec2;
 
 use super::{
-    ALL, BOUND, CurveSet, NAMED, WIDTH, bands_caption, describe_expectation, full_width_row,
-    over_time,
+    ALL_ROBOTS_LINE, BOUND_LINE, CurveSet, NAMED_CURVE_COUNT, WIDTH, bands_caption,
+    describe_expectation, full_width_row, panel_over_time,
 };
 use crate::report::axis::Axis;
-use crate::report::chart::{Figure, Mark, Panel, Shape};
-use crate::report::digits::digits;
-use crate::report::palette::{BLACK, line};
-use crate::report::run::Run;
+use crate::report::chart::{Figure, Mark, MarkShape, Panel};
+use crate::report::digits::format_four_digits;
+use crate::report::palette::{BLACK, robot_line};
+use crate::report::run::LoadedRun;
 use protocol::number::format_short;
 
 /// Maximum number of pairs with a curve each. Of more pairs, only the smallest of all distances and the nearest
 /// pairs are drawn.
-const DRAWN_MAX: usize = 120;
+const DRAWN_PAIRS_MAX: usize = 120;
 /// Range of the lower panel, in multiples of d.
 const LOWER_PANEL_RANGE: (f64, f64) = (0.9, 1.6);
 
@@ -23,21 +23,22 @@ const LOWER_PANEL_RANGE: (f64, f64) = (0.9, 1.6);
 struct PairDistances {
     pairs: Vec<[usize; 2]>,
     /// Smallest distance of each pair, m.
-    least_m: Vec<f64>,
+    pair_minimum_m: Vec<f64>,
     /// Smallest distance of all pairs at each instant, m.
-    smallest_m: Vec<f64>,
+    instant_minimum_m: Vec<f64>,
     /// Largest distance of all pairs and instants, m.
-    farthest_m: f64,
+    maximum_m: f64,
 }
 
 impl PairDistances {
-    fn compute(run: &Run) -> PairDistances {
+    fn compute(run: &LoadedRun) -> PairDistances {
         let robots = run.scene.robots.len();
         let pairs = (0..robots).flat_map(|i| (i + 1..robots).map(move |j| [i, j]));
         let pairs: Vec<[usize; 2]> = pairs.collect();
         let (mut least_m, mut farthest_m) = (vec![f64::INFINITY; pairs.len()], 0.0);
         let smallest_m = (0..run.times_s.len()).map(|instant| {
-            let alphas: Vec<Vec2> = (0..robots).map(|robot| run.alpha(robot, instant)).collect();
+            let alphas: Vec<Vec2> =
+                (0..robots).map(|robot| run.front_point(robot, instant)).collect();
             let mut now = f64::INFINITY;
             for (&[i, j], least) in pairs.iter().zip(&mut least_m) {
                 let square = (alphas[i] - alphas[j]).norm_squared();
@@ -49,22 +50,32 @@ impl PairDistances {
         });
         let smallest_m = smallest_m.collect();
         least_m.iter_mut().for_each(|square| *square = square.sqrt());
-        PairDistances { pairs, least_m, smallest_m, farthest_m: farthest_m.sqrt() }
+        PairDistances {
+            pairs,
+            pair_minimum_m: least_m,
+            instant_minimum_m: smallest_m,
+            maximum_m: farthest_m.sqrt(),
+        }
     }
 }
 
-pub(super) fn pair_distances(run: &Run) -> Option<Figure> {
-    let PairDistances { pairs, least_m, smallest_m, farthest_m } = PairDistances::compute(run);
+pub(super) fn draw_pair_distances(run: &LoadedRun) -> Option<Figure> {
+    let PairDistances {
+        pairs,
+        pair_minimum_m: least_m,
+        instant_minimum_m: smallest_m,
+        maximum_m: farthest_m,
+    } = PairDistances::compute(run);
     if pairs.is_empty() {
         return None;
     }
     let d = run.scene.distance_min_m;
     let nearness: Vec<f64> = least_m.iter().map(|m| -m).collect();
-    let CurveSet { count, named } = CurveSet::by_size(&nearness);
-    let envelope = count > DRAWN_MAX;
+    let CurveSet { count, named_curves: named } = CurveSet::select_largest(&nearness);
+    let envelope = count > DRAWN_PAIRS_MAX;
     let apart = |pair: usize| {
         let [i, j] = pairs[pair];
-        let distance = move |k: usize| (run.alpha(i, k) - run.alpha(j, k)).norm();
+        let distance = move |k: usize| (run.front_point(i, k) - run.front_point(j, k)).norm();
         (0..run.times_s.len()).map(move |k| (run.times_s[k], distance(k)))
     };
     let highest = match envelope {
@@ -76,48 +87,54 @@ pub(super) fn pair_distances(run: &Run) -> Option<Figure> {
     };
     let mut panels = vec![(
         full_width_row(0.0, 270.0),
-        over_time(run, Axis::linear("distance (m)", 0.0, highest)),
+        panel_over_time(run, Axis::linear("distance (m)", 0.0, highest)),
     )];
     // The lower panel is left out if no pair came near d.
     let shown_near = least_m.iter().any(|least| *least < LOWER_PANEL_RANGE.1 * d);
     if shown_near {
         let near = Axis::exact("near d (m)", LOWER_PANEL_RANGE.0 * d, LOWER_PANEL_RANGE.1 * d);
-        panels.push((full_width_row(270.0, 200.0), over_time(run, near).with_nameless_bands()));
+        panels
+            .push((full_width_row(270.0, 200.0), panel_over_time(run, near).without_band_labels()));
     }
     let rank = |pair: usize| named.iter().position(|&other| other == pair).unwrap_or_default();
     let name = |pair: usize| {
         let [a, b] = pairs[pair].map(|robot| run.scene.robots[robot].name.as_str());
         format!("{a} \u{2013} {b}")
     };
-    let drawn = CurveSet { count: if envelope { 0 } else { count }, named: named.clone() };
+    let drawn = CurveSet { count: if envelope { 0 } else { count }, named_curves: named.clone() };
     for (_, panel) in &mut panels {
-        drawn.draw(panel, |pair| line(rank(pair)).width(0.8), |pair| apart(pair).map(Some));
+        drawn.draw(
+            panel,
+            |pair| robot_line(rank(pair)).with_width(0.8),
+            |pair| apart(pair).map(Some),
+        );
         if envelope {
             let smallest = run.times_s.iter().copied().zip(smallest_m.iter().copied());
-            panel.add_curve(smallest.map(Some), ALL);
+            panel.add_curve(smallest.map(Some), ALL_ROBOTS_LINE);
         }
         draw_minimum_distance(run, panel, d);
     }
-    let all = CurveSet { count: if envelope { named.len() } else { count }, named: named.clone() };
-    let mut key = all.key(|pair| line(rank(pair)), name);
-    key.extend(envelope.then(|| (ALL, format!("smallest of all {count} pairs"))));
+    let all =
+        CurveSet { count: if envelope { named.len() } else { count }, named_curves: named.clone() };
+    let mut key = all.legend_entries(|pair| robot_line(rank(pair)), name);
+    key.extend(envelope.then(|| (ALL_ROBOTS_LINE, format!("smallest of all {count} pairs"))));
     Some(Figure {
         name: "distances",
         title: "Distances of all pairs".into(),
         caption: caption(run, count, named.len(), shown_near),
         width: WIDTH,
         panels,
-        key,
+        legend: key,
     })
 }
 
-fn caption(run: &Run, pairs: usize, named: usize, shown_near: bool) -> String {
-    let mut caption = match (pairs > DRAWN_MAX, pairs > named) {
+fn caption(run: &LoadedRun, pairs: usize, named: usize, shown_near: bool) -> String {
+    let mut caption = match (pairs > DRAWN_PAIRS_MAX, pairs > named) {
         (true, _) => format!(
-            "The smallest of all {pairs} distances between front points, and the {NAMED} nearest pairs."
+            "The smallest of all {pairs} distances between front points, and the {NAMED_CURVE_COUNT} nearest pairs."
         ),
         (_, true) => format!(
-            "All {pairs} distances between front points; the {NAMED} nearest pairs are named."
+            "All {pairs} distances between front points; the {NAMED_CURVE_COUNT} nearest pairs are named."
         ),
         _ => "All distances between front points.".to_owned(),
     };
@@ -133,13 +150,26 @@ fn caption(run: &Run, pairs: usize, named: usize, shown_near: bool) -> String {
 }
 
 /// Draws the line d, and marks the smallest distance at any tick.
-fn draw_minimum_distance(run: &Run, panel: &mut Panel, d: f64) {
-    panel.add_horizontal_line(d, (0.0, run.end_s()), format!("d = {} m", format_short(d)), BOUND);
+fn draw_minimum_distance(run: &LoadedRun, panel: &mut Panel, d: f64) {
+    panel.add_horizontal_line(
+        d,
+        (0.0, run.end_s()),
+        format!("d = {} m", format_short(d)),
+        BOUND_LINE,
+    );
     let Some(summary) = &run.summary else { return };
     if let (Some(distance_m), Some([a, b]), Some(t_s)) =
         (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)
     {
-        let label = format!("smallest {} m, {a} \u{2013} {b} at {t_s:.2} s", digits(distance_m));
-        panel.marks.push(Mark { at: (t_s, distance_m), shape: Shape::Ring, color: BLACK, label });
+        let label = format!(
+            "smallest {} m, {a} \u{2013} {b} at {t_s:.2} s",
+            format_four_digits(distance_m)
+        );
+        panel.marks.push(Mark {
+            position: (t_s, distance_m),
+            shape: MarkShape::Ring,
+            color: BLACK,
+            label,
+        });
     }
 }

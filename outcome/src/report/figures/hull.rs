@@ -1,13 +1,15 @@
 //! Figure of the containment error (49): distance of the followers from the leaders' convex hull.
 
-use super::{CurveSet, OBSERVED, bands_caption, draw_final_bound, full_width_row, over_time};
+use super::{
+    CurveSet, OBSERVED_EVENT_LINE, bands_caption, draw_final_bound, full_width_row, panel_over_time,
+};
 use crate::report::axis::Axis;
 use crate::report::chart::Figure;
-use crate::report::palette::line;
-use crate::report::run::Run;
+use crate::report::palette::robot_line;
+use crate::report::run::LoadedRun;
 
-pub(super) fn distance(run: &Run) -> Option<Figure> {
-    let (contained, leaders) = run.containment()?;
+pub(super) fn draw_hull_distance(run: &LoadedRun) -> Option<Figure> {
+    let (contained, leaders) = run.followers_and_leaders()?;
     let instants = 0..run.times_s.len();
     let outside = |&robot: &usize| -> Vec<f64> {
         instants.clone().map(|instant| run.distance_from_hull(robot, &leaders, instant)).collect()
@@ -17,21 +19,26 @@ pub(super) fn distance(run: &Run) -> Option<Figure> {
         |track: &Vec<f64>| track.iter().copied().filter(|m| m.is_finite()).fold(0.0, f64::max);
     let worst: Vec<f64> = outside.iter().map(finite).collect();
     let highest = worst.iter().copied().fold(1e-3, f64::max);
-    let mut panel = over_time(run, Axis::linear("outside the hull (m)", 0.0, highest));
-    let many = CurveSet::by_size(&worst);
-    let own = |place: usize| line(contained[place]);
+    let mut panel = panel_over_time(run, Axis::linear("outside the hull (m)", 0.0, highest));
+    let many = CurveSet::select_largest(&worst);
+    let own = |place: usize| robot_line(contained[place]);
     many.draw(&mut panel, own, |place| {
         let track = run.tracks[contained[place]].iter().zip(&run.times_s).zip(&outside[place]);
-        track.map(|((sample, &t_s), &m)| sample.alive.then_some((t_s, m)))
+        track.map(|((sample, &t_s), &m)| sample.is_alive.then_some((t_s, m)))
     });
     // The first instant after which no living follower is outside.
     let out = |instant: &usize| {
-        let alive = contained.iter().map(|&robot| run.tracks[robot][*instant].alive);
+        let alive = contained.iter().map(|&robot| run.tracks[robot][*instant].is_alive);
         alive.zip(&outside).any(|(alive, track)| alive && track[*instant] > 0.0)
     };
     let since = instants.rev().find(out).map_or(0, |last_out| last_out + 1);
     if let Some(&t_s) = run.times_s.get(since) {
-        panel.add_vertical_line(t_s, 1.0, format!("all inside from {t_s:.2} s"), OBSERVED);
+        panel.add_vertical_line(
+            t_s,
+            1.0,
+            format!("all inside from {t_s:.2} s"),
+            OBSERVED_EVENT_LINE,
+        );
     }
     let mut caption = format!(
         "Distance of each follower from the convex hull of the leaders; 0 inside.{}",
@@ -39,7 +46,7 @@ pub(super) fn distance(run: &Run) -> Option<Figure> {
     );
     let farthest = "Farthest outside over the last 10 % of the run";
     caption += &draw_final_bound(run, &mut panel, "hull_distance_m_max", farthest);
-    let key = many.key(own, |place| run.scene.robots[contained[place]].name.clone());
+    let key = many.legend_entries(own, |place| run.scene.robots[contained[place]].name.clone());
     let title = "Distance from the leaders' hull";
     Some(Figure::single_panel(
         "hull_distance",

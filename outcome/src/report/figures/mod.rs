@@ -26,17 +26,17 @@ use crate::metrics::expect::Expectation;
 
 use crate::report::axis::Axis;
 use crate::report::chart::{Band, Figure, Panel, Rect};
-use crate::report::palette::{BLACK, Dash, GRAY, Line, VERMILION};
-use crate::report::rows::ROWS_SHOWN;
-use crate::report::run::Run;
+use crate::report::palette::{BLACK, Dash, GRAY, LineStyle, VERMILION};
+use crate::report::rows::SHOWN_ROWS_MAX;
+use crate::report::run::LoadedRun;
 use crate::report::simplify::CanvasPoint;
 
 /// Width of all figures, px: that of a page of a paper.
 const WIDTH: f64 = 640.0;
 /// Maximum number of curves that are all named.
-const NAMED_ALL: usize = 10;
-/// Number of named curves if there are more than [`NAMED_ALL`].
-const NAMED: usize = 6;
+const ALL_NAMED_CURVES_MAX: usize = 10;
+/// Number of named curves if there are more than [`ALL_NAMED_CURVES_MAX`].
+const NAMED_CURVE_COUNT: usize = 6;
 /// Maximum number of curves that are drawn. Of more curves the distribution is drawn, beneath the named ones.
 const CURVES_MAX: usize = 200;
 /// Quantiles at the edges of the tinted bands of a distribution.
@@ -44,9 +44,9 @@ const BAND_QUANTILES: [[f64; 2]; 2] = [[0.01, 0.99], [0.1, 0.9]];
 /// Opacity of each tinted band. The inner band is drawn on the outer band.
 const BAND_OPACITY: f64 = 0.3;
 /// Maximum number of faults that are named; more are numbered.
-const FAULTS_NAMED: usize = 6;
+const NAMED_FAULTS_MAX: usize = 6;
 /// Maximum number of faults at the same time that have bands of their own. The bands of more would cover the curves.
-const OVERLAPS_MAX: usize = 12;
+const OVERLAPPING_BANDS_MAX: usize = 12;
 /// Maximum number of bands that show faults in a figure with more faults than a table lists. Gaps between bands
 /// are closed if they are shorter than the duration of the run divided by this number.
 const BANDS_MAX: usize = 500;
@@ -54,48 +54,48 @@ const BANDS_MAX: usize = 500;
 const FINAL_FRACTION: f64 = 0.1;
 
 /// Line style of a bound that must not be crossed.
-pub(super) const BOUND: Line = Line::solid(VERMILION).dashed(Dash::Dashed);
+pub(super) const BOUND_LINE: LineStyle = LineStyle::solid(VERMILION).with_dash(Dash::Dashed);
 /// Line style of an observed event.
-const OBSERVED: Line = Line::solid(BLACK).width(0.8);
+const OBSERVED_EVENT_LINE: LineStyle = LineStyle::solid(BLACK).with_width(0.8);
 /// Line style of a value of all robots together.
-const ALL: Line = Line::solid(BLACK).width(1.6);
+const ALL_ROBOTS_LINE: LineStyle = LineStyle::solid(BLACK).with_width(1.6);
 /// Line style of the median of a distribution.
-const MEDIAN: Line = Line::solid(GRAY).width(1.6);
+const MEDIAN_LINE: LineStyle = LineStyle::solid(GRAY).with_width(1.6);
 
 /// Returns all figures for which there are data.
-pub fn all_figures(run: &Run) -> Vec<Figure> {
+pub fn all_figures(run: &LoadedRun) -> Vec<Figure> {
     if run.times_s.is_empty() || run.tracks.is_empty() {
         return Vec::new();
     }
     let figures = [
-        plane::trajectories(run),
-        distance::pair_distances(run),
-        error::to_neighbors(run),
+        plane::draw_trajectories(run),
+        distance::draw_pair_distances(run),
+        error::draw_neighbor_errors(run),
         error::draw_ideal_errors(run),
-        error::components(run),
-        hull::distance(run),
-        signals::signals(run),
+        error::draw_components(run),
+        hull::draw_hull_distance(run),
+        signals::draw_signals(run),
         repair::draw_repair(run),
-        latency::information_age(run),
-        latency::wake_lateness(run),
-        latency::late_by_cause(run),
+        latency::draw_information_age(run),
+        latency::draw_wake_latency(run),
+        latency::draw_late_by_cause(run),
     ];
     figures.into_iter().flatten().collect()
 }
 
 /// Creates a panel over run time with the faults as bands.
-pub(super) fn over_time(run: &Run, y: Axis) -> Panel {
+pub(super) fn panel_over_time(run: &LoadedRun, y: Axis) -> Panel {
     let mut panel = Panel::new(Axis::exact("time (s)", 0.0, run.end_s()), y);
     if merges_bands(run) {
         panel.bands = merged_bands(run);
         return panel;
     }
-    let named = run.scene.faults.len() <= FAULTS_NAMED;
+    let named = run.scene.faults.len() <= NAMED_FAULTS_MAX;
     let faults = run.scene.faults.iter().enumerate();
     panel.bands = faults
         .map(|(place, fault)| Band {
-            from: fault.t_s,
-            to: fault.until_s.unwrap_or(f64::INFINITY).min(run.end_s()),
+            start_x: fault.t_s,
+            end_x: fault.until_s.unwrap_or(f64::INFINITY).min(run.end_s()),
             label: if named { fault.what.clone() } else { (place + 1).to_string() },
         })
         .collect();
@@ -103,17 +103,18 @@ pub(super) fn over_time(run: &Run, y: Axis) -> Panel {
 }
 
 /// Returns whether the faults are too many, or too many at the same time, for a band of each.
-fn merges_bands(run: &Run) -> bool {
+fn merges_bands(run: &LoadedRun) -> bool {
     let faults = &run.scene.faults;
     let active = |t_s: f64| {
         let at = |until_s: Option<f64>| until_s.is_none_or(|until_s| until_s > t_s);
         faults.iter().filter(|fault| fault.t_s <= t_s && at(fault.until_s)).count()
     };
-    faults.len() > ROWS_SHOWN || faults.iter().any(|fault| active(fault.t_s) > OVERLAPS_MAX)
+    faults.len() > SHOWN_ROWS_MAX
+        || faults.iter().any(|fault| active(fault.t_s) > OVERLAPPING_BANDS_MAX)
 }
 
 /// Returns bands without labels that cover the times at which any fault was active: at most [`BANDS_MAX`].
-fn merged_bands(run: &Run) -> Vec<Band> {
+fn merged_bands(run: &LoadedRun) -> Vec<Band> {
     let (end_s, gap_s) = (run.end_s(), run.end_s() / BANDS_MAX as f64);
     let spans =
         run.scene.faults.iter().map(|fault| {
@@ -124,8 +125,8 @@ fn merged_bands(run: &Run) -> Vec<Band> {
     let mut bands: Vec<Band> = Vec::new();
     for (from, to) in spans {
         match bands.last_mut() {
-            Some(last) if from < last.to + gap_s => last.to = last.to.max(to),
-            _ => bands.push(Band { from, to, label: String::new() }),
+            Some(last) if from < last.end_x + gap_s => last.end_x = last.end_x.max(to),
+            _ => bands.push(Band { start_x: from, end_x: to, label: String::new() }),
         }
     }
     bands
@@ -137,16 +138,16 @@ fn full_width_row(y: f64, height: f64) -> Rect {
 }
 
 /// Returns start and end of the final part of a run that was not cut short, s.
-fn final_interval(run: &Run) -> (f64, f64) {
-    let end_s = run.lasts_s();
+fn final_interval(run: &LoadedRun) -> (f64, f64) {
+    let end_s = run.duration_s();
     (end_s * (1.0 - FINAL_FRACTION), end_s)
 }
 
 /// Returns the sentence about the bands for a caption.
-fn bands_caption(run: &Run) -> String {
+fn bands_caption(run: &LoadedRun) -> String {
     match run.scene.faults.len() {
         0 => String::new(),
-        1..=FAULTS_NAMED => " Tinted: faults.".into(),
+        1..=NAMED_FAULTS_MAX => " Tinted: faults.".into(),
         count if merges_bands(run) => format!(
             " Tinted: times at which any of the {count} faults was active; they are too many to be drawn separately."
         ),
@@ -155,13 +156,13 @@ fn bands_caption(run: &Run) -> String {
 }
 
 /// Returns the expectation with this name, if the summary has it.
-fn find_expectation<'r>(run: &'r Run, name: &str) -> Option<&'r Expectation> {
+fn find_expectation<'r>(run: &'r LoadedRun, name: &str) -> Option<&'r Expectation> {
     run.summary.as_ref()?.find_expectation(name)
 }
 
 /// Describes an expectation in one sentence: measured value, bound and verdict. Returns an empty string if there is
 /// none.
-fn describe_expectation(run: &Run, name: &str, of: &str, unit: &str) -> String {
+fn describe_expectation(run: &LoadedRun, name: &str, of: &str, unit: &str) -> String {
     let Some(expectation) = find_expectation(run, name) else { return String::new() };
     let (measured, bound) = match expectation.value {
         Some(value) => {
@@ -176,10 +177,10 @@ fn describe_expectation(run: &Run, name: &str, of: &str, unit: &str) -> String {
 }
 
 /// Draws the bound of an expectation over the final part of the run, and describes the expectation in one sentence.
-fn draw_final_bound(run: &Run, panel: &mut Panel, name: &str, of: &str) -> String {
+fn draw_final_bound(run: &LoadedRun, panel: &mut Panel, name: &str, of: &str) -> String {
     if let Some(expectation) = find_expectation(run, name) {
         let label = format!("required at the end: {} m", format_short(expectation.bound));
-        panel.add_horizontal_line(expectation.bound, final_interval(run), label, BOUND);
+        panel.add_horizontal_line(expectation.bound, final_interval(run), label, BOUND_LINE);
     }
     describe_expectation(run, name, of, "m")
 }
@@ -188,23 +189,23 @@ fn draw_final_bound(run: &Run, panel: &mut Panel, name: &str, of: &str) -> Strin
 struct CurveSet {
     count: usize,
     /// Indices of the named curves.
-    named: Vec<usize>,
+    named_curves: Vec<usize>,
 }
 
 impl CurveSet {
     /// Creates a set from the sizes of the curves.
-    fn by_size(sizes: &[f64]) -> CurveSet {
+    fn select_largest(sizes: &[f64]) -> CurveSet {
         let count = sizes.len();
         let mut named: Vec<usize> = (0..count).collect();
-        if count > NAMED_ALL {
+        if count > ALL_NAMED_CURVES_MAX {
             named.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
-            named.truncate(NAMED);
+            named.truncate(NAMED_CURVE_COUNT);
         }
-        CurveSet { count, named }
+        CurveSet { count, named_curves: named }
     }
 
-    fn other_count(&self) -> usize {
-        self.count - self.named.len()
+    fn unnamed_count(&self) -> usize {
+        self.count - self.named_curves.len()
     }
 
     /// Returns whether the distribution of all curves is drawn instead of the unnamed ones.
@@ -217,34 +218,38 @@ impl CurveSet {
     fn draw<P: IntoIterator<Item = Option<CanvasPoint>>>(
         &self,
         panel: &mut Panel,
-        line: impl Fn(usize) -> Line,
+        line: impl Fn(usize) -> LineStyle,
         points: impl Fn(usize) -> P,
     ) {
         if self.draws_distribution() {
             draw_distribution((0..self.count).map(&points), panel);
         } else {
-            for place in (0..self.count).filter(|place| !self.named.contains(place)) {
-                panel.add_curve(points(place), Line::UNNAMED);
+            for place in (0..self.count).filter(|place| !self.named_curves.contains(place)) {
+                panel.add_curve(points(place), LineStyle::UNNAMED_CURVE_LINE);
             }
         }
-        for &place in &self.named {
+        for &place in &self.named_curves {
             panel.add_curve(points(place), line(place));
         }
     }
 
     /// Returns the key of the lines.
-    fn key(
+    fn legend_entries(
         &self,
-        line: impl Fn(usize) -> Line,
+        line: impl Fn(usize) -> LineStyle,
         name: impl Fn(usize) -> String,
-    ) -> Vec<(Line, String)> {
-        let named = self.named.iter().map(|&place| (line(place), name(place)));
+    ) -> Vec<(LineStyle, String)> {
+        let named = self.named_curves.iter().map(|&place| (line(place), name(place)));
         if self.draws_distribution() {
             let all = format!("median of all {}; tinted: 10 to 90 %, 1 to 99 %", self.count);
-            return named.chain([(MEDIAN, all)]).collect();
+            return named.chain([(MEDIAN_LINE, all)]).collect();
         }
-        let others = (self.other_count() > 0)
-            .then(|| (Line::UNNAMED.width(0.8), format!("{} others", self.other_count())));
+        let others = (self.unnamed_count() > 0).then(|| {
+            (
+                LineStyle::UNNAMED_CURVE_LINE.with_width(0.8),
+                format!("{} others", self.unnamed_count()),
+            )
+        });
         named.chain(others).collect()
     }
 }
@@ -278,5 +283,5 @@ fn draw_distribution<P: IntoIterator<Item = Option<CanvasPoint>>>(
         let corners = at(low).chain(upper.into_iter().rev()).collect();
         panel.areas.push((corners, GRAY, BAND_OPACITY));
     }
-    panel.add_curve(at(0.5).map(Some), MEDIAN);
+    panel.add_curve(at(0.5).map(Some), MEDIAN_LINE);
 }

@@ -6,93 +6,102 @@ use formation::portable_math;
 
 use super::{CURVES_MAX, WIDTH, describe_expectation};
 use crate::report::axis::Axis;
-use crate::report::chart::{Figure, LETTER, Mark, Panel, Rect, Shape};
-use crate::report::palette::{BLACK, Dash, GRAY, Line, ORANGE, VERMILION, color, line};
-use crate::report::run::{Change, ChangedTo, Run};
+use crate::report::chart::{Figure, LETTER_WIDTH, Mark, MarkShape, Panel, Rect};
+use crate::report::palette::{
+    BLACK, Dash, GRAY, LineStyle, ORANGE, VERMILION, robot_color, robot_line,
+};
+use crate::report::run::{LoadedRun, NewState, StateChange};
 use crate::report::scene::RobotState;
 use crate::report::simplify::CanvasPoint;
 
 /// Maximum number of robots that are named in the picture and in its key.
-const NAMES_MAX: usize = 10;
+const NAMED_ROBOTS_MAX: usize = 10;
 /// Minimum and maximum height of the picture, px.
-const HEIGHT: (f64, f64) = (240.0, 620.0);
+const HEIGHT_RANGE: (f64, f64) = (240.0, 620.0);
 /// Minimum length of a robot, px.
-const BODY: f64 = 9.0;
+const BODY_LENGTH_MIN: f64 = 9.0;
 /// Minimum length of a robot among more than [`CURVES_MAX`], px.
-const BODY_IN_CROWD: f64 = 6.0;
+const MANY_ROBOTS_BODY_LENGTH_MIN: f64 = 6.0;
 /// Style of a path among more than [`CURVES_MAX`].
-const PATH_IN_CROWD: Line = Line::solid(GRAY).width(0.4).opacity(0.5);
+const MANY_ROBOTS_PATH_LINE: LineStyle = LineStyle::solid(GRAY).with_width(0.4).with_opacity(0.5);
 /// Distance that robots move between two instants at which they are drawn, in sizes of the formation.
-const APART: f64 = 1.3;
+const INSTANT_SPACING: f64 = 1.3;
 /// Maximum distance of visible walls from the robots' paths, as a fraction of the paths' extent.
-const BESIDE: f64 = 0.15;
+const WALL_DISTANCE_MAX: f64 = 0.15;
 /// Half width and half height of the label of a time, px.
-const LABEL: (f64, f64) = (21.0, 7.5);
+const LABEL_HALF_SIZE: (f64, f64) = (21.0, 7.5);
 /// Half width and half height of a robot, px.
-const ROBOT: (f64, f64) = (8.0, 8.0);
+const ROBOT_HALF_SIZE: (f64, f64) = (8.0, 8.0);
 /// Opacity of the robots at the first instant; it grows to 1 at the last one.
-const PALEST: f64 = 0.3;
+const OPACITY_MIN: f64 = 0.3;
 /// Maximum number of marked deaths; later ones are left out.
-const DEATHS_MAX: usize = 12;
+const MARKED_DEATHS_MAX: usize = 12;
 /// Maximum number of instants at which robots are drawn.
-const INSTANTS_MAX: usize = 8;
+const DRAWN_INSTANTS_MAX: usize = 8;
 
-pub(super) fn trajectories(run: &Run) -> Option<Figure> {
+pub(super) fn draw_trajectories(run: &LoadedRun) -> Option<Figure> {
     let paths: Vec<Vec<CanvasPoint>> = (0..run.scene.robots.len())
-        .map(|robot| (0..run.times_s.len()).map(|k| point(run.alpha(robot, k))).collect())
+        .map(|robot| {
+            (0..run.times_s.len()).map(|k| to_canvas_point(run.front_point(robot, k))).collect()
+        })
         .collect();
-    let lead: Vec<CanvasPoint> = run.lead_m.iter().map(|&[x, y]| (x, y)).collect();
+    let lead: Vec<CanvasPoint> = run.leader_reference_m.iter().map(|&[x, y]| (x, y)).collect();
     let finite = |at: &&CanvasPoint| at.0.is_finite() && at.1.is_finite();
     let extent = extent(paths.iter().chain([&lead]).flatten().filter(finite))?;
-    let (place, mut panel, m_per_px) = equal_scale_panel(with_walls(run, extent));
-    walls(run, &mut panel);
+    let (place, mut panel, m_per_px) = equal_scale_panel(extend_to_walls(run, extent));
+    draw_walls(run, &mut panel);
 
     let mut key = Vec::new();
-    let few = paths.len() <= NAMES_MAX;
-    let crowd = is_crowd(run);
+    let few = paths.len() <= NAMED_ROBOTS_MAX;
+    let crowd = has_many_robots(run);
     if !lead.is_empty() {
-        let line = Line::solid(GRAY).width(6.4).opacity(0.35);
+        let line = LineStyle::solid(GRAY).with_width(6.4).with_opacity(0.35);
         panel.curves.push((lead, line, false));
         key.push((line, "m(t), the main leader's reference".to_owned()));
     }
     for (robot, path) in paths.into_iter().enumerate() {
         let (name, role) = (&run.scene.robots[robot].name, &run.scene.robots[robot].role);
         let own = match (few, crowd) {
-            (true, _) => line(robot).width(0.8),
-            (false, true) => PATH_IN_CROWD,
-            (false, false) => Line::solid(color(robot)).width(0.4),
+            (true, _) => robot_line(robot).with_width(0.8),
+            (false, true) => MANY_ROBOTS_PATH_LINE,
+            (false, false) => LineStyle::solid(robot_color(robot)).with_width(0.4),
         };
         let label = if few { name.clone() } else { String::new() };
         if !crowd {
-            panel.marks.push(Mark { at: path[0], shape: Shape::Cross, color: BLACK, label });
+            panel.marks.push(Mark {
+                position: path[0],
+                shape: MarkShape::Cross,
+                color: BLACK,
+                label,
+            });
         }
         panel.curves.push((path, own, false));
         if few {
             key.push((own, format!("{name} ({})", role_text(role))));
         }
     }
-    if run.containment().is_some() {
-        key.push((Line::solid(ORANGE).width(1.6), "hull of the leaders".to_owned()));
+    if run.followers_and_leaders().is_some() {
+        key.push((LineStyle::solid(ORANGE).with_width(1.6), "hull of the leaders".to_owned()));
     }
     panel.marks.extend(death_marks(run));
-    let shown = instants_apart(run);
+    let shown = spaced_instants(run);
     for (nth, &instant) in shown.iter().enumerate() {
         let newness = (nth + 1) as f64 / shown.len() as f64;
-        let opacity = PALEST + (1.0 - PALEST) * newness;
-        formation(run, instant, m_per_px, opacity, &mut panel);
+        let opacity = OPACITY_MIN + (1.0 - OPACITY_MIN) * newness;
+        draw_formation(run, instant, m_per_px, opacity, &mut panel);
     }
-    let times = times(run, &shown, &panel, m_per_px);
+    let times = place_time_labels(run, &shown, &panel, m_per_px);
     panel.marks.extend(times);
     let (title, caption) = ("Trajectories in the plane", caption(run, &shown));
     Some(Figure::single_panel("trajectories", title, caption, place, panel, key))
 }
 
 /// Returns the caption, with the results of the expectations about positions.
-fn caption(run: &Run, shown: &[usize]) -> String {
+fn caption(run: &LoadedRun, shown: &[usize]) -> String {
     let times: Vec<String> =
         shown.iter().map(|&instant| format!("{:.1}", run.times_s[instant])).collect();
-    let drawn = match run.containment() {
-        _ if is_crowd(run) => return caption_of_crowd(run, &times),
+    let drawn = match run.followers_and_leaders() {
+        _ if has_many_robots(run) => return many_robots_caption(run, &times),
         Some(_) => "with the hull of the leaders",
         None => "with the edges of the formation graph",
     };
@@ -105,14 +114,14 @@ fn caption(run: &Run, shown: &[usize]) -> String {
     if !run.scene.walls.is_empty() {
         caption += " Gray: walls and obstacles.";
     }
-    if run.scene.robots.len() > NAMES_MAX {
+    if run.scene.robots.len() > NAMED_ROBOTS_MAX {
         caption += " Colors are those of the replay and repeat.";
     }
-    caption + &expectations(run)
+    caption + &describe_expectations(run)
 }
 
 /// Returns the caption of a picture with more than [`CURVES_MAX`] robots.
-fn caption_of_crowd(run: &Run, times: &[String]) -> String {
+fn many_robots_caption(run: &LoadedRun, times: &[String]) -> String {
     let deaths = if death_marks(run).is_empty() { "" } else { " Orange crosses: deaths." };
     let walls = if run.scene.walls.is_empty() { "" } else { " Walls and obstacles are darker." };
     format!(
@@ -120,12 +129,12 @@ fn caption_of_crowd(run: &Run, times: &[String]) -> String {
          of their front points.{deaths}{walls}{}",
         run.scene.robots.len(),
         times.join(", "),
-        expectations(run)
+        describe_expectations(run)
     )
 }
 
 /// Describes the expectations about positions.
-fn expectations(run: &Run) -> String {
+fn describe_expectations(run: &LoadedRun) -> String {
     let mut caption = String::new();
     for (name, of) in [
         ("min_clearance_m", "Smallest clearance at any tick"),
@@ -163,7 +172,7 @@ fn equal_scale_panel((lowest, highest): Extent) -> (Rect, Panel, f64) {
     let mut place = Rect { x: 0.0, y: 0.0, width: WIDTH, height: 0.0 };
     let frame = place.height - place.plot_area(&[]).height;
     let height = place.plot_area(&[]).width * size.1 / size.0 + frame;
-    place.height = height.clamp(HEIGHT.0, HEIGHT.1);
+    place.height = height.clamp(HEIGHT_RANGE.0, HEIGHT_RANGE.1);
     let (panel, m_per_px) = panel_around((lowest, highest), size, place.plot_area(&[]));
     (place, panel, m_per_px)
 }
@@ -181,12 +190,12 @@ pub(super) fn panel_around((low, high): Extent, size: CanvasPoint, inner: Rect) 
 }
 
 /// Returns the extent of the robots, extended by the walls near them.
-fn with_walls(run: &Run, robots: Extent) -> Extent {
+fn extend_to_walls(run: &LoadedRun, robots: Extent) -> Extent {
     let ((left, low), (right, high)) = robots;
-    let beside = BESIDE * (right - left).max(high - low);
+    let beside = WALL_DISTANCE_MAX * (right - left).max(high - low);
     let (least, most) = ((left - beside, low - beside), (right + beside, high + beside));
     let near = |(x, y): CanvasPoint| (x.clamp(least.0, most.0), y.clamp(least.1, most.1));
-    let walls = run.scene.walls.iter().filter_map(|wall| extent(outline(wall).iter()));
+    let walls = run.scene.walls.iter().filter_map(|wall| extent(wall_outline(wall).iter()));
     let walls = walls.filter(|(low, high)| {
         (low.0 <= most.0 && high.0 >= least.0) && (low.1 <= most.1 && high.1 >= least.1)
     });
@@ -196,18 +205,18 @@ fn with_walls(run: &Run, robots: Extent) -> Extent {
 }
 
 /// Draws the walls and obstacles.
-fn walls(run: &Run, panel: &mut Panel) {
+fn draw_walls(run: &LoadedRun, panel: &mut Panel) {
     for wall in &run.scene.walls {
-        panel.areas.push((outline(wall), GRAY, 0.35));
-        panel.outline(outline(wall), Line::solid(BLACK).width(0.8));
+        panel.areas.push((wall_outline(wall), GRAY, 0.35));
+        panel.add_outline(wall_outline(wall), LineStyle::solid(BLACK).with_width(0.8));
     }
 }
 
-fn outline(wall: &Obstacle) -> Vec<CanvasPoint> {
-    wall.outline().into_iter().map(point).collect()
+fn wall_outline(wall: &Obstacle) -> Vec<CanvasPoint> {
+    wall.outline().into_iter().map(to_canvas_point).collect()
 }
 
-pub(super) fn point(at: Vec2) -> CanvasPoint {
+pub(super) fn to_canvas_point(at: Vec2) -> CanvasPoint {
     (at.x, at.y)
 }
 
@@ -221,87 +230,90 @@ fn role_text(role: &str) -> &str {
 }
 
 /// Returns whether the robots are too many to be drawn more than once.
-fn is_crowd(run: &Run) -> bool {
+fn has_many_robots(run: &LoadedRun) -> bool {
     run.scene.robots.len() > CURVES_MAX
 }
 
 /// Returns marks of the first deaths, with their times; of all deaths, without their times, if the robots are many.
-fn death_marks(run: &Run) -> Vec<Mark> {
-    let crowd = is_crowd(run);
-    let died = |change: &Change| match change.to {
-        ChangedTo::Robot(robot, RobotState::Dead) if robot < run.tracks.len() => {
+fn death_marks(run: &LoadedRun) -> Vec<Mark> {
+    let crowd = has_many_robots(run);
+    let died = |change: &StateChange| match change.new_state {
+        NewState::Robot(robot, RobotState::Dead) if robot < run.tracks.len() => {
             let after = run.times_s.partition_point(|&t_s| t_s < change.t_s);
-            let at = point(run.alpha(robot, after.min(run.times_s.len() - 1)));
+            let at = to_canvas_point(run.front_point(robot, after.min(run.times_s.len() - 1)));
             let name = &run.scene.robots[robot].name;
             let label =
                 if crowd { String::new() } else { format!("{name} dead, {:.1} s", change.t_s) };
-            Some(Mark { at, shape: Shape::Cross, color: VERMILION, label })
+            Some(Mark { position: at, shape: MarkShape::Cross, color: VERMILION, label })
         }
         _ => None,
     };
-    let most = if crowd { usize::MAX } else { DEATHS_MAX };
-    run.changes.iter().filter_map(died).take(most).collect()
+    let most = if crowd { usize::MAX } else { MARKED_DEATHS_MAX };
+    run.state_changes.iter().filter_map(died).take(most).collect()
 }
 
 /// Draws the robots at one instant with the hull of the leaders, or with the edges.
-fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut Panel) {
-    if let Some((_, leaders)) = run.containment() {
+fn draw_formation(run: &LoadedRun, instant: usize, m_per_px: f64, opacity: f64, panel: &mut Panel) {
+    if let Some((_, leaders)) = run.followers_and_leaders() {
         let corners: Vec<CanvasPoint> =
-            run.hull(&leaders, instant).into_iter().map(point).collect();
+            run.hull(&leaders, instant).into_iter().map(to_canvas_point).collect();
         panel.areas.push((corners.clone(), ORANGE, 0.2 * opacity));
-        panel.outline(corners, Line::solid(ORANGE).width(0.8).opacity(opacity));
-    } else if !is_crowd(run) {
+        panel.add_outline(corners, LineStyle::solid(ORANGE).with_width(0.8).with_opacity(opacity));
+    } else if !has_many_robots(run) {
         let edges_in_use = run.edges_in_use(run.times_s[instant]);
         for (edge, _) in
             run.scene.edges.iter().zip(edges_in_use).filter(|(_, edges_in_use)| *edges_in_use)
         {
-            let ends = [edge.from, edge.to].map(|robot| point(run.alpha(robot, instant)));
+            let ends =
+                [edge.from, edge.to].map(|robot| to_canvas_point(run.front_point(robot, instant)));
             // Edges with a dead robot are dotted.
-            let living = [edge.from, edge.to].iter().all(|&r| run.tracks[r][instant].alive);
+            let living = [edge.from, edge.to].iter().all(|&r| run.tracks[r][instant].is_alive);
             let (dash, opacity) =
                 if living { (Dash::Solid, opacity) } else { (Dash::Dotted, 0.6 * opacity) };
-            let line = Line::solid(GRAY).width(0.4).opacity(opacity);
-            panel.curves.push((ends.into(), line.dashed(dash), false));
+            let line = LineStyle::solid(GRAY).with_width(0.4).with_opacity(opacity);
+            panel.curves.push((ends.into(), line.with_dash(dash), false));
         }
     }
     for robot in 0..run.scene.robots.len() {
         let sample = run.tracks[robot][instant];
-        let nose = run.alpha(robot, instant);
+        let nose = run.front_point(robot, instant);
         if !(nose.x.is_finite() && nose.y.is_finite()) {
             continue;
         }
-        let length = length_m(run, robot, m_per_px);
+        let length = body_length_m(run, robot, m_per_px);
         let (sin, cos) = portable_math::sin_cos(sample.heading_rad);
         let back = nose - length * Vec2::new(cos, sin);
         let side = 0.4 * length * Vec2::new(-sin, cos);
-        let color = if sample.alive { color(robot) } else { GRAY };
+        let color = if sample.is_alive { robot_color(robot) } else { GRAY };
         let body: Vec<CanvasPoint> =
-            [nose, back + side, back - side].into_iter().map(point).collect();
+            [nose, back + side, back - side].into_iter().map(to_canvas_point).collect();
         panel.areas.push((body.clone(), color, opacity));
-        if !is_crowd(run) {
-            panel.outline(body, Line::solid(BLACK).width(0.4).opacity(opacity));
+        if !has_many_robots(run) {
+            panel.add_outline(body, LineStyle::solid(BLACK).with_width(0.4).with_opacity(opacity));
         }
     }
 }
 
 /// Places the times of these instants next to one of the robots each: the highest one with space above, below or at
 /// a side. A time without space is left out.
-fn times(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> {
+fn place_time_labels(run: &LoadedRun, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> {
     let bodies = |instant: usize| {
-        let bodies = (0..run.tracks.len()).map(move |robot| body(run, robot, instant, m_per_px));
+        let bodies =
+            (0..run.tracks.len()).map(move |robot| body_center(run, robot, instant, m_per_px));
         bodies.filter(|(x, y)| x.is_finite() && y.is_finite())
     };
     // Center and half size, px, of everything that is already drawn.
-    let robots = shown.iter().flat_map(|&instant| bodies(instant)).map(|at| (at, ROBOT));
+    let robots = shown.iter().flat_map(|&instant| bodies(instant)).map(|at| (at, ROBOT_HALF_SIZE));
     let mut rooms: Vec<(CanvasPoint, CanvasPoint)> = robots.collect();
-    for Mark { at, label, .. } in &panel.marks {
-        let half = label.chars().count() as f64 * LETTER / 2.0;
+    for Mark { position: at, label, .. } in &panel.marks {
+        let half = label.chars().count() as f64 * LETTER_WIDTH / 2.0;
         let words = (at.0 + (8.0 + half) * m_per_px, at.1 + 10.0 * m_per_px);
-        rooms.extend([(*at, (4.0, 4.0)), (words, (half, LABEL.1))]);
+        rooms.extend([(*at, (4.0, 4.0)), (words, (half, LABEL_HALF_SIZE.1))]);
     }
     rooms.retain(|((x, y), _)| x.is_finite() && y.is_finite());
     let apart = |a: f64, b: f64, room: f64| (a - b).abs() >= room * m_per_px;
-    let (aside, above) = (ROBOT.0 + LABEL.0 + 1.0, ROBOT.1 + LABEL.1 + 1.0);
+    let (aside, above) =
+        (ROBOT_HALF_SIZE.0 + LABEL_HALF_SIZE.0 + 1.0, ROBOT_HALF_SIZE.1 + LABEL_HALF_SIZE.1 + 1.0);
     let ways = [(0.0, above), (0.0, -above), (aside, 0.0), (-aside, 0.0)];
     let mut marks = Vec::new();
     for &instant in shown {
@@ -311,41 +323,43 @@ fn times(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> 
             |&(x, y): &CanvasPoint| ways.map(|(dx, dy)| (x + dx * m_per_px, y + dy * m_per_px));
         let is_free = |at: &CanvasPoint| {
             rooms.iter().all(|(other, half)| {
-                apart(at.0, other.0, half.0 + LABEL.0) || apart(at.1, other.1, half.1 + LABEL.1)
+                apart(at.0, other.0, half.0 + LABEL_HALF_SIZE.0)
+                    || apart(at.1, other.1, half.1 + LABEL_HALF_SIZE.1)
             })
         };
         let Some(at) = highest.iter().flat_map(beside).find(is_free) else { continue };
-        rooms.push((at, LABEL));
+        rooms.push((at, LABEL_HALF_SIZE));
         let label = format!("{:.1} s", run.times_s[instant]);
-        marks.push(Mark { at, shape: Shape::Words, color: BLACK, label });
+        marks.push(Mark { position: at, shape: MarkShape::LabelOnly, color: BLACK, label });
     }
     marks
 }
 
 /// Returns the center of the drawn robot.
-fn body(run: &Run, robot: usize, instant: usize, m_per_px: f64) -> CanvasPoint {
-    let length = length_m(run, robot, m_per_px);
+fn body_center(run: &LoadedRun, robot: usize, instant: usize, m_per_px: f64) -> CanvasPoint {
+    let length = body_length_m(run, robot, m_per_px);
     let (sin, cos) = portable_math::sin_cos(run.tracks[robot][instant].heading_rad);
-    point(run.alpha(robot, instant) - 0.6 * length * Vec2::new(cos, sin))
+    to_canvas_point(run.front_point(robot, instant) - 0.6 * length * Vec2::new(cos, sin))
 }
 
 /// Returns the length of the drawn robot, m.
-fn length_m(run: &Run, robot: usize, m_per_px: f64) -> f64 {
-    let least = if is_crowd(run) { BODY_IN_CROWD } else { BODY };
+fn body_length_m(run: &LoadedRun, robot: usize, m_per_px: f64) -> f64 {
+    let least = if has_many_robots(run) { MANY_ROBOTS_BODY_LENGTH_MIN } else { BODY_LENGTH_MIN };
     run.scene.robots[robot].front_point_m.max(least * m_per_px)
 }
 
 /// Returns instants between which the robots have moved far enough to be distinguished. The last instant is the end
 /// of the run.
-fn instants_apart(run: &Run) -> Vec<usize> {
+fn spaced_instants(run: &LoadedRun) -> Vec<usize> {
     let robots = run.scene.robots.len();
     let instants = run.times_s.len();
-    if is_crowd(run) {
+    if has_many_robots(run) {
         return vec![instants - 1];
     }
     let step = |instant: usize| {
         let moved = (0..robots).map(|robot| {
-            let moved = (run.alpha(robot, instant) - run.alpha(robot, instant - 1)).norm();
+            let moved =
+                (run.front_point(robot, instant) - run.front_point(robot, instant - 1)).norm();
             if moved.is_finite() { moved } else { 0.0 }
         });
         moved.sum::<f64>() / robots as f64
@@ -356,9 +370,11 @@ fn instants_apart(run: &Run) -> Vec<usize> {
     }
     let whole = walked[instants - 1];
     let size = (1..robots)
-        .map(|robot| (run.alpha(robot, instants - 1) - run.alpha(0, instants - 1)).norm())
+        .map(|robot| {
+            (run.front_point(robot, instants - 1) - run.front_point(0, instants - 1)).norm()
+        })
         .fold(1e-3, f64::max);
-    let many = ((whole / (APART * size)) as usize).clamp(2, INSTANTS_MAX);
+    let many = ((whole / (INSTANT_SPACING * size)) as usize).clamp(2, DRAWN_INSTANTS_MAX);
     let mut shown: Vec<usize> = (1..=many)
         .map(|n| walked.partition_point(|&way| way < whole * n as f64 / many as f64 - 1e-12))
         .map(|instant| instant.min(instants - 1))

@@ -5,24 +5,26 @@ use super::*;
 use crate::metrics::summary::Summary;
 use crate::report::html;
 use crate::report::palette::{self, Dash};
-use crate::report::run::{Change, ChangedTo, LatencyInterval, LatencySpread, Sample, SignalTrack};
+use crate::report::run::{
+    LatencyDistribution, LatencyInterval, NewState, RobotSample, SignalTrack, StateChange,
+};
 use crate::report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
 
 /// Returns a run of robots in a row, half a meter apart, that come to rest. The last robot is the main leader, the
 /// others have `role`, and the second is killed.
-fn example(robots: usize, instants: usize, role: &str) -> Run {
+fn example_run(robots: usize, instants: usize, role: &str) -> LoadedRun {
     let end_s = instants.saturating_sub(1) as f64 * 0.1;
     let name = |robot: usize| format!("r{}", robot + 1);
     let sample = |robot: usize, instant: usize| {
         let error = 0.9f64.powi(instant as i32);
-        Sample {
+        RobotSample {
             x_m: 0.5 * robot as f64 + error,
             y_m: error * robot as f64,
             heading_rad: 0.3,
             error_m: Some(error),
             ideal_error_m: Some(2.0 * error),
             error_xy_m: Some([0.6 * error, -0.8 * error]),
-            alive: robot != 1 || instant % 7 != 3,
+            is_alive: robot != 1 || instant % 7 != 3,
         }
     };
     let scene = Scene {
@@ -35,6 +37,7 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
                 name: name(robot),
                 role: if robot + 1 == robots { "main-leader" } else { role }.into(),
                 front_point_m: 0.1,
+                keep_m: None,
             })
             .collect(),
         edges: (1..robots)
@@ -53,7 +56,8 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
         }],
         faults_in_all: 0,
     };
-    let bin = |stage: &str, from: Option<&str>| LatencyInterval {
+    let stages = [("beacon_age", Some("r2")), ("wake", None), ("late_core", None)];
+    let interval = |stage: &str, from: Option<&str>| LatencyInterval {
         t_s: 0.5,
         stage: stage.into(),
         robot: "r1".into(),
@@ -63,7 +67,7 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
         p99_ns: 6_000_000,
         max_ns: 7_000_000,
     };
-    Run {
+    LoadedRun {
         converged_error_m: 0.01,
         stale_after_s: 0.015,
         lost_after_s: 0.1,
@@ -71,28 +75,28 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
         tracks: (0..robots)
             .map(|robot| (0..instants).map(|instant| sample(robot, instant)).collect())
             .collect(),
-        lead_m: vec![[0.0, 0.0]; instants],
-        every: 1,
-        repairs: Vec::new(),
+        leader_reference_m: vec![[0.0, 0.0]; instants],
+        decimation: 1,
+        repair_events: Vec::new(),
         signals: vec![SignalTrack {
             name: "cost_m2".into(),
             values: (0..robots).map(|robot| vec![(0.0, 1.0), (0.1, robot as f64)]).collect(),
         }],
-        changes: vec![
-            Change { t_s: 0.3, to: ChangedTo::Robot(1, RobotState::Dead) },
-            Change { t_s: 0.4, to: ChangedTo::Edge(0, EdgeState::Stale) },
-            Change { t_s: 0.5, to: ChangedTo::Robot(1, RobotState::Moving) },
+        state_changes: vec![
+            StateChange { t_s: 0.3, new_state: NewState::Robot(1, RobotState::Dead) },
+            StateChange { t_s: 0.4, new_state: NewState::Edge(0, EdgeState::Stale) },
+            StateChange { t_s: 0.5, new_state: NewState::Robot(1, RobotState::Moving) },
         ],
         summary: Some(summary(end_s)),
-        unpromised: None,
-        about: None,
+        missing_guarantee: None,
+        introduction: None,
         damage: None,
         manifest: vec![("kernel".into(), "Linux <6>".into())],
-        over_time: vec![bin("beacon_age", Some("r2")), bin("wake", None), bin("late_core", None)],
-        spreads: vec![LatencySpread {
+        latency_over_time: stages.map(|(stage, from)| interval(stage, from)).into(),
+        latency_distributions: vec![LatencyDistribution {
             stage: "beacon_age".into(),
-            of: "r2->r1".into(),
-            above: vec![(5_000_000, 0.01), (7_000_000, 0.0)],
+            robot_or_edge: "r2->r1".into(),
+            exceedance: vec![(5_000_000, 0.01), (7_000_000, 0.0)],
         }],
         scene,
     }
@@ -124,7 +128,7 @@ fn summary(end_s: f64) -> Summary {
 
 /// Returns the texts in a figure.
 fn figure_texts(figure: &Figure) -> Vec<String> {
-    let svg = figure.svg();
+    let svg = figure.to_svg();
     let document = roxmltree::Document::parse(&svg).unwrap_or_else(|e| panic!("{e}\n{svg}"));
     let texts = document.descendants().filter(|node| node.has_tag_name("text"));
     texts.map(|node| node.text().unwrap_or_default().trim().to_owned()).collect()
@@ -136,7 +140,7 @@ fn find_figure<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
 
 #[test]
 fn full_run_gets_every_figure_with_bounds_marks_and_faults() {
-    let figures = all_figures(&example(4, 30, "contained"));
+    let figures = all_figures(&example_run(4, 30, "contained"));
     let expected: [(&str, &[&str]); 10] = [
         ("trajectories", &["x (m)", "y (m)", "r1", "r4 (main leader)", "hull of the leaders"]),
         (
@@ -177,34 +181,40 @@ fn full_run_gets_every_figure_with_bounds_marks_and_faults() {
 
 #[test]
 fn sixty_four_robots_are_mostly_unnamed_with_one_distance_line() {
-    let figures = all_figures(&example(64, 30, "formation"));
+    let figures = all_figures(&example_run(64, 30, "formation"));
     let distances = figure_texts(find_figure(&figures, "distances"));
     assert!(distances.iter().any(|word| word == "smallest of all 2016 pairs"), "{distances:?}");
     let errors = figure_texts(find_figure(&figures, "errors"));
     assert!(errors.iter().any(|word| word == "58 others"), "{errors:?}");
     for figure in &figures {
-        assert!(figure.svg().len() < 400_000, "{}: {} bytes", figure.name, figure.svg().len());
+        assert!(
+            figure.to_svg().len() < 400_000,
+            "{}: {} bytes",
+            figure.name,
+            figure.to_svg().len()
+        );
     }
 }
 
 #[test]
 fn plane_figure_has_equal_scales_on_both_axes() {
-    let figures = all_figures(&example(4, 30, "formation"));
+    let figures = all_figures(&example_run(4, 30, "formation"));
     let [(place, panel)] = &find_figure(&figures, "trajectories").panels[..] else {
         panic!("one panel")
     };
-    let (inner, x, y) = (place.plot_area(&[]), panel.x.value_range(), panel.y.value_range());
+    let (inner, x, y) =
+        (place.plot_area(&[]), panel.x_axis.value_range(), panel.y_axis.value_range());
     let scales = (inner.width / (x.1 - x.0), inner.height / (y.1 - y.0));
     assert!((scales.0 / scales.1 - 1.0).abs() < 1e-9, "{scales:?} px per m");
 }
 
 #[test]
 fn page_escapes_markup_and_names_why_no_guarantee_holds() {
-    let promised = example(4, 30, "contained");
+    let promised = example_run(4, 30, "contained");
     let unpromised = Some("r1 <slips>".to_owned());
-    let unpromised = Run { unpromised, ..promised.clone() };
+    let unpromised = LoadedRun { missing_guarantee: unpromised, ..promised.clone() };
     let [promised, unpromised] =
-        [promised, unpromised].map(|run| html::report(&run, &all_figures(&run)));
+        [promised, unpromised].map(|run| html::report_html(&run, &all_figures(&run)));
     assert!(!promised.contains("no promise"));
     for words in [
         "row &lt;/script&gt;&lt;b&gt;&amp;",
@@ -219,7 +229,7 @@ fn page_escapes_markup_and_names_why_no_guarantee_holds() {
 
 #[test]
 fn replay_has_at_most_twenty_frames_a_second_and_the_last_one() {
-    let mut run = example(3, 301, "formation");
+    let mut run = example_run(3, 301, "formation");
     run.times_s = (0..301).map(|instant| f64::from(instant) / 100.0).collect();
     run.scene.duration_s = 3.0;
     run.summary = None;
@@ -232,19 +242,27 @@ fn replay_has_at_most_twenty_frames_a_second_and_the_last_one() {
 
 #[test]
 fn repaired_graph_is_drawn_twice_with_spares_in_use_as_edges() {
-    let mut run = example(3, 20, "formation");
+    let mut run = example_run(3, 20, "formation");
     assert!(all_figures(&run).iter().all(|figure| figure.name != "repairs"));
     // r1 receives from r2, which dies at 0.3 s, and uses r3 from 0.6 s to 1.2 s.
     let spare = run.scene.edges.len();
-    run.scene.edges.push(SceneEdge { from: 2, to: 0, spare: true, for_place: true });
-    run.repairs =
+    run.scene.edges.push(SceneEdge {
+        from: 2,
+        to: 0,
+        spare: true,
+        for_place: true,
+        by_distance: false,
+    });
+    run.repair_events =
         vec![(0.6, "r1".into(), "uses r3".into()), (1.2, "r1".into(), "no longer uses r3".into())];
     let open = [(0.6, EdgeState::Fresh), (1.2, EdgeState::Closed)];
-    run.changes.extend(open.map(|(t_s, state)| Change { t_s, to: ChangedTo::Edge(spare, state) }));
+    run.state_changes.extend(
+        open.map(|(t_s, state)| StateChange { t_s, new_state: NewState::Edge(spare, state) }),
+    );
     // r2 returns at 0.5 s, leads, and dies again.
-    let led = [(0.8, ChangedTo::Leads(1, true)), (1.5, ChangedTo::Robot(1, RobotState::Dead))];
-    run.changes.extend(led.map(|(t_s, to)| Change { t_s, to }));
-    run.changes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    let led = [(0.8, NewState::Leads(1, true)), (1.5, NewState::Robot(1, RobotState::Dead))];
+    run.state_changes.extend(led.map(|(t_s, to)| StateChange { t_s, new_state: to }));
+    run.state_changes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     assert_eq!(
         [0.5, 0.6, 1.1, 1.2].map(|t_s| run.edges_in_use(t_s)[spare]),
         [false, true, true, false]
@@ -265,16 +283,16 @@ fn repaired_graph_is_drawn_twice_with_spares_in_use_as_edges() {
     // While r1 uses r3, it takes the slot of r2 and is a corner of the leaders' hull.
     let corners = |t_s: f64| {
         let instant = run.times_s.partition_point(|then_s| *then_s < t_s);
-        run.hull(&[1, 2], instant).contains(&run.alpha(0, instant))
+        run.hull(&[1, 2], instant).contains(&run.front_point(0, instant))
     };
     assert_eq!([0.5, 0.7, 1.1, 1.3].map(corners), [false, true, true, false]);
-    let page = html::report(&run, &figures);
+    let page = html::report_html(&run, &figures);
     assert!(page.contains("no longer uses r3"));
 }
 
 #[test]
 fn dead_and_cut_edges_have_their_state_while_the_fault_lasts() {
-    let mut run = example(3, 11, "formation");
+    let mut run = example_run(3, 11, "formation");
     let cut =
         SceneFault { what: "cut r3->r2".into(), cuts: Some(1), ..run.scene.faults[0].clone() };
     run.scene.faults.push(SceneFault { t_s: 0.7, until_s: Some(0.9), robots: vec![], ..cut });
@@ -293,7 +311,7 @@ fn dead_and_cut_edges_have_their_state_while_the_fault_lasts() {
 
 #[test]
 fn page_of_20000_faults_has_bounded_size() {
-    let mut run = example(3, 11, "formation");
+    let mut run = example_run(3, 11, "formation");
     let first = run.scene.faults[0].clone();
     let fault = |i: usize| {
         let t_s = i as f64 * 5e-5;
@@ -303,7 +321,7 @@ fn page_of_20000_faults_has_bounded_size() {
     let summary = run.summary.as_mut().expect("a summary");
     summary.faults = vec![summary.faults[0].clone(); 20_000];
     let figures = all_figures(&run);
-    let page = html::report(&run, &figures);
+    let page = html::report_html(&run, &figures);
     assert!(page.len() < 2_000_000, "{} bytes", page.len());
     for words in [
         "any of the 20000 faults was active",
@@ -312,18 +330,20 @@ fn page_of_20000_faults_has_bounded_size() {
     ] {
         assert!(page.contains(words), "{words}");
     }
-    let movie = crate::report::animation::animation(&run).expect("an animation");
+    let movie = crate::report::animation::draw_animation(&run).expect("an animation");
     assert!(movie.len() < 200_000, "{} bytes", movie.len());
-    let screen = crate::report::screen::screen(run.summary.as_ref().unwrap());
+    let screen = crate::report::screen::format_screen(run.summary.as_ref().unwrap());
     assert!(screen.lines().count() < 2_000, "{} lines", screen.lines().count());
 }
 
 /// Moves and scales all positions of a run.
-fn move_and_scale(mut run: Run, [x_m, y_m]: [f64; 2], scale: f64) -> Run {
+fn move_and_scale(mut run: LoadedRun, [x_m, y_m]: [f64; 2], scale: f64) -> LoadedRun {
     run.tracks.iter_mut().flatten().for_each(|sample| {
         (sample.x_m, sample.y_m) = (x_m + scale * sample.x_m, y_m + scale * sample.y_m);
     });
-    run.lead_m.iter_mut().for_each(|at| *at = [x_m + scale * at[0], y_m + scale * at[1]]);
+    run.leader_reference_m
+        .iter_mut()
+        .for_each(|at| *at = [x_m + scale * at[0], y_m + scale * at[1]]);
     run.scene.robots.iter_mut().for_each(|robot| robot.front_point_m *= scale);
     run.scene.distance_min_m *= scale;
     run.scene.walls.clear();
@@ -338,19 +358,19 @@ fn axes_of_the_plane_are_labeled_at_any_coordinates() {
         ([0.0, 0.0], 1e5, &["x (m)", "y (m)"]),
         ([0.0, 0.0], 1e-3, &["x (m)", "y (m)"]),
     ] {
-        let run = move_and_scale(example(3, 11, "formation"), at, scale);
+        let run = move_and_scale(example_run(3, 11, "formation"), at, scale);
         let figures = all_figures(&run);
         let plane = find_figure(&figures, "trajectories");
         let (_, panel) = &plane.panels[0];
-        for axis in [&panel.x, &panel.y] {
-            let (ticks, _) = axis.labels(6);
+        for axis in [&panel.x_axis, &panel.y_axis] {
+            let (ticks, _) = axis.tick_labels(6);
             let different: std::collections::BTreeSet<_> =
                 ticks.iter().map(|(_, text)| text).collect();
             assert!(ticks.len() > 1 && different.len() == ticks.len(), "{at:?} {scale}: {ticks:?}");
         }
-        let svg = plane.svg();
+        let svg = plane.to_svg();
         assert!(told.iter().all(|label| svg.contains(label)), "{at:?} {scale}");
-        let movie = crate::report::animation::animation(&run).expect("an animation");
+        let movie = crate::report::animation::draw_animation(&run).expect("an animation");
         let lines = movie.matches("v472").count();
         assert!((2..30).contains(&lines), "{at:?} {scale}: {lines} lines of the grid");
     }
@@ -358,11 +378,11 @@ fn axes_of_the_plane_are_labeled_at_any_coordinates() {
 
 #[test]
 fn robot_has_the_same_color_in_every_figure() {
-    let colors: Vec<_> = (0..9).map(palette::color).collect();
+    let colors: Vec<_> = (0..9).map(palette::robot_color).collect();
     assert!(colors.iter().enumerate().all(|(i, color)| !colors[..i].contains(color)));
     for role in ["formation", "contained"] {
-        let figures = all_figures(&example(9, 30, role));
-        let named = figures.iter().flat_map(|figure| &figure.key).filter_map(|(line, words)| {
+        let figures = all_figures(&example_run(9, 30, role));
+        let named = figures.iter().flat_map(|figure| &figure.legend).filter_map(|(line, words)| {
             let name = words.split(' ').next().filter(|_| !words.contains('\u{2013}'))?;
             let place = name.strip_prefix('r')?.parse::<usize>().ok()?;
             Some((colors[place - 1], line.color))
@@ -378,9 +398,9 @@ fn robot_has_the_same_color_in_every_figure() {
 
 #[test]
 fn deaths_are_marked_and_no_solid_edge_leads_to_dead_robots() {
-    let mut run = example(4, 30, "formation");
-    run.tracks[1].iter_mut().skip(4).for_each(|sample| sample.alive = false);
-    run.changes.truncate(1);
+    let mut run = example_run(4, 30, "formation");
+    run.tracks[1].iter_mut().skip(4).for_each(|sample| sample.is_alive = false);
+    run.state_changes.truncate(1);
     let figures = all_figures(&run);
     let trajectories = find_figure(&figures, "trajectories");
     assert!(figure_texts(trajectories).iter().any(|word| word == "r2 dead, 0.3 s"));
@@ -394,9 +414,10 @@ fn deaths_are_marked_and_no_solid_edge_leads_to_dead_robots() {
 
 #[test]
 fn age_curve_has_gaps_without_received_beacons() {
-    let mut run = example(4, 30, "formation");
-    let age = run.over_time[0].clone();
-    run.over_time = [0.25, 0.75, 2.25].map(|t_s| LatencyInterval { t_s, ..age.clone() }).into();
+    let mut run = example_run(4, 30, "formation");
+    let age = run.latency_over_time[0].clone();
+    run.latency_over_time =
+        [0.25, 0.75, 2.25].map(|t_s| LatencyInterval { t_s, ..age.clone() }).into();
     let figures = all_figures(&run);
     let (_, panel) = &find_figure(&figures, "information_age").panels[0];
     let intervals: Vec<(f64, f64)> = panel.curves[..2]
@@ -408,7 +429,7 @@ fn age_curve_has_gaps_without_received_beacons() {
 
 #[test]
 fn distance_figure_omits_d_if_distances_are_larger() {
-    let mut run = example(3, 30, "formation");
+    let mut run = example_run(3, 30, "formation");
     run.scene.distance_min_m = 0.4;
     assert_eq!(find_figure(&all_figures(&run), "distances").panels.len(), 2);
     run.scene.distance_min_m = 0.2;
@@ -433,9 +454,9 @@ proptest! {
         numbers in prop::collection::vec(any_number(), 16),
         word in "\\PC*|[\\x00-\\x7f]{0,9}",
     ) {
-        let mut run = example(robots, instants, if contained { "contained" } else { "formation" });
+        let mut run = example_run(robots, instants, if contained { "contained" } else { "formation" });
         if robots < 2 {
-            run.changes.clear(); // they are about the second robot
+            run.state_changes.clear(); // they are about the second robot
         }
         let mut next = numbers.iter().copied().cycle();
         let mut number = || next.next().unwrap();
@@ -460,30 +481,33 @@ proptest! {
         for figure in &figures {
             figure_texts(figure);
         }
-        let page = html::report(&run, &figures);
+        let page = html::report_html(&run, &figures);
         prop_assert!(page.ends_with("</html>\n"));
     }
 }
 
 #[test]
 fn many_robots_are_drawn_as_a_distribution_with_few_names() {
-    let mut run = example(CURVES_MAX + 1, 40, "formation");
+    let mut run = example_run(CURVES_MAX + 1, 40, "formation");
     // Errors that grow with the index of the robot.
     for (robot, track) in run.tracks.iter_mut().enumerate() {
         track.iter_mut().for_each(|sample| sample.error_m = Some(1.0 + robot as f64));
     }
-    let figure = error::to_neighbors(&run).unwrap();
+    let figure = error::draw_neighbor_errors(&run).unwrap();
     let panel = &figure.panels[0].1;
     assert_eq!(panel.areas.len(), BAND_QUANTILES.len());
     let highest = |corners: &[CanvasPoint]| corners.iter().fold(0.0f64, |high, at| high.max(at.1));
     assert!(highest(&panel.areas[0].0) > highest(&panel.areas[1].0));
-    let median = panel.curves.iter().find(|(_, line, _)| *line == MEDIAN).unwrap();
+    let median = panel.curves.iter().find(|(_, line, _)| *line == MEDIAN_LINE).unwrap();
     assert!(median.0.iter().all(|(_, y)| (y - 101.0).abs() <= 1.0), "{median:?}");
-    assert!(panel.curves.len() < 2 * NAMED_ALL && figure.key.len() <= NAMED + 2);
-    let few = error::to_neighbors(&example(CURVES_MAX, 40, "formation")).unwrap();
+    assert!(
+        panel.curves.len() < 2 * ALL_NAMED_CURVES_MAX
+            && figure.legend.len() <= NAMED_CURVE_COUNT + 2
+    );
+    let few = error::draw_neighbor_errors(&example_run(CURVES_MAX, 40, "formation")).unwrap();
     assert!(few.panels[0].1.areas.is_empty());
     // Each robot is drawn once in the plane, and the picture names none.
-    let plane = plane::trajectories(&run).unwrap();
+    let plane = plane::draw_trajectories(&run).unwrap();
     assert_eq!(plane.panels[0].1.areas.len(), CURVES_MAX + 1 + run.scene.walls.len());
-    assert!(plane.panels[0].1.marks.iter().all(|mark| mark.label.len() < 7), "{:?}", plane.key);
+    assert!(plane.panels[0].1.marks.iter().all(|mark| mark.label.len() < 7), "{:?}", plane.legend);
 }

@@ -2,25 +2,25 @@
 //!
 //! The data are unsigned integers as LEB128 (seven bits per byte, lowest first, the top bit marks a continuation)
 //! in base64. First come columns of one number per frame: time in ms, smallest distance in micrometers; then for
-//! each robot x and y in mm, heading in mrad, error in 0.1 mm. If all robots stay within [`SMALL_M`], x, y and error
-//! are in micrometers. A number is 0 if there is no value, else 1 + the zigzag code of its difference from the
-//! previous value of the column. Then follow for each robot and then for each edge its states, as pairs of a state
+//! each robot x and y in mm, heading in mrad, error in 0.1 mm. If all robots stay within [`SMALL_SCENE_M_MAX`], x, y
+//! and error are in micrometers. A number is 0 if there is no value, else 1 + the zigzag code of its difference from
+//! the previous value of the column. Then follow for each robot and then for each edge its states, as pairs of a state
 //! and the number of frames that it lasts.
 
 use base64::prelude::{BASE64_STANDARD, Engine as _};
 use serde::Serialize;
 
-use crate::report::scene::{EdgeState, Frame, RobotState, Scene};
+use crate::report::scene::{EdgeState, RobotState, Scene, SceneFrame};
 
 /// Maximum magnitude of a value. Larger ones are not drawn; steps of this size are still exact integers in a
 /// browser.
 const MAGNITUDE_MAX: f64 = 1e9;
 /// Extent of all positions along x and along y below which they are stored in micrometers, m.
-const SMALL_M: f64 = 0.5;
+const SMALL_SCENE_M_MAX: f64 = 0.5;
 
 /// Encoded frames for the page's script.
 #[derive(Debug, Serialize)]
-pub(super) struct Packed {
+pub(super) struct PackedFrames {
     /// Number of frames.
     count: usize,
     /// Resolution of x and y, steps per m.
@@ -33,31 +33,31 @@ pub(super) struct Packed {
 
 /// Encodes the frames. A robot or an edge that a frame does not have is encoded without values, in its default
 /// state.
-pub(super) fn pack(scene: &Scene, frames: &[Frame]) -> Packed {
+pub(super) fn pack_frames(scene: &Scene, frames: &[SceneFrame]) -> PackedFrames {
     let mut bytes = Vec::new();
-    let (per_m, error_per_m) = if is_small(frames) { (1e6, 1e6) } else { (1e3, 1e4) };
-    column(&mut bytes, 1e3, frames.iter().map(|frame| Some(frame.t_s)));
-    column(&mut bytes, 1e6, frames.iter().map(|frame| frame.distance_m));
+    let (per_m, error_per_m) = if is_small_scene(frames) { (1e6, 1e6) } else { (1e3, 1e4) };
+    encode_column(&mut bytes, 1e3, frames.iter().map(|frame| Some(frame.t_s)));
+    encode_column(&mut bytes, 1e6, frames.iter().map(|frame| frame.distance_m));
     for place in 0..scene.robots.len() {
         let robots = || frames.iter().map(move |frame| frame.robots.get(place));
-        column(&mut bytes, per_m, robots().map(|robot| Some(robot?.x_m)));
-        column(&mut bytes, per_m, robots().map(|robot| Some(robot?.y_m)));
-        column(&mut bytes, 1e3, robots().map(|robot| Some(robot?.heading_rad)));
-        column(&mut bytes, error_per_m, robots().map(|robot| robot?.error_m));
+        encode_column(&mut bytes, per_m, robots().map(|robot| Some(robot?.x_m)));
+        encode_column(&mut bytes, per_m, robots().map(|robot| Some(robot?.y_m)));
+        encode_column(&mut bytes, 1e3, robots().map(|robot| Some(robot?.heading_rad)));
+        encode_column(&mut bytes, error_per_m, robots().map(|robot| robot?.error_m));
     }
     for place in 0..scene.robots.len() {
         let states = frames.iter().map(|frame| frame.robots.get(place).map(|robot| robot.state));
-        runs(&mut bytes, states.map(|state| robot_code(state.unwrap_or_default())));
+        encode_run_lengths(&mut bytes, states.map(|state| robot_code(state.unwrap_or_default())));
     }
     for place in 0..scene.edges.len() {
         let states = frames.iter().map(|frame| frame.edges.get(place).copied());
-        runs(&mut bytes, states.map(|state| edge_code(state.unwrap_or_default())));
+        encode_run_lengths(&mut bytes, states.map(|state| edge_code(state.unwrap_or_default())));
     }
-    Packed { count: frames.len(), per_m, error_per_m, data: BASE64_STANDARD.encode(bytes) }
+    PackedFrames { count: frames.len(), per_m, error_per_m, data: BASE64_STANDARD.encode(bytes) }
 }
 
-/// Returns whether all positions lie within [`SMALL_M`] along x and along y.
-fn is_small(frames: &[Frame]) -> bool {
+/// Returns whether all positions lie within [`SMALL_SCENE_M_MAX`] along x and along y.
+fn is_small_scene(frames: &[SceneFrame]) -> bool {
     let robots = || frames.iter().flat_map(|frame| &frame.robots);
     let extent_m = |values: &mut dyn Iterator<Item = f64>| {
         let finite = values.filter(|value| value.is_finite());
@@ -70,7 +70,7 @@ fn is_small(frames: &[Frame]) -> bool {
         extent_m(&mut robots().map(|robot| robot.x_m)),
         extent_m(&mut robots().map(|robot| robot.y_m)),
     ];
-    x < SMALL_M && y < SMALL_M
+    x < SMALL_SCENE_M_MAX && y < SMALL_SCENE_M_MAX
 }
 
 fn robot_code(state: RobotState) -> u64 {
@@ -95,34 +95,34 @@ fn edge_code(state: EdgeState) -> u64 {
 }
 
 /// Encodes one value per frame in steps of 1 / `per_unit`.
-fn column(bytes: &mut Vec<u8>, per_unit: f64, values: impl Iterator<Item = Option<f64>>) {
+fn encode_column(bytes: &mut Vec<u8>, per_unit: f64, values: impl Iterator<Item = Option<f64>>) {
     let mut last = 0;
     for value in values {
         match value.filter(|value| value.abs() <= MAGNITUDE_MAX) {
-            None => number(bytes, 0),
+            None => encode_number(bytes, 0),
             Some(value) => {
                 let steps = (value * per_unit).round() as i64;
                 let difference = steps - last;
-                number(bytes, 1 + ((difference << 1) ^ (difference >> 63)) as u64);
+                encode_number(bytes, 1 + ((difference << 1) ^ (difference >> 63)) as u64);
                 last = steps;
             }
         }
     }
 }
 
-fn runs(bytes: &mut Vec<u8>, states: impl Iterator<Item = u64>) {
+fn encode_run_lengths(bytes: &mut Vec<u8>, states: impl Iterator<Item = u64>) {
     let mut states = states.peekable();
     while let Some(state) = states.next() {
         let mut lasts = 1;
         while states.next_if_eq(&state).is_some() {
             lasts += 1;
         }
-        number(bytes, state);
-        number(bytes, lasts);
+        encode_number(bytes, state);
+        encode_number(bytes, lasts);
     }
 }
 
-fn number(bytes: &mut Vec<u8>, mut value: u64) {
+fn encode_number(bytes: &mut Vec<u8>, mut value: u64) {
     while value > 127 {
         bytes.push(value as u8 | 128);
         value >>= 7;
@@ -138,7 +138,7 @@ mod tests {
     use crate::report::scene::{FrameRobot, SceneEdge, SceneRobot};
 
     /// Decodes what [`number`] wrote, by another algorithm.
-    fn numbers(bytes: &[u8]) -> Vec<u64> {
+    fn decode_numbers(bytes: &[u8]) -> Vec<u64> {
         let value = |bytes: &[u8]| {
             bytes.iter().rev().fold(0, |value, byte| 128 * value + u64::from(byte & 127))
         };
@@ -166,8 +166,8 @@ mod tests {
             per_unit in prop::sample::select(vec![1e3, 1e4, 1e6]),
         ) {
             let mut bytes = Vec::new();
-            column(&mut bytes, per_unit, values.iter().copied());
-            let codes = numbers(&bytes);
+            encode_column(&mut bytes, per_unit, values.iter().copied());
+            let codes = decode_numbers(&bytes);
             prop_assert_eq!(codes.len(), values.len());
             let mut steps = 0;
             for (code, value) in codes.into_iter().zip(values) {
@@ -184,8 +184,8 @@ mod tests {
         #[test]
         fn states_come_back(states in prop::collection::vec(0..5_u64, 0..300)) {
             let mut bytes = Vec::new();
-            runs(&mut bytes, states.iter().copied());
-            let pairs = numbers(&bytes);
+            encode_run_lengths(&mut bytes, states.iter().copied());
+            let pairs = decode_numbers(&bytes);
             let back = pairs.chunks(2).flat_map(|pair| vec![pair[0]; pair[1] as usize]);
             prop_assert_eq!(back.collect::<Vec<u64>>(), states);
         }
@@ -196,19 +196,21 @@ mod tests {
         let state = RobotState::Dead;
         let robot =
             FrameRobot { x_m: 0.002, y_m: 0.003, heading_rad: 0.004, error_m: Some(5e-4), state };
-        let whole = Frame {
+        let whole = SceneFrame {
             t_s: 0.001,
             robots: vec![robot],
             edges: vec![EdgeState::Lost],
             distance_m: Some(6e-6),
         };
-        let packed = pack(&scene(1, 1), &[whole]);
-        // Each value v of a first frame is encoded as 2 v + 1; then follow the states and their durations. All positions are
-        // within a small extent, so x = 2000, y = 3000 and the error 500 are in micrometers, two bytes each.
+        let packed = pack_frames(&scene(1, 1), &[whole]);
+        // Each value v of a first frame is encoded as 2 v + 1; then follow the states and their durations. All
+        // positions are within a small extent, so x = 2000, y = 3000 and the error 500 are in micrometers, two bytes
+        // each.
         assert_eq!((packed.per_m, packed.error_per_m), (1e6, 1e6));
         let bytes = BASE64_STANDARD.decode(packed.data).unwrap();
         assert_eq!(bytes, [3, 13, 161, 31, 241, 46, 9, 233, 7, 2, 1, 2, 1]);
-        let packed = pack(&scene(1, 1), &[Frame { t_s: 0.001, ..Frame::default() }]);
+        let packed =
+            pack_frames(&scene(1, 1), &[SceneFrame { t_s: 0.001, ..SceneFrame::default() }]);
         assert_eq!(BASE64_STANDARD.decode(packed.data).unwrap(), [3, 0, 0, 0, 0, 0, 0, 1, 0, 1]);
     }
 
@@ -224,10 +226,10 @@ mod tests {
                 FrameRobot { x_m, y_m, heading_rad, error_m, state }
             };
             let robots = (0..64).map(robot).collect();
-            Frame { t_s, robots, edges: vec![EdgeState::Fresh; 128], distance_m: Some(0.3) }
+            SceneFrame { t_s, robots, edges: vec![EdgeState::Fresh; 128], distance_m: Some(0.3) }
         };
-        let frames: Vec<Frame> = (0..=1600).map(frame).collect();
-        let size = pack(&scene(64, 128), &frames).data.len();
+        let frames: Vec<SceneFrame> = (0..=1600).map(frame).collect();
+        let size = pack_frames(&scene(64, 128), &frames).data.len();
         assert!(size < 1_000_000, "{size} bytes");
     }
 }

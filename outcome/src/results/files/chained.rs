@@ -11,7 +11,7 @@ const CHECKSUM_DIGITS: usize = 16;
 
 /// Checksum of the last line up to now.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Chain(String);
+pub struct ChecksumChain(String);
 
 /// Lines that match their checksums.
 #[derive(Debug)]
@@ -19,22 +19,22 @@ pub struct VerifiedLines<'t> {
     /// Lines without checksum and line end.
     pub lines: Vec<&'t str>,
     /// Length of these lines in the text, bytes.
-    pub bytes: usize,
+    pub length_bytes: usize,
     /// Number of the first line that does not match, counted from 1; `None` if all match. A last line without line
     /// end is ignored, because its writer was killed.
-    pub damaged: Option<usize>,
+    pub first_damaged_line: Option<usize>,
     /// Checksum of the last line that matches.
-    pub chain: Chain,
+    pub chain: ChecksumChain,
 }
 
-impl Chain {
+impl ChecksumChain {
     /// Returns the chain of a file that begins with `head`.
-    pub fn new(head: &str) -> Chain {
-        Chain(digest(head))
+    pub fn new(head: &str) -> ChecksumChain {
+        ChecksumChain(digest(head))
     }
 
     /// Returns a line with its checksum, without line end, and advances the chain.
-    pub fn seal(&mut self, line: &str) -> String {
+    pub fn append_checksum(&mut self, line: &str) -> String {
         self.0 = digest(&format!("{}\n{line}", self.0));
         format!("{line},{}", self.0)
     }
@@ -46,7 +46,7 @@ impl Chain {
             let Some(whole) = sealed.strip_suffix('\n') else { break };
             let line = whole.rsplit_once(',').map(|(line, _)| line);
             let mut next = self.clone();
-            match line.filter(|line| next.seal(line) == whole) {
+            match line.filter(|line| next.append_checksum(line) == whole) {
                 None => {
                     damaged = Some(lines.len() + 1);
                     break;
@@ -56,7 +56,7 @@ impl Chain {
             bytes += sealed.len();
             self = next;
         }
-        VerifiedLines { lines, bytes, damaged, chain: self }
+        VerifiedLines { lines, length_bytes: bytes, first_damaged_line: damaged, chain: self }
     }
 }
 
@@ -72,9 +72,9 @@ mod tests {
 
     use super::*;
 
-    fn sealed(lines: &[String]) -> Vec<String> {
-        let mut chain = Chain::new("head");
-        lines.iter().map(|line| chain.seal(line) + "\n").collect()
+    fn seal_lines(lines: &[String]) -> Vec<String> {
+        let mut chain = ChecksumChain::new("head");
+        lines.iter().map(|line| chain.append_checksum(line) + "\n").collect()
     }
 
     proptest! {
@@ -85,13 +85,13 @@ mod tests {
             other in any::<prop::sample::Index>(),
             digit in "[0-9a-z,]",
         ) {
-            let whole = sealed(&lines);
+            let whole = seal_lines(&lines);
             let found = |text: &[String], expected: usize| {
                 let text = text.concat();
-                let opened = Chain::new("head").verify(&text);
+                let opened = ChecksumChain::new("head").verify(&text);
                 assert_eq!(opened.lines, lines[..expected].iter().collect::<Vec<_>>());
-                assert_eq!(opened.bytes, whole[..expected].concat().len());
-                opened.damaged
+                assert_eq!(opened.length_bytes, whole[..expected].concat().len());
+                opened.first_damaged_line
             };
             prop_assert_eq!(found(&whole, lines.len()), None);
             let at = at.index(lines.len());
@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn another_head_fits_no_line() {
-        let lines = sealed(&["a".to_owned()]).concat();
-        assert_eq!(Chain::new("another").verify(&lines).damaged, Some(1));
+        let lines = seal_lines(&["a".to_owned()]).concat();
+        assert_eq!(ChecksumChain::new("another").verify(&lines).first_damaged_line, Some(1));
     }
 }

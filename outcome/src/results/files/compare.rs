@@ -14,10 +14,12 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::results::files::checksums;
-use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SIGNALS, SUMMARY};
+use crate::results::run_dir::{
+    MANIFEST_FILE, OPTIONAL_TABLES, RECORDING_FILE, REPRODUCIBLE_TABLES, SUMMARY_FILE,
+};
 
 /// Keys of the manifest that may explain a difference, with their descriptions.
-const ORIGINS: [(&str, &str); 9] = [
+const ORIGIN_KEYS: [(&str, &str); 9] = [
     ("phalanx", "version of phalanx"),
     ("git_hash", "commit"),
     ("git_dirty", "sources differ from the commit"),
@@ -36,13 +38,13 @@ const LINE_BYTES_MAX: u64 = 1 << 24;
 
 /// Reason why a run cannot be repeated bit by bit.
 #[derive(Debug, thiserror::Error)]
-pub enum NotRepeatable {
+pub enum RepeatabilityError {
     /// A file of the run is missing or malformed.
     #[error("{} is not a complete run: {}: {}", .0.display(), .1, .2)]
-    Unreadable(PathBuf, &'static str, io::Error),
+    UnreadableFile(PathBuf, &'static str, io::Error),
     /// The run was affected by unplanned events: the reason, and what can be verified.
     #[error("{} {}", .0.display(), .1)]
-    Unplanned(PathBuf, String),
+    UnplannedEvent(PathBuf, String),
 }
 
 /// Checks that a run can be repeated bit by bit.
@@ -50,17 +52,18 @@ pub enum NotRepeatable {
 /// # Errors
 ///
 /// The run is not complete, in real time, interrupted, or was changed manually.
-pub fn check_repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
-    let unreadable = |file| move |error| NotRepeatable::Unreadable(run_dir.into(), file, error);
-    let unplanned = |why| Err(NotRepeatable::Unplanned(run_dir.into(), why));
-    let manifest = json(run_dir, MANIFEST).map_err(unreadable(MANIFEST))?;
+pub fn check_repeatable(run_dir: &Path) -> Result<(), RepeatabilityError> {
+    let unreadable =
+        |file| move |error| RepeatabilityError::UnreadableFile(run_dir.into(), file, error);
+    let unplanned = |why| Err(RepeatabilityError::UnplannedEvent(run_dir.into(), why));
+    let manifest = read_json(run_dir, MANIFEST_FILE).map_err(unreadable(MANIFEST_FILE))?;
     if manifest["pace"] != "lockstep" {
         return unplanned(
             "is a run in real time, which cannot be repeated; only runs with --pace lockstep can be verified"
                 .to_owned(),
         );
     }
-    let summary = json(run_dir, SUMMARY).map_err(unreadable(SUMMARY))?;
+    let summary = read_json(run_dir, SUMMARY_FILE).map_err(unreadable(SUMMARY_FILE))?;
     if summary["interrupted"] == true {
         let t_s = summary["t_s"].as_f64().unwrap_or_default();
         return unplanned(format!(
@@ -75,7 +78,7 @@ pub fn check_repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
     }
 }
 
-fn json(run_dir: &Path, name: &str) -> io::Result<Value> {
+fn read_json(run_dir: &Path, name: &str) -> io::Result<Value> {
     Ok(serde_json::from_slice(&read_inside_folder(run_dir, name, JSON_BYTES_MAX)?)?)
 }
 
@@ -117,47 +120,53 @@ impl Comparison {
     /// Compares a recorded run with a new one.
     pub fn compare(recorded: &Path, again: &Path) -> io::Result<Comparison> {
         let both = |name: &str| -> io::Result<[Value; 2]> {
-            Ok([json(recorded, name)?, json(again, name)?])
+            Ok([read_json(recorded, name)?, read_json(again, name)?])
         };
-        let (summaries, manifests) = (both(SUMMARY)?, both(MANIFEST)?);
+        let (summaries, manifests) = (both(SUMMARY_FILE)?, both(MANIFEST_FILE)?);
         let hashes = |key| summaries.each_ref().map(|summary| summary[key].clone());
         let trajectory_hash = hashes("trajectory_hash");
         // The recording contains version and commit.
         let same_source =
             ["phalanx", "git_hash"].iter().all(|&key| manifests[0][key] == manifests[1][key]);
-        let checksum = checksums::listed_checksum(recorded, RECORDING);
-        let files: Vec<FileComparison> = [SAMPLES, PAIRS, EVENTS, SIGNALS, SUMMARY, RECORDING]
-            .into_iter()
-            .filter(|&file| file != RECORDING || same_source || checksum.is_some())
-            // Only a run whose laws record signals has this table.
-            .filter(|&file| {
-                file != SIGNALS || [recorded, again].iter().any(|run| run.join(file).exists())
+        let checksum = checksums::read_listed_checksum(recorded, RECORDING_FILE);
+        let files: Vec<FileComparison> = (REPRODUCIBLE_TABLES.into_iter())
+            .chain([SUMMARY_FILE, RECORDING_FILE])
+            .filter(|&file| file != RECORDING_FILE || same_source || checksum.is_some())
+            .filter(|file| {
+                !OPTIONAL_TABLES.contains(file)
+                    || [recorded, again].iter().any(|run| run.join(file).exists())
             })
             .map(|file| {
                 let both =
                     || Ok([open_inside_folder(recorded, file)?, open_inside_folder(again, file)?]);
                 let first_difference = match file {
-                    RECORDING if same_source => both().and_then(first_byte),
-                    RECORDING => open_inside_folder(recorded, file).and_then(sha256).map(|found| {
-                        let differs = checksum.as_ref() != Some(&found);
-                        differs.then(|| "differs from what the run wrote".to_owned())
-                    }),
-                    SUMMARY => Ok(first_entry(&summaries)),
-                    _ => both().and_then(first_line),
+                    RECORDING_FILE if same_source => both().and_then(first_different_byte),
+                    RECORDING_FILE => {
+                        open_inside_folder(recorded, file).and_then(sha256).map(|found| {
+                            let differs = checksum.as_ref() != Some(&found);
+                            differs.then(|| "differs from what the run wrote".to_owned())
+                        })
+                    }
+                    SUMMARY_FILE => Ok(first_summary_difference(&summaries)),
+                    _ => both().and_then(first_different_line),
                 };
                 let named =
                     |error: io::Error| io::Error::new(error.kind(), format!("{file}: {error}"));
                 Ok(FileComparison { file, first_difference: first_difference.map_err(named)? })
             })
             .collect::<io::Result<_>>()?;
-        let origins = ORIGINS.iter().filter_map(|&(key, what)| {
+        let origins = ORIGIN_KEYS.iter().filter_map(|&(key, what)| {
             let values = manifests.each_ref().map(|manifest| manifest[key].clone());
             (values[0] != values[1]).then_some(OriginDifference { what, values })
         });
         let same_hash = trajectory_hash[0] == trajectory_hash[1];
         Ok(Comparison {
             same: same_hash && files.iter().all(|file| file.first_difference.is_none()),
-            first_second: if same_hash { None } else { first_second(&hashes("hash_by_second")) },
+            first_second: if same_hash {
+                None
+            } else {
+                first_different_second(&hashes("hash_by_second"))
+            },
             trajectory_hash,
             files,
             origins: origins.collect(),
@@ -166,7 +175,7 @@ impl Comparison {
 }
 
 /// Returns the first second whose hashes differ, or the one after the last that both have.
-fn first_second(chains: &[Value; 2]) -> Option<u64> {
+fn first_different_second(chains: &[Value; 2]) -> Option<u64> {
     let [recorded, again] = chains.each_ref().map(|chain| chain.as_array());
     let (recorded, again) = (recorded?, again?);
     let same = recorded.iter().zip(again).take_while(|(a, b)| a == b).count();
@@ -174,7 +183,7 @@ fn first_second(chains: &[Value; 2]) -> Option<u64> {
 }
 
 /// Returns the first difference of two tables: the line, its first two columns, and the first column that differs.
-fn first_line(files: [impl Read; 2]) -> io::Result<Option<String>> {
+fn first_different_line(files: [impl Read; 2]) -> io::Result<Option<String>> {
     let [mut recorded, mut again] = files.map(BufReader::new);
     let mut header = None;
     for number in 1.. {
@@ -208,21 +217,21 @@ fn next_line(file: &mut impl BufRead) -> io::Result<Option<String>> {
         let why = format!("it has a line of more than {LINE_BYTES_MAX} bytes, expected a table");
         return Err(io::Error::other(why));
     }
-    if line.is_empty() { Ok(None) } else { regular_file::text(line).map(Some) }
+    if line.is_empty() { Ok(None) } else { regular_file::decode_utf8(line).map(Some) }
 }
 
 /// Splits a line from its line end, which is empty, "\n" or "\r\n".
-fn split_end(line: &str) -> (&str, &str) {
+fn split_line_end(line: &str) -> (&str, &str) {
     line.split_at(line.trim_end_matches(['\r', '\n']).len())
 }
 
 fn difference_text(number: usize, header: &str, lines: &[String; 2]) -> String {
-    let split = lines.each_ref().map(|line| split_end(line));
+    let split = lines.each_ref().map(|line| split_line_end(line));
     let [lines, ends] = [split.map(|(line, _)| line), split.map(|(_, end)| end)];
     if lines[0] == lines[1] {
         return format!("line {number} ended with {:?}, ends with {:?}", ends[0], ends[1]);
     }
-    let (header, _) = split_end(header);
+    let (header, _) = split_line_end(header);
     let names: Vec<&str> = header.split(',').collect();
     let fields = lines.each_ref().map(|line| line.split(',').collect::<Vec<_>>());
     let mut text = format!("line {number}");
@@ -246,7 +255,7 @@ fn difference_text(number: usize, header: &str, lines: &[String; 2]) -> String {
 }
 
 /// Returns the offset of the first difference of two recordings.
-fn first_byte(files: [impl Read; 2]) -> io::Result<Option<String>> {
+fn first_different_byte(files: [impl Read; 2]) -> io::Result<Option<String>> {
     let [mut recorded, mut again] = files.map(|file| BufReader::new(file).bytes());
     for place in 0_u64.. {
         match (recorded.next().transpose()?, again.next().transpose()?) {
@@ -259,7 +268,7 @@ fn first_byte(files: [impl Read; 2]) -> io::Result<Option<String>> {
 }
 
 /// Returns the first entry in which two summaries differ, without the section `wall`.
-fn first_entry(summaries: &[Value; 2]) -> Option<String> {
+fn first_summary_difference(summaries: &[Value; 2]) -> Option<String> {
     let [recorded, again] = summaries.each_ref().map(|summary| {
         let mut decided = summary.clone();
         decided.as_object_mut().map(|entries| entries.remove("wall"));
@@ -349,7 +358,7 @@ mod tests {
     #[test]
     fn tables_differ_at_a_line_and_a_column() {
         let first = |recorded: &str, again: &str| {
-            first_line([recorded.as_bytes(), again.as_bytes()]).unwrap()
+            first_different_line([recorded.as_bytes(), again.as_bytes()]).unwrap()
         };
         let table = "t_s,robot,x_m\n0,r1,1\n0,r2,2\n";
         assert_eq!(first(table, table), None);
@@ -363,7 +372,7 @@ mod tests {
     #[test]
     fn tables_with_other_line_ends_differ() {
         let first = |recorded: &str, again: &str| {
-            first_line([recorded.as_bytes(), again.as_bytes()]).unwrap()
+            first_different_line([recorded.as_bytes(), again.as_bytes()]).unwrap()
         };
         let crlf = first("t_s,x\r\n0,1\r\n", "t_s,x\n0,1\n").unwrap();
         assert_eq!(crlf, r#"line 1 ended with "\r\n", ends with "\n""#);
@@ -371,14 +380,15 @@ mod tests {
         assert_eq!(cut, r#"line 2 ended with "", ends with "\n""#);
         let both = first("t_s,x\r\n0,1\r\n", "t_s,x\r\n0,2\n").unwrap();
         assert_eq!(both, "line 2, t_s 0: x was 1, is 2");
-        let long = first_line([io::repeat(b'a'), io::repeat(b'a')]).unwrap_err().to_string();
+        let long =
+            first_different_line([io::repeat(b'a'), io::repeat(b'a')]).unwrap_err().to_string();
         assert!(long.contains("a line of more than"), "{long}");
     }
 
     #[test]
     fn recordings_differ_at_a_byte_or_in_length() {
         for (again, place) in [("abc", None), ("abx", Some("byte 2")), ("ab", Some("byte 2"))] {
-            let first = first_byte([b"abc", again.as_bytes()]).unwrap();
+            let first = first_different_byte([b"abc", again.as_bytes()]).unwrap();
             assert_eq!(first.as_deref(), place);
         }
     }
@@ -386,10 +396,10 @@ mod tests {
     #[test]
     fn summaries_differ_at_an_entry_and_never_by_wall_time() {
         let summary = |x: f64, wall: u64| json!({ "faults": [{ "x": x }], "wall": wall });
-        assert_eq!(first_entry(&[summary(1.0, 1), summary(1.0, 2)]), None);
-        let parted = first_entry(&[summary(1.0, 1), summary(2.0, 1)]).unwrap();
+        assert_eq!(first_summary_difference(&[summary(1.0, 1), summary(1.0, 2)]), None);
+        let parted = first_summary_difference(&[summary(1.0, 1), summary(2.0, 1)]).unwrap();
         assert_eq!(parted, "/faults/0/x was 1.0, is 2.0");
-        let more = first_entry(&[json!({}), json!({ "new": 1 })]).unwrap();
+        let more = first_summary_difference(&[json!({}), json!({ "new": 1 })]).unwrap();
         assert_eq!(more, "/new was not there");
     }
 }

@@ -16,7 +16,7 @@ pub fn date_and_time(unix_s: u64) -> ([u64; 3], [u64; 3]) {
 }
 
 /// Formats a Unix time as `20261121-041500`, for file names.
-pub fn format_for_name(unix_s: u64) -> String {
+pub fn format_for_file_name(unix_s: u64) -> String {
     let ([year, month, day], [hour, minute, second]) = date_and_time(unix_s);
     format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
 }
@@ -43,6 +43,6 @@ mod tests {
         ] {
             assert_eq!(format_date(unix_s), expected);
         }
-        assert_eq!(format_for_name(1_795_233_599), "20261121-035959");
+        assert_eq!(format_for_file_name(1_795_233_599), "20261121-035959");
     }
 }

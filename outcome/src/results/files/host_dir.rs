@@ -9,10 +9,10 @@ use protocol::brief;
 use serde::Serialize;
 
 use crate::results::files::programs::{self, ProgramCommand, Programs};
-use experiment::scenario::program::Program;
+use experiment::scenario::program::ExternalProgram;
 
 /// Name of the effective scenario.
-pub const SCENARIO: &str = "scenario.toml";
+pub const SCENARIO_FILE: &str = "scenario.toml";
 
 /// Error of creating or writing a run's directory. What was written before is kept.
 #[derive(Debug, thiserror::Error)]
@@ -22,7 +22,7 @@ pub enum RunDirError {
     Exists(PathBuf),
     /// The directory could not be created.
     #[error("cannot make {}: {}; nothing was run", .0.display(), .1)]
-    Make(PathBuf, io::Error),
+    CreateDirectory(PathBuf, io::Error),
     /// A file or directory could not be written.
     #[error("cannot write {}: {}; what was written before is kept", .0.display(), .1)]
     Write(PathBuf, io::Error),
@@ -44,7 +44,7 @@ impl HostDir {
     pub fn create(path: &Path) -> Result<HostDir, RunDirError> {
         let unmade = |path: &Path| {
             let path = path.to_path_buf();
-            move |error| RunDirError::Make(path, error)
+            move |error| RunDirError::CreateDirectory(path, error)
         };
         if let Some(parent) = path.parent() {
             fs::create_dir_all(parent).map_err(unmade(parent))?;
@@ -67,12 +67,12 @@ impl HostDir {
 
     /// Writes the effective scenario, which can be run again.
     pub fn write_scenario(&self, text: &str) -> Result<(), RunDirError> {
-        self.write(SCENARIO, text)
+        self.write_file(SCENARIO_FILE, text)
     }
 
     /// Writes the fleet file: the hosts and their robots.
     pub fn write_fleet(&self, text: &str) -> Result<(), RunDirError> {
-        self.write("fleet.toml", text)
+        self.write_file("fleet.toml", text)
     }
 
     /// Copies the external programs of robots.
@@ -81,7 +81,10 @@ impl HostDir {
     }
 
     /// Returns the command that starts a program from its copies.
-    pub fn program_command(&self, program: &Program) -> Result<ProgramCommand, RunDirError> {
+    pub fn program_command(
+        &self,
+        program: &ExternalProgram,
+    ) -> Result<ProgramCommand, RunDirError> {
         // Its processes have another working directory.
         let path = self.path.canonicalize().map_err(write_error(&self.path))?;
         Ok(programs::program_command(program, &path))
@@ -90,23 +93,27 @@ impl HostDir {
     /// Writes the brief of a process. Returns its absolute path.
     pub fn write_brief<B: Serialize>(&self, name: &str, told: &B) -> Result<PathBuf, RunDirError> {
         let file = format!("briefs/{name}.toml");
-        self.write(&file, brief::to_text(told))?;
+        self.write_file(&file, brief::to_text(told))?;
         let path = self.path.join(file);
         // Children have another working directory, where a relative path would be wrong.
         path.canonicalize().map_err(write_error(&path))
     }
 
     /// Returns the directory of all logs.
-    pub fn logs(&self) -> PathBuf {
+    pub fn logs_path(&self) -> PathBuf {
         self.path.join("logs")
     }
 
     /// Returns the path of a process's log.
     pub fn log_path(&self, name: &str) -> PathBuf {
-        self.logs().join(format!("{name}.jsonl"))
+        self.logs_path().join(format!("{name}.jsonl"))
     }
 
-    pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), RunDirError> {
+    pub(crate) fn write_file(
+        &self,
+        name: &str,
+        content: impl AsRef<[u8]>,
+    ) -> Result<(), RunDirError> {
         let path = self.path.join(name);
         fs::write(&path, content).map_err(write_error(&path))
     }

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::results::files::programs::ManifestFile;
 use experiment::scenario::Scenario;
-use formation::seconds;
+use formation::ns_to_seconds;
 
 /// Start of every lockstep run in its recording, ns since 1970: a constant, so that equal runs give equal bytes. It
 /// is the first instant of the year 2000 in UTC, an obvious placeholder, and not 0, which ROS tools treat as no
@@ -20,7 +20,7 @@ pub(crate) const LOCKSTEP_EPOCH_UNIX_NS: u64 = 946_684_800_000_000_000;
 
 /// Build information of this program. Unknown values are `None`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub struct Build {
+pub struct BuildInfo {
     /// Commit of the source tree.
     pub git_hash: Option<String>,
     /// Whether the sources differed from that commit.
@@ -38,7 +38,7 @@ pub struct Manifest {
     pub phalanx: &'static str,
     /// Build information.
     #[serde(flatten)]
-    pub build: Build,
+    pub build: BuildInfo,
     /// Name of the scenario.
     pub scenario: String,
     /// Path of the scenario file.
@@ -76,7 +76,7 @@ pub struct Manifest {
 
 impl Manifest {
     /// Collects the manifest. Values that cannot be determined are left empty.
-    pub fn collect(scenario: &Scenario, path: &Path, pace: Pace, build: &Build) -> Manifest {
+    pub fn collect(scenario: &Scenario, path: &Path, pace: Pace, build: &BuildInfo) -> Manifest {
         let system = rustix::system::uname();
         let text = |part: &std::ffi::CStr| part.to_string_lossy().into_owned();
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
@@ -90,12 +90,12 @@ impl Manifest {
             programs: Vec::new(),
             seed: scenario.seed,
             pace,
-            period_s: seconds(scenario.period_ns),
+            period_s: ns_to_seconds(scenario.period_ns),
             realtime_priority: None,
             libc: libc_version(),
             kernel: format!("{} {}", text(system.sysname()), text(system.release())),
             machine: text(system.machine()),
-            processor: processor(),
+            processor: processor_model(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             load_average: load_average(),
             started_unix_ns,
@@ -126,7 +126,7 @@ pub fn load_average() -> String {
 }
 
 /// Returns the processor model, if the kernel reports it.
-pub fn processor() -> Option<String> {
+pub fn processor_model() -> Option<String> {
     parse_processor_model(&fs::read_to_string("/proc/cpuinfo").unwrap_or_default())
 }
 

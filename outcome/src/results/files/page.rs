@@ -19,25 +19,25 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::report::html::CUT_SHORT;
-use crate::report::run::{Change, ChangedTo, Run};
+use crate::report::html::CUT_SHORT_NOTE;
+use crate::report::run::{LoadedRun, NewState, StateChange};
 use crate::report::scene::{RobotState, Scene, SceneFault};
-use files::json;
+use files::read_json;
 use protocol::brief::Pace;
-use protocol::number::format_distinct;
+use protocol::number::{format_distinct, format_short};
 
 use crate::columns::Table as _;
 use crate::metrics::fault::FaultReport;
-use crate::metrics::summary::{Summary, Wall};
-use crate::results::files::checksums::{self, Damage, replace};
+use crate::metrics::summary::{Summary, WallTimeValues};
+use crate::results::files::checksums::{self, Damage, replace_file};
 use crate::results::files::date;
-use crate::results::files::host_dir::SCENARIO;
+use crate::results::files::host_dir::SCENARIO_FILE;
 use crate::results::files::manifest::LOCKSTEP_EPOCH_UNIX_NS;
-use crate::results::scene::scene;
+use crate::results::scene::build_scene;
 use crate::results::tables::{EventLine, SampleLine, SignalLine};
 use experiment::scenario::Scenario;
 use experiment::scenario::file::check_inside_folder;
-use formation::seconds;
+use formation::ns_to_seconds;
 
 /// Reason why there is no report.
 #[derive(Debug, thiserror::Error)]
@@ -54,10 +54,10 @@ pub enum ReportError {
     Read(PathBuf, io::Error),
     /// A file is malformed: path, line counted from 1, and what was found.
     #[error("{}:{}: {}", .0.display(), .1, .2)]
-    Broken(PathBuf, u64, String),
+    MalformedLine(PathBuf, u64, String),
     /// The run has no recorded motion.
     #[error("{} has no recorded movement to show", .0.display())]
-    Nothing(PathBuf),
+    NoSamples(PathBuf),
     /// A figure or the page could not be written.
     #[error("cannot write {}: {}; the run itself is kept", .0.display(), .1)]
     Write(PathBuf, io::Error),
@@ -69,7 +69,7 @@ pub enum ReportError {
 ///
 /// The directory was not written by a run, or the scenario is a link that leads out of it.
 pub fn scenario_path(run_dir: &Path) -> Result<PathBuf, ReportError> {
-    let path = run_dir.join(SCENARIO);
+    let path = run_dir.join(SCENARIO_FILE);
     if !path.is_file() {
         return Err(ReportError::NotARun(run_dir.into()));
     }
@@ -81,11 +81,11 @@ pub fn scenario_path(run_dir: &Path) -> Result<PathBuf, ReportError> {
 
 /// Result of writing a page.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Written {
+pub struct WrittenPage {
     /// Path of the page.
     pub path: PathBuf,
     /// Notice for a run that ended without a summary.
-    pub cut_short: Option<&'static str>,
+    pub cut_short_note: Option<&'static str>,
     /// Description of a file that differs from what the run wrote.
     pub damage: Option<String>,
     /// Whether the files were compared with checksums.
@@ -94,15 +94,15 @@ pub struct Written {
 
 /// Writes `figures/*.svg` and `report.html` of a run of this scenario. `about` is a sentence for the top of the
 /// page.
-pub fn write(
+pub fn write_page(
     run_dir: &Path,
     scenario: &Scenario,
     about: Option<String>,
-) -> Result<Written, ReportError> {
-    let checked = checksums::check(run_dir);
+) -> Result<WrittenPage, ReportError> {
+    let checked = checksums::check_run_files(run_dir);
     let is_checked = !matches!(checked, Err(Damage::NoChecksums));
     let damage = checked.err().filter(|_| is_checked).map(|damage| damage.to_string());
-    let run = Run { about, damage, ..load(run_dir, scenario)? };
+    let run = LoadedRun { introduction: about, damage, ..load_run(run_dir, scenario)? };
     let figures = crate::report::figures::all_figures(&run);
     let directory = run_dir.join("figures");
     fs::create_dir_all(&directory)
@@ -110,19 +110,34 @@ pub fn write(
         .map_err(write_error(&directory))?;
     for figure in &figures {
         let path = directory.join(format!("{}.svg", figure.name));
-        replace(&path, figure.svg(), false).map_err(write_error(&path))?;
+        replace_file(&path, figure.to_svg(), false).map_err(write_error(&path))?;
     }
     let path = run_dir.join("report.html");
-    replace(&path, crate::report::html::report(&run, &figures), false)
+    replace_file(&path, crate::report::html::report_html(&run, &figures), false)
         .map_err(write_error(&path))?;
-    let cut_short = run.summary.is_none().then_some(CUT_SHORT);
-    Ok(Written { path, cut_short, damage: run.damage, is_checked })
+    let cut_short = run.summary.is_none().then_some(CUT_SHORT_NOTE);
+    Ok(WrittenPage { path, cut_short_note: cut_short, damage: run.damage, is_checked })
+}
+
+/// Passes each line of `samples.csv` of a run directory to `take`, in order. Without the file, does nothing.
+pub fn for_each_sample(
+    run_dir: &Path,
+    mut take: impl FnMut(SampleLine),
+) -> Result<(), ReportError> {
+    files::for_each_line(&run_dir.join(SampleLine::FILE), |line| {
+        take(line);
+        Ok(())
+    })
 }
 
 /// Writes a run of this scenario as one animated SVG.
-pub fn animate(run_dir: &Path, scenario: &Scenario, path: &Path) -> Result<(), ReportError> {
-    let svg = crate::report::animation::animation(&load(run_dir, scenario)?);
-    let svg = svg.ok_or_else(|| ReportError::Nothing(run_dir.into()))?;
+pub fn write_animation(
+    run_dir: &Path,
+    scenario: &Scenario,
+    path: &Path,
+) -> Result<(), ReportError> {
+    let svg = crate::report::animation::draw_animation(&load_run(run_dir, scenario)?);
+    let svg = svg.ok_or_else(|| ReportError::NoSamples(run_dir.into()))?;
     fs::write(path, svg).map_err(write_error(path))
 }
 
@@ -132,48 +147,48 @@ fn write_error(path: &Path) -> impl FnOnce(io::Error) -> ReportError {
 }
 
 /// Reads all data of a run directory.
-pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
+pub fn load_run(run_dir: &Path, scenario: &Scenario) -> Result<LoadedRun, ReportError> {
     let manifest: serde_json::Map<String, serde_json::Value> =
-        json(&run_dir.join("manifest.json"))?.unwrap_or_default();
+        read_json(&run_dir.join("manifest.json"))?.unwrap_or_default();
     let path = run_dir.join("summary.json");
-    let mut summary: Option<Summary> = json(&path)?;
+    let mut summary: Option<Summary> = read_json(&path)?;
     // In earlier versions the values of the section `wall` were at the top level.
-    if let (Some(summary), Some(at_the_top)) = (&mut summary, json::<Wall>(&path)?)
-        && at_the_top != Wall::default()
+    if let (Some(summary), Some(at_the_top)) = (&mut summary, read_json::<WallTimeValues>(&path)?)
+        && at_the_top != WallTimeValues::default()
     {
         summary.wall = at_the_top;
     }
     let pace = manifest.get("pace").and_then(serde_json::Value::as_str);
     let pace = pace.unwrap_or("unknown time mode").to_owned();
-    let mut scene = Scene { pace, ..scene(scenario, Pace::Realtime) };
-    let events = record::events(&run_dir.join(EventLine::FILE))?;
+    let mut scene = Scene { pace, ..build_scene(scenario, Pace::Realtime) };
+    let events = record::read_events(&run_dir.join(EventLine::FILE))?;
     let changes = record::state_changes(&events, &scene);
     if let Some(summary) = &summary {
         scene.faults = observed_faults(scenario, summary, &events, &changes, &scene.faults);
     }
-    let record = record::record(&run_dir.join(SampleLine::FILE), scenario)?;
+    let record = record::read_samples(&run_dir.join(SampleLine::FILE), scenario)?;
     let lead_m = |lead: &protocol::brief::LeadBrief| {
         let places = record.times_s.iter().map(|&t_s| lead.trajectory.target_at(t_s).position);
         places.map(|place| [place.x, place.y]).collect()
     };
-    Ok(Run {
-        converged_error_m: scenario.expect.converged_error_m,
-        stale_after_s: seconds(scenario.silence.stale_after_ns),
-        lost_after_s: seconds(scenario.silence.lost_after_ns),
-        lead_m: scenario.lead.as_ref().map(lead_m).unwrap_or_default(),
+    Ok(LoadedRun {
+        converged_error_m: scenario.expectations.converged_error_m,
+        stale_after_s: ns_to_seconds(scenario.silence.stale_after_ns),
+        lost_after_s: ns_to_seconds(scenario.silence.lost_after_ns),
+        leader_reference_m: scenario.lead.as_ref().map(lead_m).unwrap_or_default(),
         times_s: record.times_s,
         tracks: record.tracks,
-        every: record.every,
-        repairs: record::repairs(&events),
-        signals: record::signals(&run_dir.join(SignalLine::FILE), scenario)?,
-        changes,
-        unpromised: missing_guarantee_text(scenario, summary.as_ref()),
-        about: None,
+        decimation: record.decimation,
+        repair_events: record::repair_events(&events),
+        signals: record::read_signals(&run_dir.join(SignalLine::FILE), scenario)?,
+        state_changes: changes,
+        missing_guarantee: missing_guarantee_text(scenario, summary.as_ref()),
+        introduction: None,
         damage: None,
         summary,
-        manifest: manifest.iter().map(|(name, value)| manifest_line(name, value)).collect(),
-        over_time: delays::over_time(&run_dir.join("latency_over_time.csv"))?,
-        spreads: delays::spreads(&run_dir.join("latency.hlog"))?,
+        manifest: manifest.iter().map(|(name, value)| format_manifest_entry(name, value)).collect(),
+        latency_over_time: delays::read_latency_over_time(&run_dir.join("latency_over_time.csv"))?,
+        latency_distributions: delays::read_latency_distributions(&run_dir.join("latency.hlog"))?,
         scene,
     })
 }
@@ -194,21 +209,24 @@ pub fn parse_events(text: &str) -> Result<Vec<EventLine>, ReportError> {
 
 /// Returns the reason why no promise about distances holds, and the smallest distance observed.
 fn missing_guarantee_text(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> {
-    let why = scenario.missing_guarantee()?;
+    let why = scenario.missing_guarantee_reason()?;
     let d_m = scenario.avoidance.distance_min_m;
-    let seen = summary.and_then(|summary| summary.min_distance_m).map(|seen_m| {
-        let [seen, d] = format_distinct(seen_m, d_m);
-        format!("; the smallest distance seen is {seen} m, with d = {d} m")
+    let seen = summary.and_then(|summary| match summary.min_distance_over_d {
+        Some(over_d) => Some(format!("; the smallest distance seen is {} d", format_short(over_d))),
+        None => summary.min_distance_m.map(|seen_m| {
+            let [seen, d] = format_distinct(seen_m, d_m);
+            format!("; the smallest distance seen is {seen} m, with d = {d} m")
+        }),
     });
     Some(why + &seen.unwrap_or_default())
 }
 
 /// Formats an entry of the manifest: commands as a shell accepts them, times as dates.
-fn manifest_line(name: &str, value: &serde_json::Value) -> (String, String) {
+fn format_manifest_entry(name: &str, value: &serde_json::Value) -> (String, String) {
     let unix_ns = value.as_u64();
     let text = match (name, value, unix_ns) {
         ("command", serde_json::Value::Array(words), _) => {
-            command_line(words.iter().map(format_value))
+            format_command_line(words.iter().map(format_value))
         }
         ("epoch_unix_ns", _, Some(LOCKSTEP_EPOCH_UNIX_NS)) => format!(
             "{}, as of every run in lockstep, so that equal runs give equal bytes",
@@ -223,7 +241,7 @@ fn manifest_line(name: &str, value: &serde_json::Value) -> (String, String) {
 }
 
 /// Formats arguments as a command line of a POSIX shell.
-pub fn command_line(words: impl Iterator<Item = impl AsRef<str>>) -> String {
+pub fn format_command_line(words: impl Iterator<Item = impl AsRef<str>>) -> String {
     words.map(|word| quote_for_shell(word.as_ref())).collect::<Vec<_>>().join(" ")
 }
 
@@ -252,7 +270,7 @@ fn observed_faults(
     scenario: &Scenario,
     summary: &Summary,
     events: &[EventLine],
-    changes: &[Change],
+    changes: &[StateChange],
     planned: &[SceneFault],
 ) -> Vec<SceneFault> {
     let seen = |fault: &FaultReport| {
@@ -264,7 +282,8 @@ fn observed_faults(
         let lasted_s = fault.lasted_s.filter(|&lasted_s| lasted_s > 0.0);
         let back = changes.iter().any(|change| {
             change.t_s == fault.t_s
-                && robot.map(|place| ChangedTo::Robot(place, RobotState::Moving)) == Some(change.to)
+                && robot.map(|place| NewState::Robot(place, RobotState::Moving))
+                    == Some(change.new_state)
         });
         let at_once = (back && fault.lasted_s.is_some()).then_some(0.0);
         SceneFault {

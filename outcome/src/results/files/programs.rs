@@ -9,19 +9,19 @@ use std::path::{Path, PathBuf};
 
 use experiment::campaign::cells::sha256;
 use experiment::scenario::Scenario;
-use experiment::scenario::program::{PROGRAMS, Program};
+use experiment::scenario::program::{ExternalProgram, PROGRAMS_FOLDER};
 use serde::Serialize;
 
 /// Files of all programs of a scenario, in memory.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Programs {
-    any: bool,
-    files: Vec<File>,
+    has_programs: bool,
+    files: Vec<ProgramFile>,
 }
 
 /// A file of a program.
 #[derive(Debug, Clone, PartialEq)]
-struct File {
+struct ProgramFile {
     name: String,
     bytes: Vec<u8>,
     mode: u32,
@@ -50,36 +50,39 @@ pub struct ProgramCommand {
 impl Programs {
     /// Reads the files of all programs that the robots of a scenario run. `folder` is the folder of the scenario.
     pub fn read(scenario: &Scenario, folder: &Path) -> Result<Programs, (PathBuf, io::Error)> {
-        let mut files: Vec<File> = Vec::new();
+        let mut files: Vec<ProgramFile> = Vec::new();
         for (name, path) in scenario.programs().flat_map(|program| program.files(folder)) {
             if files.iter().any(|file| file.name == name) {
                 continue;
             }
-            let read = || -> io::Result<File> {
+            let read = || -> io::Result<ProgramFile> {
                 let mode = path.metadata()?.permissions().mode();
-                Ok(File { name, bytes: fs::read(&path)?, mode })
+                Ok(ProgramFile { name, bytes: fs::read(&path)?, mode })
             };
             files.push(read().map_err(|error| (path.clone(), error))?);
         }
-        Ok(Programs { any: scenario.programs().next().is_some(), files })
+        Ok(Programs { has_programs: scenario.programs().next().is_some(), files })
     }
 
     /// Returns the entries for the manifest.
     pub fn manifest_files(&self) -> Vec<ManifestFile> {
         let hash = |bytes: &[u8]| sha256(bytes).expect("memory is always read");
-        let listed =
-            |file: &File| ManifestFile { file: file.name.clone(), sha256: hash(&file.bytes) };
+        let listed = |file: &ProgramFile| ManifestFile {
+            file: file.name.clone(),
+            sha256: hash(&file.bytes),
+        };
         self.files.iter().map(listed).collect()
     }
 
-    /// Copies the files into the run's directory.
-    pub(crate) fn write(&self, run_dir: &Path) -> Result<(), (PathBuf, io::Error)> {
-        if self.any {
-            let folder = run_dir.join(PROGRAMS);
+    /// Copies the files into the folder `programs` of a run's directory, or of a scenario's, which must not have it
+    /// yet.
+    pub fn write(&self, run_dir: &Path) -> Result<(), (PathBuf, io::Error)> {
+        if self.has_programs {
+            let folder = run_dir.join(PROGRAMS_FOLDER);
             fs::create_dir(&folder).map_err(|error| (folder, error))?;
         }
-        for File { name, bytes, mode } in &self.files {
-            let path = run_dir.join(PROGRAMS).join(name);
+        for ProgramFile { name, bytes, mode } in &self.files {
+            let path = run_dir.join(PROGRAMS_FOLDER).join(name);
             let write = || {
                 fs::create_dir_all(path.parent().unwrap_or(run_dir))?;
                 fs::write(&path, bytes)?;
@@ -92,9 +95,9 @@ impl Programs {
 }
 
 /// Returns the command that starts a program from a run's directory, which must be an absolute path.
-pub(crate) fn program_command(program: &Program, run_dir: &Path) -> ProgramCommand {
-    let folder = run_dir.join(PROGRAMS);
-    let word = |word: &String| match program.is_own(word, &folder) {
+pub fn program_command(program: &ExternalProgram, run_dir: &Path) -> ProgramCommand {
+    let folder = run_dir.join(PROGRAMS_FOLDER);
+    let word = |word: &String| match program.is_program_file(word, &folder) {
         true => folder.join(word),
         false => word.into(),
     };

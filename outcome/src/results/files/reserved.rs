@@ -11,20 +11,20 @@ use rustix::io::Errno;
 
 /// Allocated space of a file that does not exist yet. Dropping it frees the space.
 #[derive(Debug)]
-pub struct Reserved {
+pub struct ReservedFile {
     path: PathBuf,
     /// Temporary name until the file is complete.
-    part: PathBuf,
+    temporary_path: PathBuf,
     file: File,
 }
 
-impl Reserved {
+impl ReservedFile {
     /// Allocates `bytes` bytes for the file `path`, under a temporary name next to it.
-    pub fn create(path: &Path, bytes: u64) -> io::Result<Reserved> {
+    pub fn create(path: &Path, bytes: u64) -> io::Result<ReservedFile> {
         let mut part = path.as_os_str().to_owned();
         part.push(".part");
         let file = File::create_new(&part)?;
-        let mut reserved = Reserved { path: path.into(), part: part.into(), file };
+        let mut reserved = ReservedFile { path: path.into(), temporary_path: part.into(), file };
         match fallocate(&reserved.file, FallocateFlags::empty(), 0, bytes) {
             Ok(()) => {}
             // The file system does not support allocation; on nearly all of them, written data keeps its space.
@@ -40,13 +40,13 @@ impl Reserved {
     pub fn fill(self, content: &[u8]) -> io::Result<()> {
         self.file.write_all_at(content, 0)?;
         self.file.set_len(content.len() as u64)?;
-        fs::rename(&self.part, &self.path)
+        fs::rename(&self.temporary_path, &self.path)
     }
 }
 
-impl Drop for Reserved {
+impl Drop for ReservedFile {
     fn drop(&mut self) {
         // After the rename there is no file of this name.
-        let _ = fs::remove_file(&self.part);
+        let _ = fs::remove_file(&self.temporary_path);
     }
 }

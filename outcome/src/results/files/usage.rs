@@ -7,7 +7,7 @@ use std::os::fd::{AsRawFd, BorrowedFd};
 pub use crate::metrics::summary::Usage;
 
 /// Returns the resource usage of a child that has exited, without reaping it; `None` while it runs.
-pub fn read_exited(pidfd: BorrowedFd<'_>) -> io::Result<Option<Usage>> {
+pub fn read_exited_child(pidfd: BorrowedFd<'_>) -> io::Result<Option<Usage>> {
     let mut usage = MaybeUninit::<libc::rusage>::zeroed();
     let mut info = MaybeUninit::<libc::siginfo_t>::zeroed();
     // SAFETY: both pointers are to memory of the right types that outlives the call. The C

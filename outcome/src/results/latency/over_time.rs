@@ -3,55 +3,60 @@
 //! A value belongs to the interval in which it reached the supervisor: up to 0.1 s of wall time, in lockstep up to
 //! a few hundred ticks, after it was measured.
 
-use formation::seconds;
+use formation::ns_to_seconds;
 use protocol::stage::Stage;
 
 use crate::metrics::summary::LatencyInterval;
 
 /// Target number of intervals of a run.
-const INTERVALS: u64 = 100;
+const TARGET_INTERVALS: u64 = 100;
 /// Minimum length of an interval, ns, unless the run would have fewer than [`INTERVALS_MIN`].
-const LENGTH_NS_MIN: u64 = 1_000_000_000;
+const INTERVAL_NS_MIN: u64 = 1_000_000_000;
 /// Minimum number of intervals of a run.
 const INTERVALS_MIN: u64 = 20;
 /// Maximum length of an interval, ns, which bounds the number of buffered values.
-const LENGTH_NS_MAX: u64 = 10_000_000_000;
+const INTERVAL_NS_MAX: u64 = 10_000_000_000;
 
 /// All closed intervals, and the number of the current one.
 #[derive(Debug, Clone, Default)]
 pub(super) struct LatencyIntervals {
     duration_ns: u64,
-    length_ns: u64,
-    current: u64,
-    pub(super) closed: Vec<LatencyInterval>,
+    interval_ns: u64,
+    current_interval: u64,
+    pub(super) closed_intervals: Vec<LatencyInterval>,
 }
 
 impl LatencyIntervals {
     pub(super) fn new(duration_ns: u64) -> LatencyIntervals {
-        let length_ns = (duration_ns / INTERVALS).clamp(LENGTH_NS_MIN, LENGTH_NS_MAX);
+        let length_ns = (duration_ns / TARGET_INTERVALS).clamp(INTERVAL_NS_MIN, INTERVAL_NS_MAX);
         let length_ns = length_ns.min(duration_ns / INTERVALS_MIN).max(1);
-        LatencyIntervals { duration_ns, length_ns, current: 0, closed: Vec::new() }
+        LatencyIntervals {
+            duration_ns,
+            interval_ns: length_ns,
+            current_interval: 0,
+            closed_intervals: Vec::new(),
+        }
     }
 
     /// Sets the run time. If a new interval begins, returns the middle of the previous one, s.
-    pub(super) fn begin(&mut self, t_ns: u64) -> Option<f64> {
-        let interval = t_ns / self.length_ns.max(1);
-        let before = std::mem::replace(&mut self.current, interval);
+    pub(super) fn set_time(&mut self, t_ns: u64) -> Option<f64> {
+        let interval = t_ns / self.interval_ns.max(1);
+        let before = std::mem::replace(&mut self.current_interval, interval);
         (before != interval).then(|| self.middle_s(before))
     }
 
     /// Returns the middle of the current interval, which is the last one, s.
-    pub(super) fn end(&self) -> f64 {
-        self.middle_s(self.current)
+    pub(super) fn current_middle_s(&self) -> f64 {
+        self.middle_s(self.current_interval)
     }
 
     fn middle_s(&self, interval: u64) -> f64 {
-        let middle_ns = interval * self.length_ns + self.length_ns / 2;
-        seconds(middle_ns.min(self.duration_ns))
+        let middle_ns = interval * self.interval_ns + self.interval_ns / 2;
+        ns_to_seconds(middle_ns.min(self.duration_ns))
     }
 
     /// Adds the distribution of one stage and robot or edge in an interval, and clears the values.
-    pub(super) fn add(
+    pub(super) fn add_distribution(
         &mut self,
         middle_s: f64,
         stage: Stage,
@@ -69,7 +74,7 @@ impl LatencyIntervals {
         let max_ns = above.iter().copied().max().unwrap_or(p99_ns);
         let half = rank(50);
         let p50_ns = if half < below.len() { *below.select_nth_unstable(half).1 } else { p99_ns };
-        self.closed.push(LatencyInterval {
+        self.closed_intervals.push(LatencyInterval {
             t_s: middle_s,
             stage: stage.keyword().to_owned(),
             robot: robot.to_owned(),
@@ -94,11 +99,11 @@ mod tests {
             values_ns in prop::collection::vec(0..1000u64, 1..300),
         ) {
             let mut intervals = LatencyIntervals::new(30_000_000_000);
-            intervals.add(0.5, Stage::Wake, "plant", None, &mut values_ns.clone());
+            intervals.add_distribution(0.5, Stage::Wake, "plant", None, &mut values_ns.clone());
             let mut sorted = values_ns;
             sorted.sort_unstable();
             let rank = |share: f64| sorted[(sorted.len() as f64 * share).ceil() as usize - 1];
-            let line = &intervals.closed[0];
+            let line = &intervals.closed_intervals[0];
             let summed_up = (line.count as usize, line.p50_ns, line.p99_ns, line.max_ns);
             let expected = (sorted.len(), rank(0.5), rank(0.99), sorted[sorted.len() - 1]);
             prop_assert_eq!(summed_up, expected);

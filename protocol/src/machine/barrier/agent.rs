@@ -3,8 +3,8 @@
 use std::sync::atomic::Ordering::SeqCst;
 
 use super::Barrier;
-use super::futex::{AtomicU32, Woken, wake};
-use super::layout::{NUDGE, REMAINING, WITHHELD};
+use super::futex::{AtomicU32, WakeReason, wake_waiters};
+use super::layout::{BEACON_WITHHELD_FLAG, MEMBERS_CHANGED_FLAG, REMAINING_MEMBERS_MASK};
 
 impl Barrier {
     /// Returns the current epoch of a slot's group. Read it before announcing readiness, then wait for the next
@@ -14,18 +14,18 @@ impl Barrier {
     }
 
     fn epoch_word(&self, slot: usize) -> &AtomicU32 {
-        &self.head().epochs[slot % self.groups].0
+        &self.header().epochs[slot % self.groups].0
     }
 
     /// Waits until a slot's group has another epoch than `seen_epoch`. Returns that epoch and its tick, or `None`
     /// once `patience` returns `false`.
-    pub fn wait_tick(
+    pub fn wait_for_tick(
         &self,
         slot: usize,
         seen_epoch: u32,
         mut patience: impl FnMut() -> bool,
     ) -> Option<(u32, u64)> {
-        let head = self.head();
+        let head = self.header();
         let word = self.epoch_word(slot);
         loop {
             let epoch = word.load(SeqCst);
@@ -37,7 +37,9 @@ impl Barrier {
                 }
                 continue;
             }
-            if self.sleep_while_unchanged(word, seen_epoch) != Woken::Perhaps && !patience() {
+            if self.sleep_while_unchanged(word, seen_epoch) != WakeReason::WordMayHaveChanged
+                && !patience()
+            {
                 return None;
             }
         }
@@ -45,7 +47,7 @@ impl Barrier {
 
     /// Counts a report sent to the supervisor. Call it before arriving at the tick of the report.
     pub fn count_report(&self) {
-        self.head().reports.0.fetch_add(1, SeqCst);
+        self.header().reports.0.fetch_add(1, SeqCst);
     }
 
     /// Marks a slot as arrived at a tick. Call it after all messages of that tick are sent.
@@ -55,37 +57,40 @@ impl Barrier {
         if before == tick + 1 || !self.is_expected(place, tick) {
             return;
         }
-        let word = &self.head().arrivals.0;
+        let word = &self.header().arrivals.0;
         let counted = word.fetch_update(SeqCst, SeqCst, |now| {
             // The count of another tick is not decremented, and no count goes below 0.
-            (now >> 16 == tick as u32 & 0xffff && now & REMAINING != 0).then(|| now - 1)
+            (now >> 16 == tick as u32 & 0xffff && now & REMAINING_MEMBERS_MASK != 0)
+                .then(|| now - 1)
         });
         if let Ok(before) = counted
-            && (before & REMAINING == 1 || before & NUDGE != 0)
+            && (before & REMAINING_MEMBERS_MASK == 1 || before & MEMBERS_CHANGED_FLAG != 0)
         {
-            wake(word);
+            wake_waiters(word);
         }
     }
 
     /// Marks a slot as arrived at a tick at which it sent nothing.
-    pub fn arrive_mute(&self, slot: usize, tick: u64) {
+    pub fn arrive_without_messages(&self, slot: usize, tick: u64) {
         self.all_slots()[slot].mute[tick as usize & 1].store(tick + 1, SeqCst);
         self.arrive(slot, tick);
     }
 
     /// Marks a slot as arrived at a tick at which it sent a command and withheld its beacon.
-    pub fn arrive_withholding(&self, slot: usize, tick: u64) {
-        self.all_slots()[slot].mute[tick as usize & 1].store((tick + 1) | WITHHELD, SeqCst);
+    pub fn arrive_without_beacon(&self, slot: usize, tick: u64) {
+        self.all_slots()[slot].mute[tick as usize & 1]
+            .store((tick + 1) | BEACON_WITHHELD_FLAG, SeqCst);
         self.arrive(slot, tick);
     }
 
     /// Returns whether a slot that has arrived at this tick sent no beacon. Valid until two ticks later.
     pub fn has_no_beacon(&self, slot: usize, tick: u64) -> bool {
-        self.all_slots()[slot].mute[tick as usize & 1].load(SeqCst) & !WITHHELD == tick + 1
+        self.all_slots()[slot].mute[tick as usize & 1].load(SeqCst) & !BEACON_WITHHELD_FLAG
+            == tick + 1
     }
 
     /// Returns whether a slot that has arrived at this tick sent nothing. Valid until two ticks later.
-    pub fn is_mute(&self, slot: usize, tick: u64) -> bool {
+    pub fn has_sent_nothing(&self, slot: usize, tick: u64) -> bool {
         self.all_slots()[slot].mute[tick as usize & 1].load(SeqCst) == tick + 1
     }
 }

@@ -12,7 +12,7 @@ use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags};
 
 use super::futex::AtomicU32;
-use super::layout::{Head, MAGIC, NEVER, VERSION, file_size_bytes};
+use super::layout::{BarrierHeader, MAGIC, NEVER_TICK, VERSION, file_size_bytes};
 use super::{Barrier, GROUPS_MAX, SLOTS_MAX};
 
 /// Failure to create or open a barrier.
@@ -24,12 +24,12 @@ pub enum BarrierError {
     Io { action: &'static str, path: PathBuf, source: io::Error },
     /// The number of slots is 0 or more than [`SLOTS_MAX`].
     #[error("a barrier with {slots} slots: expected 1 to {SLOTS_MAX} slots")]
-    Slots { slots: usize },
+    InvalidSlotCount { slots: usize },
     /// The file is not a barrier of this version.
     #[error(
         "{path} is not a barrier of this version: {found}; start all processes from the same build"
     )]
-    Foreign { path: PathBuf, found: String },
+    ForeignFile { path: PathBuf, found: String },
 }
 
 impl Barrier {
@@ -43,7 +43,7 @@ impl Barrier {
         hung_timeout: Duration,
     ) -> Result<Barrier, BarrierError> {
         if slots == 0 || slots > SLOTS_MAX {
-            return Err(BarrierError::Slots { slots });
+            return Err(BarrierError::InvalidSlotCount { slots });
         }
         let groups = groups.clamp(1, GROUPS_MAX.min(slots));
         let bytes = file_size_bytes(slots);
@@ -63,12 +63,19 @@ impl Barrier {
             Ok(()) | Err(Errno::OPNOTSUPP) => {}
             Err(error) => return Err(failed("allocate", error.into())),
         }
-        let memory = map(&file, bytes).map_err(|source| failed("map", source))?;
+        let memory = map_file(&file, bytes).map_err(|source| failed("map", source))?;
         let attention_seen = AtomicU32::new(0);
-        let barrier = Barrier { memory, bytes, slots, groups, attention_seen, alarm: None };
+        let barrier = Barrier {
+            memory,
+            size_bytes: bytes,
+            slots,
+            groups,
+            seen_attention_count: attention_seen,
+            alarm: None,
+        };
         // SAFETY: the mapping is large and aligned enough for `Head`, and no other process has it yet.
         unsafe {
-            let head = memory.cast::<Head>().as_ptr();
+            let head = memory.cast::<BarrierHeader>().as_ptr();
             (*head).magic = MAGIC;
             (*head).version = VERSION;
             (*head).slots = slots as u32;
@@ -76,10 +83,10 @@ impl Barrier {
             (*head).supervisor = std::process::id();
             (*head).hung_after_ms = hung_timeout.as_millis() as u64;
         }
-        barrier.head().pause_at.0.store(NEVER, SeqCst);
-        barrier.head().paused.0.store(NEVER, SeqCst);
+        barrier.header().pause_at.0.store(NEVER_TICK, SeqCst);
+        barrier.header().paused.0.store(NEVER_TICK, SeqCst);
         for slot in barrier.all_slots() {
-            slot.since.store(NEVER, SeqCst);
+            slot.since.store(NEVER_TICK, SeqCst);
         }
         // The file gets its name when it is complete.
         std::fs::rename(&unnamed, path).map_err(|source| failed("name", source))?;
@@ -90,7 +97,7 @@ impl Barrier {
     pub fn open(path: &Path) -> Result<Barrier, BarrierError> {
         let failed =
             |action, source: io::Error| BarrierError::Io { action, path: path.into(), source };
-        let foreign = |found: String| BarrierError::Foreign { path: path.into(), found };
+        let foreign = |found: String| BarrierError::ForeignFile { path: path.into(), found };
         let file = OpenOptions::new()
             .read(true)
             .write(true)
@@ -100,11 +107,18 @@ impl Barrier {
         if bytes < file_size_bytes(1) {
             return Err(foreign(format!("it has only {bytes} bytes")));
         }
-        let memory = map(&file, bytes).map_err(|source| failed("map", source))?;
+        let memory = map_file(&file, bytes).map_err(|source| failed("map", source))?;
         let attention_seen = AtomicU32::new(0);
         let (slots, groups) = (0, 0);
-        let mut barrier = Barrier { memory, bytes, slots, groups, attention_seen, alarm: None };
-        let Head { magic, version, slots, groups, .. } = *barrier.head();
+        let mut barrier = Barrier {
+            memory,
+            size_bytes: bytes,
+            slots,
+            groups,
+            seen_attention_count: attention_seen,
+            alarm: None,
+        };
+        let BarrierHeader { magic, version, slots, groups, .. } = *barrier.header();
         if magic != MAGIC {
             return Err(foreign(format!("its magic number is {magic:#x}")));
         }
@@ -119,12 +133,12 @@ impl Barrier {
             return Err(foreign(format!("it has {slots} slots in {bytes} bytes")));
         }
         (barrier.slots, barrier.groups) = (slots, groups);
-        barrier.attention_seen = AtomicU32::new(barrier.head().attention.0.load(SeqCst));
+        barrier.seen_attention_count = AtomicU32::new(barrier.header().attention.0.load(SeqCst));
         Ok(barrier)
     }
 }
 
-fn map(file: &File, bytes: usize) -> io::Result<NonNull<u8>> {
+fn map_file(file: &File, bytes: usize) -> io::Result<NonNull<u8>> {
     // SAFETY: a new mapping at an address that the kernel chooses.
     let memory = unsafe {
         rustix::mm::mmap(

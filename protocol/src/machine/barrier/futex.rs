@@ -19,19 +19,19 @@ use super::Barrier;
 pub(super) use super::tests::stepped::{AtomicU32, AtomicU64};
 
 /// Maximum time between two evaluations of the condition by a waiting process without an alarm.
-pub(super) const RECHECK: Duration = Duration::from_millis(50);
+pub(super) const RECHECK_INTERVAL: Duration = Duration::from_millis(50);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Woken {
-    Perhaps,
+pub(super) enum WakeReason {
+    WordMayHaveChanged,
     TimedOut,
     Signal,
 }
 
 impl Barrier {
     /// Sleeps while the word has this value, until the next alarm if there is one; may return early.
-    pub(super) fn sleep_while_unchanged(&self, word: &AtomicU32, value: u32) -> Woken {
-        sleep_while(word, value, self.alarm.is_none().then_some(RECHECK))
+    pub(super) fn sleep_while_unchanged(&self, word: &AtomicU32, value: u32) -> WakeReason {
+        sleep_while(word, value, self.alarm.is_none().then_some(RECHECK_INTERVAL))
     }
 
     /// Sleeps until the condition holds. The process that makes it true must change the word. Returns `false`
@@ -47,7 +47,9 @@ impl Barrier {
             if condition() {
                 return true;
             }
-            if self.sleep_while_unchanged(word, seen) != Woken::Perhaps && !patience() {
+            if self.sleep_while_unchanged(word, seen) != WakeReason::WordMayHaveChanged
+                && !patience()
+            {
                 return condition();
             }
         }
@@ -55,7 +57,7 @@ impl Barrier {
 }
 
 /// Sleeps while the word has this value, at most for `limit`; may return early.
-pub(super) fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>) -> Woken {
+pub(super) fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>) -> WakeReason {
     #[cfg(test)]
     let word = match super::tests::stepped::sleep_while(word, value) {
         Some(woken) => return woken,
@@ -67,14 +69,14 @@ pub(super) fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>)
     });
     // Without the private flag, because the word is shared between processes.
     match futex::wait(word, futex::Flags::empty(), value, limit.as_ref()) {
-        Err(Errno::TIMEDOUT) => Woken::TimedOut,
-        Err(Errno::INTR) => Woken::Signal,
-        _ => Woken::Perhaps,
+        Err(Errno::TIMEDOUT) => WakeReason::TimedOut,
+        Err(Errno::INTR) => WakeReason::Signal,
+        _ => WakeReason::WordMayHaveChanged,
     }
 }
 
 /// Wakes all processes that sleep on the word.
-pub(super) fn wake(word: &AtomicU32) {
+pub(super) fn wake_waiters(word: &AtomicU32) {
     #[cfg(test)]
     let word = match super::tests::stepped::wake(word) {
         true => return,

@@ -8,23 +8,23 @@ use super::futex::{AtomicU32, AtomicU64};
 pub(super) const MAGIC: u64 = u64::from_le_bytes(*b"phxbarri");
 pub(super) const VERSION: u32 = 7;
 /// Value for "not a member", "not paused" and "never pause".
-pub(super) const NEVER: u64 = u64::MAX;
+pub(super) const NEVER_TICK: u64 = u64::MAX;
 /// Flag in the arrivals word: the set of members has changed, so every arrival wakes the plant.
-pub(super) const NUDGE: u32 = 1 << 15;
+pub(super) const MEMBERS_CHANGED_FLAG: u32 = 1 << 15;
 /// Mask in the arrivals word: the number of members that have not arrived. The bits above [`NUDGE`] are the low
 /// bits of the tick.
-pub(super) const REMAINING: u32 = NUDGE - 1;
+pub(super) const REMAINING_MEMBERS_MASK: u32 = MEMBERS_CHANGED_FLAG - 1;
 
 /// Flag in a mute word: only the beacon was withheld, and a command was sent.
-pub(super) const WITHHELD: u64 = 1 << 63;
+pub(super) const BEACON_WITHHELD_FLAG: u64 = 1 << 63;
 
 /// A word alone on its pair of cache lines, because the prefetcher loads pairs.
 #[repr(C, align(128))]
-pub(super) struct Line<T>(pub(super) T);
+pub(super) struct CacheLinePair<T>(pub(super) T);
 
 /// Start of the mapping, before the slots.
 #[repr(C)]
-pub(super) struct Head {
+pub(super) struct BarrierHeader {
     /// Magic number. Constant fields are written before the file gets its name.
     pub(super) magic: u64,
     pub(super) version: u32,
@@ -36,33 +36,33 @@ pub(super) struct Head {
     /// Time after which a process with a pending response counts as hung, ms.
     pub(super) hung_after_ms: u64,
     /// Number of ticks to which each group was released. Its agents sleep on this word.
-    pub(super) epochs: [Line<AtomicU32>; GROUPS_MAX],
+    pub(super) epochs: [CacheLinePair<AtomicU32>; GROUPS_MAX],
     /// Ticks of the last even and the last odd epoch, so that a late reader sees a matching pair.
-    pub(super) ticks: Line<[AtomicU64; 2]>,
+    pub(super) ticks: CacheLinePair<[AtomicU64; 2]>,
     /// Low 16 bits of the tick, nudge bit, and number of remaining members. The plant sleeps on this word.
-    pub(super) arrivals: Line<AtomicU32>,
+    pub(super) arrivals: CacheLinePair<AtomicU32>,
     /// Number of changes of the set of members.
-    pub(super) changes: Line<AtomicU32>,
+    pub(super) changes: CacheLinePair<AtomicU32>,
     /// Number of ticks consumed by the supervisor.
-    pub(super) consumed: Line<AtomicU64>,
+    pub(super) consumed: CacheLinePair<AtomicU64>,
     /// Number of wake-ups for the lead limit. The plant sleeps on this word.
-    pub(super) lead: Line<AtomicU32>,
+    pub(super) lead: CacheLinePair<AtomicU32>,
     /// 1 while the plant waits for the supervisor to catch up.
-    pub(super) lead_waiting: Line<AtomicU32>,
+    pub(super) lead_waiting: CacheLinePair<AtomicU32>,
     /// Tick from which on the plant pauses.
-    pub(super) pause_at: Line<AtomicU64>,
+    pub(super) pause_at: CacheLinePair<AtomicU64>,
     /// Tick at which the plant is paused, or [`NEVER`].
-    pub(super) paused: Line<AtomicU64>,
+    pub(super) paused: CacheLinePair<AtomicU64>,
     /// Number of resumptions. The paused plant sleeps on this word.
-    pub(super) resumes: Line<AtomicU32>,
+    pub(super) resumes: CacheLinePair<AtomicU32>,
     /// Number of calls for attention. The supervisor sleeps on this word.
-    pub(super) attention: Line<AtomicU32>,
+    pub(super) attention: CacheLinePair<AtomicU32>,
     /// 1 while the supervisor sleeps.
-    pub(super) supervisor_waiting: Line<AtomicU32>,
+    pub(super) supervisor_waiting: CacheLinePair<AtomicU32>,
     /// Number of loop iterations of the supervisor: its heartbeat.
-    pub(super) heartbeats: Line<AtomicU32>,
+    pub(super) heartbeats: CacheLinePair<AtomicU32>,
     /// Number of reports sent by agents, so that the supervisor need not poll each agent at every tick.
-    pub(super) reports: Line<AtomicU32>,
+    pub(super) reports: CacheLinePair<AtomicU32>,
 }
 
 /// The words of one robot that seldom change, and that its neighbors and the plant read at each tick. The words
@@ -79,5 +79,5 @@ pub(super) struct Slot {
 
 /// Returns the size of the file, bytes.
 pub(super) fn file_size_bytes(slots: usize) -> usize {
-    size_of::<Head>() + slots * (size_of::<Slot>() + size_of::<AtomicU64>())
+    size_of::<BarrierHeader>() + slots * (size_of::<Slot>() + size_of::<AtomicU64>())
 }

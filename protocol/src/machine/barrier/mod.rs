@@ -35,10 +35,10 @@ use crate::machine::process::Alarm;
 
 pub use self::file::BarrierError;
 use self::futex::{AtomicU32, AtomicU64};
-use self::layout::{Head, NEVER, Slot};
+use self::layout::{BarrierHeader, NEVER_TICK, Slot};
 
 /// Maximum number of ticks that the plant is ahead of the supervisor. The plant waits at this bound.
-pub const LEAD_MAX: u64 = 63;
+pub const LEAD_TICKS_MAX: u64 = 63;
 /// Maximum number of slots of a barrier.
 pub const SLOTS_MAX: usize = 4096;
 /// Maximum number of groups of agents that are released separately.
@@ -48,10 +48,10 @@ pub const GROUPS_MAX: usize = 16;
 #[derive(Debug)]
 pub struct Barrier {
     memory: NonNull<u8>,
-    bytes: usize,
+    size_bytes: usize,
     slots: usize,
     groups: usize,
-    attention_seen: AtomicU32,
+    seen_attention_count: AtomicU32,
     alarm: Option<Alarm>,
 }
 
@@ -64,7 +64,7 @@ unsafe impl Sync for Barrier {}
 impl Drop for Barrier {
     fn drop(&mut self) {
         // SAFETY: mapped with this length by `map`; no reference outlives `self`.
-        let _ = unsafe { rustix::mm::munmap(self.memory.as_ptr().cast(), self.bytes) };
+        let _ = unsafe { rustix::mm::munmap(self.memory.as_ptr().cast(), self.size_bytes) };
     }
 }
 
@@ -76,13 +76,13 @@ impl Barrier {
     }
 
     /// Returns the process id of the supervisor.
-    pub fn supervisor(&self) -> u32 {
-        self.head().supervisor
+    pub fn supervisor_pid(&self) -> u32 {
+        self.header().supervisor
     }
 
     /// Returns the time after which a process with a pending response counts as hung.
     pub fn hung_timeout(&self) -> Duration {
-        Duration::from_millis(self.head().hung_after_ms)
+        Duration::from_millis(self.header().hung_after_ms)
     }
 
     /// Returns the number of slots.
@@ -96,13 +96,13 @@ impl Barrier {
     }
 
     /// Returns the first tick at which a slot is a member; `None` if it is not a member.
-    pub fn member_since(&self, slot: usize) -> Option<u64> {
-        Some(self.all_slots().get(slot)?.since.load(SeqCst)).filter(|&since| since != NEVER)
+    pub fn first_member_tick(&self, slot: usize) -> Option<u64> {
+        Some(self.all_slots().get(slot)?.since.load(SeqCst)).filter(|&since| since != NEVER_TICK)
     }
 
     /// Returns the slots of all members.
     pub fn members(&self) -> impl Iterator<Item = usize> + '_ {
-        (0..self.slots).filter(|&slot| self.member_since(slot).is_some())
+        (0..self.slots).filter(|&slot| self.first_member_tick(slot).is_some())
     }
 
     fn is_expected(&self, slot: &Slot, tick: u64) -> bool {
@@ -110,17 +110,17 @@ impl Barrier {
         slot.since.load(SeqCst) <= tick
     }
 
-    fn head(&self) -> &Head {
+    fn header(&self) -> &BarrierHeader {
         // SAFETY: the mapping begins with a `Head`, is page-aligned and lives as long as `self`;
         // everything in it that changes is atomic.
-        unsafe { self.memory.cast::<Head>().as_ref() }
+        unsafe { self.memory.cast::<BarrierHeader>().as_ref() }
     }
 
     fn all_slots(&self) -> &[Slot] {
         // SAFETY: `bytes` was checked to hold `slots` slots behind the head, whose size is a
         // multiple of their alignment; everything in them is atomic.
         unsafe {
-            let first = self.memory.byte_add(size_of::<Head>()).cast::<Slot>();
+            let first = self.memory.byte_add(size_of::<BarrierHeader>()).cast::<Slot>();
             std::slice::from_raw_parts(first.as_ptr(), self.slots)
         }
     }
@@ -129,7 +129,7 @@ impl Barrier {
     fn arrived_ticks(&self) -> &[AtomicU64] {
         // SAFETY: as above; these follow the slots, whose size is a multiple of their alignment.
         unsafe {
-            let behind = size_of::<Head>() + self.slots * size_of::<Slot>();
+            let behind = size_of::<BarrierHeader>() + self.slots * size_of::<Slot>();
             let first = self.memory.byte_add(behind).cast::<AtomicU64>();
             std::slice::from_raw_parts(first.as_ptr(), self.slots)
         }

@@ -4,20 +4,20 @@
 use std::sync::atomic::Ordering::SeqCst;
 
 use super::Barrier;
-use super::futex::{Woken, wake};
-use super::layout::{NEVER, NUDGE, REMAINING};
+use super::futex::{WakeReason, wake_waiters};
+use super::layout::{MEMBERS_CHANGED_FLAG, NEVER_TICK, REMAINING_MEMBERS_MASK};
 
 /// Begin and end of a tick.
 impl Barrier {
     /// Begins a tick. A member may arrive at it once its group is released.
-    pub fn begin(&self, tick: u64) {
-        let head = self.head();
+    pub fn begin_tick(&self, tick: u64) {
+        let head = self.header();
         let changes = head.changes.0.load(SeqCst);
         let members = self.all_slots().iter().filter(|slot| self.is_expected(slot, tick)).count();
         head.arrivals.0.store((tick as u32) << 16 | members as u32, SeqCst);
         // A change before the store may have set a nudge bit that the store has cleared.
         if head.changes.0.load(SeqCst) != changes {
-            head.arrivals.0.fetch_or(NUDGE, SeqCst);
+            head.arrivals.0.fetch_or(MEMBERS_CHANGED_FLAG, SeqCst);
         }
         // The last group is released last, so all other groups are at its epoch already.
         let epoch = head.epochs[self.groups - 1].0.load(SeqCst).wrapping_add(1);
@@ -26,34 +26,34 @@ impl Barrier {
 
     /// Releases a group to the current tick and wakes it. All groups are released, in order, before the next
     /// tick.
-    pub fn release(&self, group: usize) {
-        let word = &self.head().epochs[group].0;
+    pub fn release_group(&self, group: usize) {
+        let word = &self.header().epochs[group].0;
         word.fetch_add(1, SeqCst);
-        wake(word);
+        wake_waiters(word);
     }
 
     /// Returns the slots of the members of a group.
-    pub fn members_of(&self, group: usize) -> impl Iterator<Item = usize> + '_ {
+    pub fn group_members(&self, group: usize) -> impl Iterator<Item = usize> + '_ {
         let slots = (group..self.slots).step_by(self.groups);
-        slots.filter(|&slot| self.member_since(slot).is_some())
+        slots.filter(|&slot| self.first_member_tick(slot).is_some())
     }
 
     /// Waits until every member has arrived at the tick. Once `patience` returns `false`, returns the slots that
     /// have not arrived.
-    pub fn wait_arrivals(
+    pub fn wait_for_arrivals(
         &self,
         tick: u64,
         mut patience: impl FnMut() -> bool,
     ) -> Result<(), Vec<usize>> {
-        let word = &self.head().arrivals.0;
+        let word = &self.header().arrivals.0;
         loop {
             let seen = word.load(SeqCst);
             // While arrivals are missing and no member was removed, the slots need not be read.
-            let settled = seen & REMAINING == 0 || seen & NUDGE != 0;
+            let settled = seen & REMAINING_MEMBERS_MASK == 0 || seen & MEMBERS_CHANGED_FLAG != 0;
             if settled && self.all_arrived(tick) {
                 return Ok(());
             }
-            if self.sleep_while_unchanged(word, seen) != Woken::Perhaps {
+            if self.sleep_while_unchanged(word, seen) != WakeReason::WordMayHaveChanged {
                 // No wake-up for that long: read the slots instead of the count.
                 if self.all_arrived(tick) {
                     return Ok(());
@@ -83,50 +83,55 @@ impl Barrier {
 impl Barrier {
     /// Waits until the tick is at most `lead_max` after the ticks consumed. Returns `false` once `patience` does.
     /// Calls the supervisor before it sleeps.
-    pub fn wait_lead(&self, tick: u64, lead_max: u64, patience: impl FnMut() -> bool) -> bool {
-        let head = self.head();
+    pub fn wait_for_lead_limit(
+        &self,
+        tick: u64,
+        lead_max: u64,
+        patience: impl FnMut() -> bool,
+    ) -> bool {
+        let head = self.header();
         let near = || tick.saturating_sub(head.consumed.0.load(SeqCst)) <= lead_max;
         if near() {
             return true;
         }
         head.lead_waiting.0.store(1, SeqCst);
-        self.attention();
+        self.request_attention();
         let reached = self.wait_until(&head.lead.0, near, patience);
         head.lead_waiting.0.store(0, SeqCst);
         reached
     }
 
     /// Returns whether the plant must pause before it begins this tick.
-    pub fn pause_due(&self, tick: u64) -> bool {
-        tick >= self.head().pause_at.0.load(SeqCst)
+    pub fn is_pause_due(&self, tick: u64) -> bool {
+        tick >= self.header().pause_at.0.load(SeqCst)
     }
 
     /// Marks the plant as paused before this tick and waits until it is resumed. Returns `false` once `patience`
     /// does.
     pub fn pause(&self, tick: u64, patience: impl FnMut() -> bool) -> bool {
-        let head = self.head();
+        let head = self.header();
         let before = head.resumes.0.load(SeqCst);
         head.paused.0.store(tick, SeqCst);
-        self.attention();
+        self.request_attention();
         let resumed = || head.resumes.0.load(SeqCst) != before;
         let resumed = self.wait_until(&head.resumes.0, resumed, patience);
         if !resumed {
-            head.paused.0.store(NEVER, SeqCst);
+            head.paused.0.store(NEVER_TICK, SeqCst);
         }
         resumed
     }
 
     /// Returns the number of loop iterations of the supervisor: its heartbeat.
-    pub fn heartbeats(&self) -> u32 {
-        self.head().heartbeats.0.load(SeqCst)
+    pub fn heartbeat_count(&self) -> u32 {
+        self.header().heartbeats.0.load(SeqCst)
     }
 
     /// Calls the supervisor: ground truth is available, or the plant is about to pause.
-    pub fn attention(&self) {
-        let head = self.head();
+    pub fn request_attention(&self) {
+        let head = self.header();
         head.attention.0.fetch_add(1, SeqCst);
         if head.supervisor_waiting.0.load(SeqCst) != 0 {
-            wake(&head.attention.0);
+            wake_waiters(&head.attention.0);
         }
     }
 }

@@ -5,8 +5,8 @@ use std::sync::atomic::Ordering::SeqCst;
 use std::time::{Duration, Instant};
 
 use super::Barrier;
-use super::futex::{Woken, sleep_while, wake};
-use super::layout::{NEVER, NUDGE};
+use super::futex::{WakeReason, sleep_while, wake_waiters};
+use super::layout::{MEMBERS_CHANGED_FLAG, NEVER_TICK};
 
 /// Members: changed while the plant is paused, or after an unplanned exit of an agent.
 impl Barrier {
@@ -16,71 +16,73 @@ impl Barrier {
         self.arrived_ticks()[slot].store(0, SeqCst);
         place.mute.iter().for_each(|mute| mute.store(0, SeqCst));
         place.since.store(since_tick, SeqCst);
-        self.nudge();
+        self.notify_member_change();
     }
 
     /// Removes a member, even in the middle of a tick: the plant no longer waits for it.
     pub fn remove_member(&self, slot: usize) {
-        self.all_slots()[slot].since.store(NEVER, SeqCst);
-        self.nudge();
+        self.all_slots()[slot].since.store(NEVER_TICK, SeqCst);
+        self.notify_member_change();
     }
 
     /// Makes the plant read the members again.
-    fn nudge(&self) {
-        self.head().changes.0.fetch_add(1, SeqCst);
-        self.head().arrivals.0.fetch_or(NUDGE, SeqCst);
-        wake(&self.head().arrivals.0);
+    fn notify_member_change(&self) {
+        self.header().changes.0.fetch_add(1, SeqCst);
+        self.header().arrivals.0.fetch_or(MEMBERS_CHANGED_FLAG, SeqCst);
+        wake_waiters(&self.header().arrivals.0);
     }
 }
 
 /// Lead limit, pauses and calls of the plant.
 impl Barrier {
     /// Publishes that the ground truth of `ticks` ticks has been consumed.
-    pub fn consumed(&self, ticks: u64) {
-        let head = self.head();
+    pub fn set_consumed_ticks(&self, ticks: u64) {
+        let head = self.header();
         head.consumed.0.store(ticks, SeqCst);
         if head.lead_waiting.0.load(SeqCst) != 0 {
             head.lead.0.fetch_add(1, SeqCst);
-            wake(&head.lead.0);
+            wake_waiters(&head.lead.0);
         }
     }
 
     /// Makes the plant pause at this tick or, if it is past, at the next one; `u64::MAX` means never. It stays in
     /// force over [`Barrier::resume`]: set the next pause before resuming.
     pub fn pause_at(&self, tick: u64) {
-        self.head().pause_at.0.store(tick, SeqCst);
+        self.header().pause_at.0.store(tick, SeqCst);
     }
 
     /// Returns the tick before which the plant is paused, if it is.
     pub fn paused_before_tick(&self) -> Option<u64> {
-        Some(self.head().paused.0.load(SeqCst)).filter(|&tick| tick != NEVER)
+        Some(self.header().paused.0.load(SeqCst)).filter(|&tick| tick != NEVER_TICK)
     }
 
     /// Resumes the paused plant.
     pub fn resume(&self) {
-        self.head().paused.0.store(NEVER, SeqCst);
-        self.head().resumes.0.fetch_add(1, SeqCst);
-        wake(&self.head().resumes.0);
+        self.header().paused.0.store(NEVER_TICK, SeqCst);
+        self.header().resumes.0.fetch_add(1, SeqCst);
+        wake_waiters(&self.header().resumes.0);
     }
 
     /// Returns the number of reports that agents have sent. Once the supervisor has received a ground truth, the
     /// count includes all reports sent at earlier ticks.
-    pub fn reports(&self) -> u32 {
-        self.head().reports.0.load(SeqCst)
+    pub fn report_count(&self) -> u32 {
+        self.header().reports.0.load(SeqCst)
     }
 
     /// Sleeps until the plant has called since the last call of this function. Returns `false` at the limit and
     /// after a signal. For one thread only.
-    pub fn wait_attention(&self, limit: Duration) -> bool {
-        let head = self.head();
+    pub fn wait_for_attention(&self, limit: Duration) -> bool {
+        let head = self.header();
         head.heartbeats.0.fetch_add(1, SeqCst);
-        let seen = self.attention_seen.load(SeqCst);
+        let seen = self.seen_attention_count.load(SeqCst);
         head.supervisor_waiting.0.store(1, SeqCst);
         let end = Instant::now() + limit;
         let mut now = head.attention.0.load(SeqCst);
         while now == seen {
             let left = end.saturating_duration_since(Instant::now());
-            let called = || sleep_while(&head.attention.0, seen, Some(left)) == Woken::Perhaps;
+            let called = || {
+                sleep_while(&head.attention.0, seen, Some(left)) == WakeReason::WordMayHaveChanged
+            };
             let resume = !left.is_zero() && called();
             now = head.attention.0.load(SeqCst);
             if !resume {
@@ -88,15 +90,15 @@ impl Barrier {
             }
         }
         head.supervisor_waiting.0.store(0, SeqCst);
-        self.attention_seen.store(now, SeqCst);
+        self.seen_attention_count.store(now, SeqCst);
         now != seen
     }
 
     /// Returns the members whose group was released and that have not arrived, each with the tick.
-    pub fn awaited(&self) -> Vec<(usize, u64)> {
+    pub fn pending_members(&self) -> Vec<(usize, u64)> {
         let awaited = |slot: usize| {
             let epoch = self.epoch(slot);
-            let tick = self.head().ticks.0[epoch as usize & 1].load(SeqCst);
+            let tick = self.header().ticks.0[epoch as usize & 1].load(SeqCst);
             // The first epoch is the one before the first tick.
             let released = epoch != 0 && self.is_expected(&self.all_slots()[slot], tick);
             let owed = released && self.arrived_ticks()[slot].load(SeqCst) != tick + 1;

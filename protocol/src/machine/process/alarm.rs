@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn sigterm_interrupts_waits_and_is_handled_with_an_alarm() {
-        let stop = crate::machine::process::Stop::on_signals().unwrap();
+        let stop = crate::machine::process::StopFlag::for_termination_signals().unwrap();
         let _alarm = Alarm::start().unwrap();
         // SAFETY: all-zero bytes are a valid value, which the call overwrites.
         let mut action: libc::sigaction = unsafe { std::mem::zeroed() };

@@ -13,7 +13,7 @@ use tracing_subscriber::{Layer, Registry};
 use super::stderr::Stderr;
 
 /// Sets the name of the calling thread in `ps` and `top`, of which the kernel keeps the first 15 bytes.
-pub fn set_name(name: &str) {
+pub fn set_thread_name(name: &str) {
     if let Ok(name) = CString::new(name) {
         // A missing name has no other effect.
         let _ = rustix::thread::set_name(&name);
@@ -23,12 +23,12 @@ pub fn set_name(name: &str) {
 /// Starts logging to stderr, including panics: one JSON object per line, or plain text on a terminal.
 /// `PHALANX_LOG` sets the level.
 pub fn log_to_stderr() {
-    log_to_stderr_and(Identity::new(), |_| false);
+    log_to_stderr_and_listener(Identity::new(), |_| false);
 }
 
 /// Starts logging to stderr with a second subscriber layer, `listener`. Events for which `hidden` returns `true`
 /// are not logged.
-pub fn log_to_stderr_and<L>(listener: L, hidden: fn(&Metadata<'_>) -> bool)
+pub fn log_to_stderr_and_listener<L>(listener: L, hidden: fn(&Metadata<'_>) -> bool)
 where
     L: Layer<Registry> + Send + Sync,
 {
@@ -43,7 +43,7 @@ where
         all.with(log.json().flatten_event(true).with_filter(shown)).try_init()
     };
     log_panics();
-    quiet_iceoryx2();
+    limit_iceoryx2_log();
 }
 
 fn log_panics() {
@@ -60,7 +60,7 @@ fn log_panics() {
 }
 
 /// Limits the log of iceoryx2 to errors, unless `IOX2_LOG_LEVEL` sets another level.
-pub fn quiet_iceoryx2() {
+pub fn limit_iceoryx2_log() {
     let asked = std::env::var("IOX2_LOG_LEVEL").unwrap_or_default();
     // The own function of iceoryx2 is not used: it panics on an unknown level if stderr is closed.
     set_log_level(match asked.to_lowercase().as_str() {

@@ -25,18 +25,18 @@ mod thaw;
 
 pub use self::alarm::Alarm;
 pub use self::log::{
-    log_level, log_to_stderr, log_to_stderr_and, quiet_iceoryx2, set_name, unknown_log_level,
+    limit_iceoryx2_log, log_level, log_to_stderr, log_to_stderr_and_listener, set_thread_name,
+    unknown_log_level,
 };
 pub use self::priority::{
-    PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, TimeSlice, apply_realtime_priority,
-    may_lock_memory, prefer_at_out_of_memory, request_time_slice,
+    PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME_PATH, TimeSlice, apply_realtime_priority,
+    check_realtime_priority, may_lock_memory, raise_out_of_memory_score, request_time_slice,
     request_time_slice_of_all_threads, set_idle_priority, take_realtime_priority,
-    try_realtime_priority,
 };
 pub use self::signals::reset_signals;
 pub use self::stderr::{Stderr, drain_stderr, never_block_on_stderr};
-pub use self::stop::Stop;
-pub use self::thaw::Thaws;
+pub use self::stop::StopFlag;
+pub use self::thaw::ThawListener;
 pub use crate::exit;
 
 /// Failure of a process, as text: no caller distinguishes causes.
@@ -45,17 +45,17 @@ pub type Failure = Box<dyn std::error::Error + Send + Sync>;
 /// Runs a process: sets its name, starts the log, takes real-time priority if requested, and calls `run`. Returns
 /// the exit code.
 pub fn main(name: &str, realtime_priority: bool, run: impl FnOnce() -> Result<(), Failure>) -> u8 {
-    main_that_logs(name, realtime_priority, log_to_stderr, run)
+    main_with_log(name, realtime_priority, log_to_stderr, run)
 }
 
 /// Runs a process as [`main`] does, with its own log, which `log` starts.
-pub fn main_that_logs(
+pub fn main_with_log(
     name: &str,
     realtime_priority: bool,
     log: impl FnOnce(),
     run: impl FnOnce() -> Result<(), Failure>,
 ) -> u8 {
-    set_name(name);
+    set_thread_name(name);
     log();
     fail_at_file_size_limits();
     if realtime_priority {
@@ -65,7 +65,7 @@ pub fn main_that_logs(
         Ok(()) => exit::OK,
         Err(error) => {
             tracing::error!("{error}");
-            exit::INFRASTRUCTURE
+            exit::INFRASTRUCTURE_FAILURE
         }
     }
 }

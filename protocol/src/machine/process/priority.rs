@@ -10,16 +10,16 @@ use rustix::thread::{CapabilitySet, capabilities};
 /// other real-time processes.
 pub const REALTIME_PRIORITY: i32 = 10;
 /// File with the CPU time of each second that real-time processes may use, us; -1 for no limit.
-pub const REALTIME_RUNTIME: &str = "/proc/sys/kernel/sched_rt_runtime_us";
+pub const REALTIME_RUNTIME_PATH: &str = "/proc/sys/kernel/sched_rt_runtime_us";
 
 /// Reason why a process keeps its ordinary priority.
 #[derive(Debug, thiserror::Error)]
 pub enum PriorityError {
     /// The kernel has no limit: a real-time process in an endless loop would take its core from all others.
     #[error(
-        "{REALTIME_RUNTIME} is {0:?}, expected a positive number: without that limit a real-time process that spins starves the machine; set it to 950000"
+        "{REALTIME_RUNTIME_PATH} is {0:?}, expected a positive number: without that limit a real-time process that spins starves the machine; set it to 950000"
     )]
-    Unlimited(String),
+    NoRuntimeLimit(String),
     /// The kernel does not permit it for this user.
     #[error(
         "the kernel does not permit SCHED_FIFO at priority {REALTIME_PRIORITY}: {0}; it needs root, CAP_SYS_NICE, or an rtprio of {REALTIME_PRIORITY} in /etc/security/limits.conf"
@@ -33,9 +33,9 @@ pub enum PriorityError {
 ///
 /// The kernel has no limit for real-time processes, or does not permit the priority.
 pub fn take_realtime_priority() -> Result<(), PriorityError> {
-    let runtime = std::fs::read_to_string(REALTIME_RUNTIME).unwrap_or_default();
+    let runtime = std::fs::read_to_string(REALTIME_RUNTIME_PATH).unwrap_or_default();
     if !runtime.trim().parse::<i64>().is_ok_and(|us| us > 0) {
-        return Err(PriorityError::Unlimited(runtime.trim().into()));
+        return Err(PriorityError::NoRuntimeLimit(runtime.trim().into()));
     }
     let parameters = libc::sched_param { sched_priority: REALTIME_PRIORITY };
     // SAFETY: a plain system call that reads `parameters`; 0 is the calling thread.
@@ -46,7 +46,7 @@ pub fn take_realtime_priority() -> Result<(), PriorityError> {
 }
 
 /// Checks whether [`take_realtime_priority`] would succeed in processes that this one starts.
-pub fn try_realtime_priority() -> Result<(), PriorityError> {
+pub fn check_realtime_priority() -> Result<(), PriorityError> {
     std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().spawn_scoped(scope, take_realtime_priority);
         thread.map_err(PriorityError::Refused)?.join().expect("it does not panic")
@@ -61,17 +61,20 @@ pub fn may_lock_memory() -> bool {
 }
 
 /// File with the adjustment of this process's out-of-memory score, from -1000 to 1000.
-const OUT_OF_MEMORY_SCORE: &str = "/proc/self/oom_score_adj";
+const OUT_OF_MEMORY_SCORE_PATH: &str = "/proc/self/oom_score_adj";
 /// Value added to the score of a child: it corresponds to half of all memory. A supervisor that runs a campaign
 /// has children and grandchildren.
-const CHILD_SCORE: i32 = 500;
+const CHILD_OUT_OF_MEMORY_SCORE: i32 = 500;
 
 /// Makes the kernel end this process before its parent when a machine or control group runs out of memory: a
 /// surviving supervisor can report the cause. Does nothing if the kernel does not permit it.
-pub fn prefer_at_out_of_memory() {
-    let score = std::fs::read_to_string(OUT_OF_MEMORY_SCORE).ok();
+pub fn raise_out_of_memory_score() {
+    let score = std::fs::read_to_string(OUT_OF_MEMORY_SCORE_PATH).ok();
     if let Some(score) = score.and_then(|text| text.trim().parse::<i32>().ok()) {
-        let _ = std::fs::write(OUT_OF_MEMORY_SCORE, (score + CHILD_SCORE).min(1000).to_string());
+        let _ = std::fs::write(
+            OUT_OF_MEMORY_SCORE_PATH,
+            (score + CHILD_OUT_OF_MEMORY_SCORE).min(1000).to_string(),
+        );
     }
 }
 
@@ -97,17 +100,17 @@ pub enum TimeSlice {
     /// The minimum of Linux, 0.1 ms: more than a control loop computes, and scheduled soonest.
     Short,
     /// The default of the kernel.
-    Usual,
+    KernelDefault,
     /// The maximum of Linux, 100 ms: other threads run first, and this one works while they wait. Threads that it
     /// starts have the default slice.
     Long,
 }
 
 impl TimeSlice {
-    fn ns(self) -> u64 {
+    fn length_ns(self) -> u64 {
         match self {
             TimeSlice::Short => 100_000,
-            TimeSlice::Usual => 0,
+            TimeSlice::KernelDefault => 0,
             TimeSlice::Long => 100_000_000,
         }
     }
@@ -138,7 +141,7 @@ fn request_thread_time_slice(thread: libc::pid_t, slice: TimeSlice) {
     if read != 0 || !ordinary || (slice == TimeSlice::Long && attributes.sched_nice < 0) {
         return;
     }
-    attributes.sched_runtime = slice.ns();
+    attributes.sched_runtime = slice.length_ns();
     if slice == TimeSlice::Long {
         attributes.sched_flags |= libc::SCHED_FLAG_RESET_ON_FORK as u64;
     }
@@ -182,7 +185,7 @@ mod tests {
             let usual = time_slice_ns();
             request_time_slice(TimeSlice::Long);
             let (long, started) = (time_slice_ns(), in_a_thread());
-            request_time_slice(TimeSlice::Usual);
+            request_time_slice(TimeSlice::KernelDefault);
             [usual, long, started, time_slice_ns()]
         });
         let [usual, long, started, again] = thread.join().unwrap();
@@ -196,7 +199,7 @@ mod tests {
         // SAFETY: plain system calls about the calling thread.
         let policy = || unsafe { libc::sched_getscheduler(0) };
         let before = policy();
-        let granted = try_realtime_priority();
+        let granted = check_realtime_priority();
         assert_eq!(policy(), before);
         let then = std::thread::spawn(move || (take_realtime_priority().is_ok(), policy()));
         let (taken, policy) = then.join().unwrap();

@@ -4,7 +4,7 @@ use std::io;
 
 /// Signals that stay ignored if the parent ignored them. SIGHUP: the run was started under `nohup`. SIGPIPE: the
 /// Rust runtime ignores it. The others belong to the shell's job control.
-const KEPT_IGNORED: [libc::c_int; 6] =
+const PRESERVED_IGNORED_SIGNALS: [libc::c_int; 6] =
     [libc::SIGHUP, libc::SIGPIPE, libc::SIGQUIT, libc::SIGTSTP, libc::SIGTTIN, libc::SIGTTOU];
 
 /// Restores the default action of every signal that the parent ignored (except those that `nohup` and job control
@@ -16,7 +16,7 @@ const KEPT_IGNORED: [libc::c_int; 6] =
 /// The kernel refuses to change the state.
 pub fn reset_signals() -> io::Result<()> {
     for signal in 1..=libc::SIGRTMAX() {
-        if KEPT_IGNORED.contains(&signal) || !is_ignored(signal).unwrap_or(false) {
+        if PRESERVED_IGNORED_SIGNALS.contains(&signal) || !is_ignored(signal).unwrap_or(false) {
             continue; // the C library has a few signals of its own, which it does not show
         }
         // SAFETY: SIG_DFL is a valid disposition, and no handler is replaced, because the signal was ignored.

@@ -22,27 +22,29 @@ pub struct Stderr;
 /// Whether writes wait in [`WAITING_TEXT`] instead of blocking.
 static NEVER_BLOCKS: AtomicBool = AtomicBool::new(false);
 /// Text that the reader of stderr has not read yet.
-static WAITING_TEXT: Mutex<Waiting> = Mutex::new(Waiting { bytes: VecDeque::new(), dropped: 0 });
+static WAITING_TEXT: Mutex<TextQueue> =
+    Mutex::new(TextQueue { bytes: VecDeque::new(), dropped_writes: 0 });
 
 /// A bounded queue of text.
 #[derive(Debug)]
-struct Waiting {
+struct TextQueue {
     bytes: VecDeque<u8>,
     /// Number of writes dropped since the last queued write.
-    dropped: u64,
+    dropped_writes: u64,
 }
 
-impl Waiting {
+impl TextQueue {
     /// Appends a text if there is room, after a line with the number of texts dropped before it.
     fn push(&mut self, text: &[u8]) {
         if self.bytes.len() + text.len() > WAITING_BYTES_MAX {
-            self.dropped += 1;
+            self.dropped_writes += 1;
             return;
         }
-        if self.dropped > 0 {
-            let line = format!("({} messages were dropped: stderr was not read)\n", self.dropped);
+        if self.dropped_writes > 0 {
+            let line =
+                format!("({} messages were dropped: stderr was not read)\n", self.dropped_writes);
             self.bytes.extend(line.as_bytes());
-            self.dropped = 0;
+            self.dropped_writes = 0;
         }
         self.bytes.extend(text);
     }
@@ -75,7 +77,7 @@ fn is_writable(to: &impl AsFd, patience: Duration) -> bool {
     poll(&mut [PollFd::new(to, PollFlags::OUT)], Some(&time)).is_ok_and(|ready| ready > 0)
 }
 
-fn waiting() -> MutexGuard<'static, Waiting> {
+fn lock_waiting_text() -> MutexGuard<'static, TextQueue> {
     WAITING_TEXT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -88,7 +90,7 @@ pub fn never_block_on_stderr() {
 /// Writes the queued text, and returns once the reader has read nothing for `patience`.
 pub fn drain_stderr(patience: Duration) {
     if NEVER_BLOCKS.load(Ordering::Relaxed) {
-        waiting().drain(&io::stderr(), patience);
+        lock_waiting_text().drain(&io::stderr(), patience);
     }
 }
 
@@ -97,14 +99,14 @@ impl Stderr {
     /// in a process that may block.
     pub fn is_ready(self) -> bool {
         !NEVER_BLOCKS.load(Ordering::Relaxed)
-            || waiting().bytes.is_empty() && is_writable(&io::stderr(), Duration::ZERO)
+            || lock_waiting_text().bytes.is_empty() && is_writable(&io::stderr(), Duration::ZERO)
     }
 }
 
 impl Write for Stderr {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if NEVER_BLOCKS.load(Ordering::Relaxed) {
-            let mut waiting = waiting();
+            let mut waiting = lock_waiting_text();
             waiting.push(bytes);
             waiting.drain(&io::stderr(), Duration::ZERO);
         } else {
@@ -127,15 +129,15 @@ mod tests {
     #[test]
     fn unread_text_is_queued_and_lost_messages_are_counted() {
         let (mut reader, writer) = io::pipe().unwrap();
-        let mut waiting = Waiting { bytes: VecDeque::new(), dropped: 0 };
+        let mut waiting = TextQueue { bytes: VecDeque::new(), dropped_writes: 0 };
         let line = [b"x".repeat(1023), b"\n".to_vec()].concat();
         for _ in 0..400 {
             waiting.push(&line);
             // The pipe holds 64 KiB, and nothing reads it.
             waiting.drain(&writer, Duration::ZERO);
         }
-        assert!(waiting.bytes.len() <= WAITING_BYTES_MAX && waiting.dropped > 0);
-        let dropped = waiting.dropped;
+        assert!(waiting.bytes.len() <= WAITING_BYTES_MAX && waiting.dropped_writes > 0);
+        let dropped = waiting.dropped_writes;
         let mut read = Vec::new();
         while !waiting.bytes.is_empty() {
             let mut chunk = [0; 4096];

@@ -11,30 +11,30 @@ use super::exit;
 use super::signals::is_ignored;
 
 /// Signals that end a run. Batch systems send SIGUSR1 or SIGUSR2 shortly before a job's time limit.
-const RUN_ENDING: [i32; 4] = [SIGTERM, SIGINT, SIGUSR1, SIGUSR2];
+const RUN_ENDING_SIGNALS: [i32; 4] = [SIGTERM, SIGINT, SIGUSR1, SIGUSR2];
 
 /// Flag that is set once the process is asked to stop.
 #[derive(Debug, Clone, Default)]
-pub struct Stop(Arc<AtomicBool>);
+pub struct StopFlag(Arc<AtomicBool>);
 
-impl Stop {
+impl StopFlag {
     /// Returns a flag that SIGTERM, SIGINT and SIGHUP set. Waits that they interrupt return early.
-    pub fn on_signals() -> io::Result<Stop> {
-        let stop = Stop::default();
+    pub fn for_termination_signals() -> io::Result<StopFlag> {
+        let stop = StopFlag::default();
         stop.install_handlers(&[SIGTERM, SIGINT])?;
         Ok(stop)
     }
 
     /// Returns a flag that the signals which end a run set, including SIGUSR1 and SIGUSR2. A second signal ends
     /// the process at once, except SIGHUP: when a terminal closes, shell and kernel both send it.
-    pub fn stop_on_signals() -> io::Result<Stop> {
-        let stop = Stop::default();
+    pub fn for_run_ending_signals() -> io::Result<StopFlag> {
+        let stop = StopFlag::default();
         // Registered before the handler that sets the flag, so that the first signal does not end the process.
-        for signal in RUN_ENDING {
+        for signal in RUN_ENDING_SIGNALS {
             let code = i32::from(exit::INTERRUPTED);
             signal_hook::flag::register_conditional_shutdown(signal, code, stop.0.clone())?;
         }
-        stop.install_handlers(&RUN_ENDING)?;
+        stop.install_handlers(&RUN_ENDING_SIGNALS)?;
         Ok(stop)
     }
 
@@ -70,7 +70,7 @@ mod tests {
             if is_ignored(signal).unwrap() {
                 continue; // these tests run under `nohup`
             }
-            let stop = Stop::on_signals().unwrap();
+            let stop = StopFlag::for_termination_signals().unwrap();
             assert!(!stop.is_requested());
             signal_hook::low_level::raise(signal).unwrap();
             assert!(stop.clone().is_requested(), "{signal}");
@@ -80,8 +80,8 @@ mod tests {
     #[test]
     fn supervisor_stops_on_signals_of_batch_systems() {
         for signal in [SIGUSR1, SIGUSR2] {
-            let stop = Stop::default();
-            stop.install_handlers(&RUN_ENDING).unwrap();
+            let stop = StopFlag::default();
+            stop.install_handlers(&RUN_ENDING_SIGNALS).unwrap();
             signal_hook::low_level::raise(signal).unwrap();
             assert!(stop.is_requested(), "{signal}");
         }

@@ -8,19 +8,19 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use crate::machine::clock;
 
 /// CLOCK_MONOTONIC time of the last SIGCONT sent by the parent, ns; 0 if there was none.
-static THAWED_NS: AtomicU64 = AtomicU64::new(0);
+static LAST_THAW_NS: AtomicU64 = AtomicU64::new(0);
 
 /// Listener for planned thaws of this process.
 #[derive(Debug)]
-pub struct Thaws(());
+pub struct ThawListener(());
 
-impl Thaws {
+impl ThawListener {
     /// Starts listening for SIGCONT.
     ///
     /// # Errors
     ///
     /// The kernel refuses the handler.
-    pub fn watch() -> io::Result<Thaws> {
+    pub fn start() -> io::Result<ThawListener> {
         let handler: extern "C" fn(_, _, _) = on_continue;
         // SAFETY: all-zero bytes are a valid value of this plain struct: no flags, an empty mask.
         let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
@@ -29,14 +29,14 @@ impl Thaws {
         // SAFETY: the handler has the signature that SA_SIGINFO requires, and does only what a signal handler
         // may: it reads the clock, gets the parent's process id and stores a number.
         match unsafe { libc::sigaction(libc::SIGCONT, &action, std::ptr::null_mut()) } {
-            0 => Ok(Thaws(())),
+            0 => Ok(ThawListener(())),
             _ => Err(io::Error::last_os_error()),
         }
     }
 
     /// Returns the CLOCK_MONOTONIC time of the last planned thaw, ns; 0 if there was none.
-    pub fn last_ns(&self) -> u64 {
-        THAWED_NS.load(Ordering::Relaxed)
+    pub fn last_thaw_ns(&self) -> u64 {
+        LAST_THAW_NS.load(Ordering::Relaxed)
     }
 }
 
@@ -49,7 +49,7 @@ extern "C" fn on_continue(
     let sender = unsafe { (*info).si_pid() };
     // SAFETY: the call has no preconditions.
     if sender == unsafe { libc::getppid() } {
-        THAWED_NS.store(clock::now_ns(), Ordering::Relaxed);
+        LAST_THAW_NS.store(clock::now_ns(), Ordering::Relaxed);
     }
 }
 
@@ -59,8 +59,8 @@ mod tests {
 
     #[test]
     fn sigcont_from_non_parent_is_not_a_planned_thaw() {
-        let thaws = Thaws::watch().unwrap();
+        let thaws = ThawListener::start().unwrap();
         signal_hook::low_level::raise(libc::SIGCONT).unwrap();
-        assert_eq!(thaws.last_ns(), 0);
+        assert_eq!(thaws.last_thaw_ns(), 0);
     }
 }

@@ -15,7 +15,7 @@ pub enum SchedulingState {
     /// Stopped, by SIGSTOP, Ctrl-Z or a debugger.
     Stopped,
     /// Exited, perhaps not reaped.
-    Gone,
+    Exited,
 }
 
 /// State of a process at one time.
@@ -24,11 +24,11 @@ pub struct ProcessSample {
     /// Scheduling state of the first thread of the process.
     pub state: SchedulingState,
     /// CPU time used since the start.
-    pub computed: Duration,
+    pub cpu_time: Duration,
     /// Time of the sample, CLOCK_MONOTONIC, ns.
-    pub at_ns: u64,
+    pub time_ns: u64,
     /// Start time of the process, in kernel ticks since boot: another process may get its id later.
-    pub started: u64,
+    pub start_time_ticks: u64,
 }
 
 impl ProcessSample {
@@ -52,13 +52,13 @@ fn parse(stat: &str, ticks_per_s: u64, at_ns: u64) -> Option<ProcessSample> {
     let state = match *fields.first()? {
         "R" => SchedulingState::Runnable,
         "T" | "t" => SchedulingState::Stopped,
-        "Z" | "X" | "x" => SchedulingState::Gone,
+        "Z" | "X" | "x" => SchedulingState::Exited,
         _ => SchedulingState::Blocked,
     };
     // In user mode and in the kernel.
     let ticks = number(11)? + number(12)?;
     let computed = Duration::from_millis(ticks * 1000 / ticks_per_s);
-    Some(ProcessSample { state, computed, at_ns, started: number(19)? })
+    Some(ProcessSample { state, cpu_time: computed, time_ns: at_ns, start_time_ticks: number(19)? })
 }
 
 #[cfg(test)]
@@ -74,7 +74,12 @@ mod tests {
         let computed = Duration::from_millis(3010);
         assert_eq!(
             sample,
-            ProcessSample { state: SchedulingState::Blocked, computed, at_ns: 5, started: 987 }
+            ProcessSample {
+                state: SchedulingState::Blocked,
+                cpu_time: computed,
+                time_ns: 5,
+                start_time_ticks: 987
+            }
         );
         assert_eq!(parse("12 (a) S 1", 100, 5), None);
         assert_eq!(parse("", 100, 5), None);
@@ -84,12 +89,12 @@ mod tests {
     fn own_process_can_be_sampled() {
         let sample = ProcessSample::read(std::process::id()).unwrap();
         assert!(matches!(sample.state, SchedulingState::Runnable | SchedulingState::Blocked));
-        assert!(sample.started > 0);
+        assert!(sample.start_time_ticks > 0);
         assert!(ProcessSample::read(u32::MAX).is_err());
     }
 
     /// Returns the activity that a watchdog reports for a shell script; `None` if it does not call it hung.
-    fn found(script: &str) -> Option<Activity> {
+    fn watch_script(script: &str) -> Option<Activity> {
         struct KillOnDrop(Child);
         impl Drop for KillOnDrop {
             fn drop(&mut self) {
@@ -112,9 +117,9 @@ mod tests {
     #[test]
     fn spinning_waiting_and_stopped_processes_are_distinguished() {
         // On a busy machine a process may get little CPU time while it is sampled.
-        let at_last = |script| (0..20).find_map(|_| found(script));
-        assert_eq!(at_last("while :; do :; done"), Some(Activity::Computed));
-        assert_eq!(at_last("exec sleep 1000"), Some(Activity::Waited));
-        assert_eq!(found("kill -STOP $$"), None);
+        let at_last = |script| (0..20).find_map(|_| watch_script(script));
+        assert_eq!(at_last("while :; do :; done"), Some(Activity::Computing));
+        assert_eq!(at_last("exec sleep 1000"), Some(Activity::Waiting));
+        assert_eq!(watch_script("kill -STOP $$"), None);
     }
 }

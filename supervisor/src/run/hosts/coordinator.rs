@@ -9,27 +9,27 @@ use protocol::dropped::dropped_counts;
 use protocol::message::{
     BridgeHeader, OrderHeader, OrderRow, PeerRow, Phase, ReportHeader, ReportRow,
 };
-use protocol::process::Stop;
+use protocol::process::StopFlag;
 use protocol::service::{
     self, Factory, Node, Publisher, Qos, ServiceError, Subscriber, send_slice,
 };
 
-use super::remote::Remote;
+use super::remote::RemoteRobot;
 use crate::dead_nodes::Cleaner;
 use crate::run::RunError;
 use crate::run::helper_process::HelperProcess;
 use outcome::metrics::summary::HostSummary;
 
 /// Interval at which orders are sent.
-const TELL_EVERY: Duration = Duration::from_millis(20);
+const ORDER_INTERVAL: Duration = Duration::from_millis(20);
 /// Time without a report of a host's supervisor after which a warning is printed.
 const REPORT_SILENCE_MAX: Duration = Duration::from_secs(5);
 /// Duration of one iteration of a wait.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
 /// Maximum time for hosts to end their processes and to deliver the last messages.
-const ENDING_MAX: Duration = Duration::from_secs(8);
+const HOSTS_END_TIMEOUT: Duration = Duration::from_secs(8);
 /// Duration for which the end of the run is announced to hosts.
-const END_ANNOUNCEMENT: Duration = Duration::from_millis(200);
+const END_ANNOUNCEMENT_TIME: Duration = Duration::from_millis(200);
 
 /// Services between a host's bridge and its supervisor, kept open.
 pub(crate) struct HostServices {
@@ -46,9 +46,13 @@ impl HostServices {
         let hosts = brief.hosts.iter().enumerate().map(|(place, host)| {
             let other = (place != brief.here).then_some(host.name.as_str());
             Ok(HostServices {
-                orders: other.map(|name| service::orders(name).create(node, one)).transpose()?,
-                report: other.map(|name| service::report(name).create(node, one)).transpose()?,
-                bridge: service::bridge(&host.name).create(node, one)?,
+                orders: other
+                    .map(|name| service::orders_topic(name).create(node, one))
+                    .transpose()?,
+                report: other
+                    .map(|name| service::host_report_topic(name).create(node, one))
+                    .transpose()?,
+                bridge: service::bridge_topic(&host.name).create(node, one)?,
             })
         });
         hosts.collect()
@@ -61,14 +65,14 @@ pub(crate) struct Hosts {
     pub(crate) bridge: HelperProcess,
     hosts: Vec<Host>,
     phase: Phase,
-    failed: bool,
+    has_failed: bool,
     sequence: u64,
     last_order: Option<Instant>,
     _services: Vec<HostServices>,
 }
 
 /// State of a host as its supervisor reported it.
-struct Reported {
+struct ReportedState {
     newest_report: Option<ReportHeader>,
     /// Arrival time of the newest report.
     arrival: Instant,
@@ -82,12 +86,12 @@ struct Reported {
     confirmed_end: bool,
 }
 
-impl Reported {
+impl ReportedState {
     /// Returns the state before the first report.
-    fn before_first_report() -> Reported {
+    fn before_first_report() -> ReportedState {
         let (at, interval) = (Instant::now(), Duration::ZERO);
         let (is_silent, left, confirmed_end) = (false, false, false);
-        Reported {
+        ReportedState {
             newest_report: None,
             arrival: at,
             interval,
@@ -117,8 +121,8 @@ impl Reported {
 struct Host {
     orders: Option<Publisher<[OrderRow], OrderHeader>>,
     reports: Option<Subscriber<[ReportRow], ReportHeader>>,
-    bridges: Subscriber<[PeerRow], BridgeHeader>,
-    reported: Reported,
+    bridge_subscriber: Subscriber<[PeerRow], BridgeHeader>,
+    reported_state: ReportedState,
     /// Newest status of the host's bridge, and the arrival time of the status.
     bridge_status: Option<(BridgeHeader, Vec<PeerRow>, Instant)>,
     /// Sum of the counts of earlier bridge processes of the host.
@@ -151,7 +155,7 @@ fn add_counts(a: &BridgeHeader, b: &BridgeHeader) -> BridgeHeader {
 
 /// Change of another host, by index.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum HostNews {
+pub(crate) enum HostChange {
     /// The host is unreachable.
     Lost(usize),
     /// The supervisor of the host reported that it leaves.
@@ -159,7 +163,7 @@ pub(crate) enum HostNews {
     /// The bridge of the host is reachable, but its supervisor does not report.
     SupervisorSilent(usize),
     /// The host is reachable again.
-    Back(usize),
+    ReachableAgain(usize),
     /// The bridge of the host was restarted.
     BridgeRestarted(usize),
 }
@@ -176,8 +180,8 @@ impl Hosts {
             Ok(Host {
                 orders: orders.as_ref().map(|orders| orders.publisher(robots)).transpose()?,
                 reports: report.as_ref().map(|report| report.subscriber()).transpose()?,
-                bridges: bridge.subscriber()?,
-                reported: Reported::before_first_report(),
+                bridge_subscriber: bridge.subscriber()?,
+                reported_state: ReportedState::before_first_report(),
                 bridge_status: None,
                 earlier_counts: BridgeHeader::default(),
                 reachable: true,
@@ -191,7 +195,7 @@ impl Hosts {
             bridge,
             hosts,
             phase,
-            failed,
+            has_failed: failed,
             sequence,
             last_order: told,
             _services: services,
@@ -199,17 +203,17 @@ impl Hosts {
     }
 
     /// Returns the name of a host.
-    pub(crate) fn name(&self, host: usize) -> &str {
+    pub(crate) fn host_name(&self, host: usize) -> &str {
         &self.brief.hosts[host].name
     }
 
     /// Returns the time without a message after which a host is unreachable, ns.
-    pub(crate) fn silence_ns(&self) -> u64 {
+    pub(crate) fn silence_max_ns(&self) -> u64 {
         self.brief.unreachable_after_ns
     }
 
     /// Returns the robots of a host, by index.
-    pub(crate) fn robots_of(&self, host: usize) -> Vec<usize> {
+    pub(crate) fn robots_of_host(&self, host: usize) -> Vec<usize> {
         let robots = self.brief.robots.iter().enumerate();
         robots.filter(|(_, robot)| robot.host == host).map(|(place, _)| place).collect()
     }
@@ -221,17 +225,17 @@ impl Hosts {
 
     /// Returns the time between the two newest reports of a host: events of the newest report took place in it.
     pub(crate) fn report_interval(&self, host: usize) -> Duration {
-        self.hosts[host].reported.interval
+        self.hosts[host].reported_state.interval
     }
 
     /// Returns the other hosts that did not report the states of their robots at the end of the run.
-    pub(crate) fn without_confirmed_end(&self) -> Vec<usize> {
-        self.other_hosts().filter(|&host| !self.hosts[host].reported.confirmed_end).collect()
+    pub(crate) fn hosts_without_confirmed_end(&self) -> Vec<usize> {
+        self.other_hosts().filter(|&host| !self.hosts[host].reported_state.confirmed_end).collect()
     }
 
     /// Returns whether a planned partition separates a host from this one at a run time, ns.
-    pub(crate) fn is_apart(&self, host: usize, t_ns: u64) -> bool {
-        self.brief.are_apart(self.brief.here, host, t_ns)
+    pub(crate) fn is_partitioned(&self, host: usize, t_ns: u64) -> bool {
+        self.brief.are_partitioned(self.brief.here, host, t_ns)
     }
 
     /// Returns the other hosts, by index.
@@ -243,9 +247,9 @@ impl Hosts {
     /// Waits until all hosts have joined and synchronized their clocks, at most for the time in the fleet file.
     pub(crate) fn wait_for_hosts(
         &mut self,
-        remotes: &mut [Option<&mut Remote>],
+        remotes: &mut [Option<&mut RemoteRobot>],
         cleaner: &Cleaner,
-        stop: &Stop,
+        stop: &StopFlag,
     ) -> Result<(), RunError> {
         let began = Instant::now();
         let within = Duration::from_nanos(self.brief.join_within_ns);
@@ -256,12 +260,12 @@ impl Hosts {
                 tracing::warn!("the bridge died before the run began");
             }
             while cleaner.next_cleaned_owner().is_some() {
-                self.bridge.cleaned()?;
+                self.bridge.restart_after_cleanup()?;
             }
             let missing: Vec<&str> = self
                 .other_hosts()
-                .filter(|&host| !self.is_there(host))
-                .map(|host| self.name(host))
+                .filter(|&host| !self.is_ready(host))
+                .map(|host| self.host_name(host))
                 .collect();
             let hosts = missing.join(", ");
             if missing.is_empty() {
@@ -287,18 +291,21 @@ impl Hosts {
     }
 
     /// Returns whether a host reports and has compared clocks.
-    fn is_there(&self, host: usize) -> bool {
+    fn is_ready(&self, host: usize) -> bool {
         let host = &self.hosts[host];
         let plant = self.brief.plant as u64;
         let compared = host.bridge_status.as_ref().is_some_and(|(_, peers, _)| {
             peers.iter().any(|peer| peer.host == plant && peer.round_trip_ns > 0)
         });
-        host.reported.newest_report.is_some() && !host.reported.has_left && compared
+        host.reported_state.newest_report.is_some() && !host.reported_state.has_left && compared
     }
 
     /// Sends the wanted states of processes to all hosts, if due.
-    pub(crate) fn send_orders(&mut self, remotes: &[Option<&mut Remote>]) -> Result<(), RunError> {
-        if self.last_order.is_some_and(|told| told.elapsed() < TELL_EVERY) {
+    pub(crate) fn send_orders(
+        &mut self,
+        remotes: &[Option<&mut RemoteRobot>],
+    ) -> Result<(), RunError> {
+        if self.last_order.is_some_and(|told| told.elapsed() < ORDER_INTERVAL) {
             return Ok(());
         }
         self.last_order = Some(Instant::now());
@@ -306,7 +313,7 @@ impl Hosts {
         let header = OrderHeader {
             sequence: self.sequence,
             phase: self.phase as u64,
-            failed: u64::from(self.failed),
+            failed: u64::from(self.has_failed),
         };
         for (place, host) in self.hosts.iter().enumerate() {
             let Some(orders) = &host.orders else { continue };
@@ -320,28 +327,28 @@ impl Hosts {
     /// Reads the reports of hosts and the status of bridges. Returns the changes.
     pub(crate) fn read_reports(
         &mut self,
-        remotes: &mut [Option<&mut Remote>],
-    ) -> Result<Vec<HostNews>, RunError> {
+        remotes: &mut [Option<&mut RemoteRobot>],
+    ) -> Result<Vec<HostChange>, RunError> {
         let mut news = Vec::new();
         for (place, host) in self.hosts.iter_mut().enumerate() {
-            while let Some(sample) = host.bridges.receive()? {
+            while let Some(sample) = host.bridge_subscriber.receive()? {
                 let header = *sample.user_header();
                 if let Some((old, ..)) = &host.bridge_status
                     && old.boot != header.boot
                 {
                     host.earlier_counts = add_counts(&host.earlier_counts, old);
-                    news.push(HostNews::BridgeRestarted(place));
+                    news.push(HostChange::BridgeRestarted(place));
                 }
                 host.bridge_status = Some((header, sample.payload().to_vec(), Instant::now()));
             }
             let Some(reports) = &host.reports else { continue };
             while let Some(sample) = reports.receive()? {
-                host.reported.update(*sample.user_header(), self.phase);
+                host.reported_state.update(*sample.user_header(), self.phase);
                 for row in sample.payload() {
                     let robot = (row.robot as usize).checked_sub(1);
                     let remote = robot.and_then(|robot| remotes.get_mut(robot)?.as_deref_mut());
                     if let Some(remote) = remote.filter(|remote| remote.host == place) {
-                        remote.report(*row);
+                        remote.update_report(*row);
                     }
                 }
             }
@@ -352,19 +359,19 @@ impl Hosts {
             let is_received = silent.is_none_or(|silent| silent <= after);
             let running = self.phase == Phase::Running;
             let host_now = &mut self.hosts[host];
-            let reachable = is_received && !host_now.reported.has_left;
+            let reachable = is_received && !host_now.reported_state.has_left;
             if std::mem::replace(&mut host_now.reachable, reachable) != reachable {
                 host_now.times_unreachable += u64::from(!reachable);
                 news.push(match reachable {
-                    true => HostNews::Back(host),
-                    false if host_now.reported.has_left => HostNews::Left(host),
-                    false => HostNews::Lost(host),
+                    true => HostChange::ReachableAgain(host),
+                    false if host_now.reported_state.has_left => HostChange::Left(host),
+                    false => HostChange::Lost(host),
                 });
             }
-            let reported = &mut host_now.reported;
+            let reported = &mut host_now.reported_state;
             let is_silent = running && reachable && reported.arrival.elapsed() > REPORT_SILENCE_MAX;
             if is_silent && !std::mem::replace(&mut reported.is_silent, true) {
-                news.push(HostNews::SupervisorSilent(host));
+                news.push(HostChange::SupervisorSilent(host));
             }
         }
         Ok(news)
@@ -372,7 +379,7 @@ impl Hosts {
 
     /// Polls this host's bridge. Returns how it died if it has just exited. Fails if it cannot be restarted.
     pub(crate) fn watch_bridge(&mut self, cleaner: &Cleaner) -> Result<Option<String>, RunError> {
-        self.bridge.watch(cleaner).map(RunError::check_given_up).transpose()
+        self.bridge.poll(cleaner).map(RunError::check_given_up).transpose()
     }
 
     /// Returns the time since the bridge received a message of a host; `None` while it is unknown.
@@ -384,22 +391,22 @@ impl Hosts {
 
     /// Announces the end of the run, so that hosts end their processes and deliver their last messages,
     /// which `meanwhile` reads. Does not wait for unreachable hosts.
-    pub(crate) fn release(
+    pub(crate) fn announce_end(
         &mut self,
-        remotes: &mut [Option<&mut Remote>],
+        remotes: &mut [Option<&mut RemoteRobot>],
         failed: bool,
         mut meanwhile: impl FnMut(),
     ) -> Result<(), RunError> {
         self.phase = Phase::Ending;
-        self.failed = failed;
+        self.has_failed = failed;
         self.last_order = None;
         let began = Instant::now();
-        while began.elapsed() < ENDING_MAX {
+        while began.elapsed() < HOSTS_END_TIMEOUT {
             self.read_reports(remotes)?;
             self.send_orders(remotes)?;
             meanwhile();
             let done = |host: usize| {
-                let report = self.hosts[host].reported.newest_report.as_ref();
+                let report = self.hosts[host].reported_state.newest_report.as_ref();
                 report.is_none_or(|report| Phase::from_number(report.phase) == Some(Phase::Done))
             };
             if self.other_hosts().all(|host| !self.hosts[host].reachable || done(host)) {
@@ -409,7 +416,7 @@ impl Hosts {
         }
         self.phase = Phase::Done;
         let done = Instant::now();
-        while done.elapsed() < END_ANNOUNCEMENT {
+        while done.elapsed() < END_ANNOUNCEMENT_TIME {
             self.read_reports(remotes)?;
             self.send_orders(remotes)?;
             meanwhile();
@@ -424,13 +431,13 @@ impl Hosts {
             let counted = host.bridge_counts();
             let peers = host.bridge_status.as_ref().map_or(&[][..], |(_, peers, _)| peers);
             let plant = peers.iter().find(|peer| peer.host == self.brief.plant as u64);
-            let robots = self.robots_of(place).into_iter();
+            let robots = self.robots_of_host(place).into_iter();
             HostSummary {
-                name: self.name(place).to_owned(),
+                name: self.host_name(place).to_owned(),
                 robots: robots.map(|robot| self.brief.robots[robot].name.clone()).collect(),
                 reachable: host.reachable,
                 lost: host.times_unreachable,
-                bridge_restarts: match &host.reported.newest_report {
+                bridge_restarts: match &host.reported_state.newest_report {
                     Some(report) => report.bridge_restarts,
                     None => self.bridge.restarts(),
                 },

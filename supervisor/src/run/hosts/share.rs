@@ -8,23 +8,24 @@ use std::time::{Duration, Instant};
 
 use protocol::brief::{AgentBrief, BridgeBrief, Pace};
 use protocol::message::{
-    BridgeHeader, OrderHeader, OrderRow, PeerRow, Phase, Polled, ReportHeader, ReportRow, Wanted,
+    BridgeHeader, OrderHeader, OrderRow, PeerRow, Phase, PolledState, ReportHeader, ReportRow,
+    WantedState,
 };
-use protocol::process::{Stop, drain_stderr};
+use protocol::process::{StopFlag, drain_stderr};
 use protocol::service::{self, Publisher, Qos, Subscriber, send_slice};
 use protocol::watchdog::{ProcessSample, SchedulingState};
 use rustix::event::{PollFd, PollFlags};
 
 use crate::child::Child;
-use crate::dead_nodes::{Cleaner, Dead};
+use crate::dead_nodes::{Cleaner, DeadProcessOwner};
 use crate::descriptors::ViewUse;
 use crate::logs::Logs;
 use crate::orphan_processes::OrphanReaper;
 use crate::run::RunError;
 use crate::run::helper_process::{HelperKind, HelperProcess};
 use crate::run::launch::make_run_root;
-use crate::run::processes::{RobotProcess, end_all, wait_for_news, watch};
-use crate::run::services::Services;
+use crate::run::processes::{RobotProcess, death_poll_fd, terminate_all, wait_until_readable};
+use crate::run::services::RobotServices;
 use crate::shm_capacity;
 use crate::spawn::Launcher;
 use experiment::briefs;
@@ -34,11 +35,11 @@ use outcome::results::host_dir::HostDir;
 /// Maximum time for which one iteration of the loop waits for messages.
 const ITERATION_MAX: Duration = Duration::from_millis(2);
 /// Interval at which reports are sent to the plant's host.
-const REPORT_EVERY: Duration = Duration::from_millis(20);
+const REPORT_INTERVAL: Duration = Duration::from_millis(20);
 /// Interval at which the states of the robots' processes are polled.
-const POLL_EVERY: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Duration for which this host announces that it leaves, before its robots exit.
-const LEAVE_ANNOUNCEMENT: Duration = Duration::from_millis(200);
+const LEAVE_ANNOUNCEMENT_TIME: Duration = Duration::from_millis(200);
 /// Maximum time for the delivery of the robots' last messages to be confirmed, after they have exited.
 const DELIVERY_TIMEOUT: Duration = Duration::from_secs(4);
 /// Time for the bridge to read the robots' last messages.
@@ -50,7 +51,7 @@ const COORDINATOR_EXIT_TIMEOUT: Duration = Duration::from_secs(2);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HostEnd {
     /// The run has ended.
-    WithTheRun,
+    RunEnded,
     /// A signal ended this host's part before the end of the run.
     Interrupted,
 }
@@ -65,9 +66,9 @@ struct LocalRobot {
 
 impl LocalRobot {
     /// Orders this state for the robot's process, and discards the last polled state.
-    fn order_state(&mut self, wanted: Wanted) -> Result<(), RunError> {
-        self.stopped = wanted == Wanted::Stopped;
-        self.report.state = Polled::Not as u64;
+    fn order_state(&mut self, wanted: WantedState) -> Result<(), RunError> {
+        self.stopped = wanted == WantedState::Stopped;
+        self.report.state = PolledState::NotPolled as u64;
         let sent = self.process.set_wanted_state(wanted);
         sent.map_err(|error| RunError::signal_failure(&self.name, error))
     }
@@ -77,37 +78,37 @@ impl LocalRobot {
         let sample = self.process.child().map(Child::sample);
         let sample = sample.and_then(Result::ok).filter(|_| !self.stopped);
         let state = match sample.map(|sample| sample.state) {
-            None | Some(SchedulingState::Gone) => Polled::Not,
-            Some(SchedulingState::Runnable) => Polled::Runnable,
-            Some(SchedulingState::Blocked) => Polled::Blocked,
-            Some(SchedulingState::Stopped) => Polled::Stopped,
+            None | Some(SchedulingState::Exited) => PolledState::NotPolled,
+            Some(SchedulingState::Runnable) => PolledState::Runnable,
+            Some(SchedulingState::Blocked) => PolledState::Blocked,
+            Some(SchedulingState::Stopped) => PolledState::Stopped,
         };
         self.report.state = state as u64;
-        if let Some(ProcessSample { computed, at_ns, .. }) = sample {
+        if let Some(ProcessSample { cpu_time: computed, time_ns: at_ns, .. }) = sample {
             (self.report.computed_ns, self.report.polled_ns) = (computed.as_nanos() as u64, at_ns);
         }
     }
 }
 
 /// Local part of a run in progress.
-struct Share<'a> {
+struct LocalRun<'a> {
     brief: &'a BridgeBrief,
     launcher: &'a Launcher,
-    stop: &'a Stop,
+    stop_flag: &'a StopFlag,
     robots: BTreeMap<u64, LocalRobot>,
     bridge: HelperProcess,
     cleaner: Cleaner,
     logs: Logs,
     orders: Subscriber<[OrderRow], OrderHeader>,
-    report: Publisher<[ReportRow], ReportHeader>,
-    bridges: Subscriber<[PeerRow], BridgeHeader>,
+    report_publisher: Publisher<[ReportRow], ReportHeader>,
+    bridge_subscriber: Subscriber<[PeerRow], BridgeHeader>,
     /// Newest orders of the plant's host, and their arrival time.
-    ordered: Option<(OrderHeader, Instant)>,
-    unconfirmed: u64,
+    newest_orders: Option<(OrderHeader, Instant)>,
+    unconfirmed_count: u64,
     phase: Phase,
     sequence: u64,
-    reported: Option<Instant>,
-    polled: Instant,
+    last_report_time: Option<Instant>,
+    last_poll_time: Instant,
 }
 
 /// Runs the local part of this host to the end of the run. `brief` is the brief of the bridge, without its run root.
@@ -116,51 +117,51 @@ pub fn run(
     brief: BridgeBrief,
     launcher: &Launcher,
     host_dir: &HostDir,
-    stop: &Stop,
+    stop: &StopFlag,
 ) -> Result<HostEnd, RunError> {
-    let mut left_behind = OrphanReaper::watch(&host_dir.logs());
+    let mut left_behind = OrphanReaper::watch(&host_dir.logs_path());
     let own = brief.robots.iter().filter(|robot| robot.host == brief.here);
     let links = own.clone().map(|robot| robot.hears).sum();
     let run_root = make_run_root(own.count(), links, ViewUse::Off)?;
     let launcher = &launcher.clone().with_run_root(run_root.path());
-    if scenario.programs().next().is_some() {
-        left_behind.reap_after_a_kill(launcher, run_root.path())?;
+    if scenario.process_programs().next().is_some() {
+        left_behind.start_reaper_process(launcher, run_root.path())?;
     }
     let brief = BridgeBrief { run_root: run_root.path().into(), ..brief };
-    let node = service::node("supervisor")?;
-    let services = Services::open_for_host(&node, scenario, &brief)?;
+    let node = service::create_node("supervisor")?;
+    let services = RobotServices::open_for_host(&node, scenario, &brief)?;
     let name = brief.hosts[brief.here].name.as_str();
     let hosts = Qos::for_hosts(1);
-    let orders = service::orders(name).create(&node, hosts)?;
-    let report = service::report(name).create(&node, hosts)?;
-    let bridges = service::bridge(name).create(&node, hosts)?;
+    let orders = service::orders_topic(name).create(&node, hosts)?;
+    let report = service::host_report_topic(name).create(&node, hosts)?;
+    let bridges = service::bridge_topic(name).create(&node, hosts)?;
     let cleaner = Cleaner::start(&run_root, &node)?;
-    shm_capacity::allocate(run_root.path(), None)?;
+    shm_capacity::allocate_reserved_memory(run_root.path(), None)?;
     let told = host_dir.write_brief("bridge", &brief)?;
     let bridge =
         HelperProcess::start(HelperKind::Bridge, launcher, told, host_dir.log_path("bridge"))?;
-    let mut share = Share {
+    let mut share = LocalRun {
         brief: &brief,
         launcher,
-        stop,
-        robots: robots(scenario, &brief, run_root.path(), host_dir)?,
+        stop_flag: stop,
+        robots: write_robot_briefs(scenario, &brief, run_root.path(), host_dir)?,
         bridge,
         cleaner,
-        logs: Logs::new(&host_dir.logs()),
+        logs: Logs::new(&host_dir.logs_path()),
         orders: orders.subscriber()?,
-        report: report.publisher(scenario.robots.len())?,
-        bridges: bridges.subscriber()?,
-        ordered: None,
-        unconfirmed: 0,
+        report_publisher: report.publisher(scenario.robots.len())?,
+        bridge_subscriber: bridges.subscriber()?,
+        newest_orders: None,
+        unconfirmed_count: 0,
         phase: Phase::Gathering,
         sequence: 0,
-        reported: None,
-        polled: Instant::now(),
+        last_report_time: None,
+        last_poll_time: Instant::now(),
     };
     let ended = share.run_main_loop();
     share.leave_if_needed(&ended);
     share.end_robots();
-    share.bridge.end();
+    share.bridge.terminate();
     drop(share);
     drop((orders, report, bridges, services, node));
     if let Err(error) = run_root.remove() {
@@ -170,18 +171,19 @@ pub fn run(
 }
 
 /// Writes the brief of each robot of this host.
-fn robots(
+fn write_robot_briefs(
     scenario: &Scenario,
     brief: &BridgeBrief,
     run_root: &Path,
     host_dir: &HostDir,
 ) -> Result<BTreeMap<u64, LocalRobot>, RunError> {
+    let briefs = briefs::AgentBriefs::new(scenario);
     let mut robots = BTreeMap::new();
     for (place, robot) in scenario.robots.iter().enumerate() {
         if brief.robots[place].host != brief.here {
             continue;
         }
-        let told = briefs::agent(scenario, place, Pace::Realtime, run_root);
+        let told = briefs.brief(place, Pace::Realtime, run_root);
         let told =
             host_dir.write_brief(&robot.name, &AgentBrief { links_by_hand: false, ..told })?;
         let program = scenario.program(place).map(|program| host_dir.program_command(program));
@@ -193,66 +195,66 @@ fn robots(
     Ok(robots)
 }
 
-impl Share<'_> {
+impl LocalRun<'_> {
     fn run_main_loop(&mut self) -> Result<HostEnd, RunError> {
         let began = Instant::now();
         loop {
-            if self.stop.is_requested() {
+            if self.stop_flag.is_requested() {
                 return Ok(HostEnd::Interrupted);
             }
             self.run_iteration()?;
             self.check_coordinator_alive(began)?;
-            let Some((header, _)) = self.ordered else { continue };
+            let Some((header, _)) = self.newest_orders else { continue };
             if header.failed == 1 {
                 self.phase = Phase::Done;
-                self.reported = None;
+                self.last_report_time = None;
                 self.send_report()?;
-                return Err(RunError::PlantsHostFailed { host: self.plants_host() });
+                return Err(RunError::PlantsHostFailed { host: self.plant_host_name() });
             }
             if Phase::from_number(header.phase) >= Some(Phase::Ending) {
                 self.deliver_last_messages()?;
-                return Ok(HostEnd::WithTheRun);
+                return Ok(HostEnd::RunEnded);
             }
         }
     }
 
-    fn plants_host(&self) -> String {
+    fn plant_host_name(&self) -> String {
         self.brief.hosts[self.brief.plant].name.clone()
     }
 
     /// Executes one iteration: reads messages, applies orders, and reports.
     fn run_iteration(&mut self) -> Result<(), RunError> {
-        self.wait_for_news();
+        self.wait_for_message_or_exit();
         drain_stderr(Duration::ZERO);
-        while let Some(sample) = self.bridges.receive()? {
-            self.unconfirmed = sample.user_header().unconfirmed;
+        while let Some(sample) = self.bridge_subscriber.receive()? {
+            self.unconfirmed_count = sample.user_header().unconfirmed;
         }
         let mut wanted = None;
         while let Some(sample) = self.orders.receive()? {
-            self.ordered = Some((*sample.user_header(), Instant::now()));
+            self.newest_orders = Some((*sample.user_header(), Instant::now()));
             wanted = Some(sample.payload().to_vec());
         }
         self.reap_exited();
-        if self.polled.elapsed() >= POLL_EVERY {
-            self.polled = Instant::now();
+        if self.last_poll_time.elapsed() >= POLL_INTERVAL {
+            self.last_poll_time = Instant::now();
             self.robots.values_mut().for_each(LocalRobot::poll);
         }
         self.logs.truncate_if_due();
-        if let Some(died) = self.bridge.watch(&self.cleaner) {
+        if let Some(died) = self.bridge.poll(&self.cleaner) {
             let how = RunError::check_given_up(died)?;
             tracing::warn!(%how, "the bridge died; restarting it");
         }
         while let Some(dead) = self.cleaner.next_cleaned_owner() {
             match dead {
-                Dead::Robot(number) => {
+                DeadProcessOwner::Robot(number) => {
                     let robot = self.robots.get_mut(&(number as u64));
                     robot.expect("its clean-up was asked for here").report.cleaned += 1;
                 }
-                Dead::Bridge => self.bridge.cleaned()?,
-                Dead::Ros2 => {}
+                DeadProcessOwner::Bridge => self.bridge.restart_after_cleanup()?,
+                DeadProcessOwner::Ros2 => {}
             }
         }
-        if let (Some(rows), Some((header, _))) = (wanted, self.ordered)
+        if let (Some(rows), Some((header, _))) = (wanted, self.newest_orders)
             && Phase::from_number(header.phase) == Some(Phase::Running)
         {
             self.phase = self.phase.max(Phase::Running);
@@ -261,11 +263,11 @@ impl Share<'_> {
         self.send_report()
     }
 
-    fn wait_for_news(&self) {
+    fn wait_for_message_or_exit(&self) {
         let children = self.robots.values().filter_map(|robot| robot.process.child());
-        let mut news: Vec<_> = children.chain(self.bridge.child()).map(watch).collect();
+        let mut news: Vec<_> = children.chain(self.bridge.child()).map(death_poll_fd).collect();
         news.push(PollFd::from_borrowed_fd(self.cleaner.results_fd(), PollFlags::IN));
-        wait_for_news(&mut news, ITERATION_MAX);
+        wait_until_readable(&mut news, ITERATION_MAX);
     }
 
     /// Starts, signals and ends processes as the orders say.
@@ -275,10 +277,10 @@ impl Share<'_> {
             let report = robot.report;
             let lives = robot.process.child().is_some();
             if lives {
-                let wanted = match Wanted::from_number(row.wanted) {
-                    _ if report.starts < row.starts => Some(Wanted::Killed),
-                    Some(wanted) if wanted != Wanted::Killed => {
-                        let stops = wanted == Wanted::Stopped;
+                let wanted = match WantedState::from_number(row.wanted) {
+                    _ if report.starts < row.starts => Some(WantedState::Killed),
+                    Some(wanted) if wanted != WantedState::Killed => {
+                        let stops = wanted == WantedState::Stopped;
                         (robot.stopped != stops).then_some(wanted)
                     }
                     wanted => wanted,
@@ -306,9 +308,9 @@ impl Share<'_> {
             robot.report.ended = 1;
             robot.report.status = status.into_raw() as u32 as u64;
             robot.report.ended_early = u64::from(self.phase < Phase::Ending);
-            robot.report.state = Polled::Not as u64;
-            self.cleaner.request(Dead::Robot(*number as usize));
-            self.reported = None;
+            robot.report.state = PolledState::NotPolled as u64;
+            self.cleaner.request_cleanup(DeadProcessOwner::Robot(*number as usize));
+            self.last_report_time = None;
             if self.phase < Phase::Ending {
                 tracing::warn!(
                     robot = robot.name,
@@ -321,12 +323,12 @@ impl Share<'_> {
 
     /// Sends a report to the plant's host, if due.
     fn send_report(&mut self) -> Result<(), RunError> {
-        if self.reported.is_some_and(|at| at.elapsed() < REPORT_EVERY) {
+        if self.last_report_time.is_some_and(|at| at.elapsed() < REPORT_INTERVAL) {
             return Ok(());
         }
-        self.reported = Some(Instant::now());
+        self.last_report_time = Some(Instant::now());
         let children = self.robots.values().filter_map(|robot| robot.process.child());
-        children.for_each(Child::kill_if_too_large);
+        children.for_each(Child::kill_if_over_memory_limit);
         self.sequence += 1;
         let header = ReportHeader {
             sequence: self.sequence,
@@ -334,19 +336,19 @@ impl Share<'_> {
             bridge_restarts: self.bridge.restarts(),
         };
         let rows: Vec<ReportRow> = self.robots.values().map(|robot| robot.report).collect();
-        send_slice(&self.report, header, rows.len(), |row| rows[row])?;
+        send_slice(&self.report_publisher, header, rows.len(), |row| rows[row])?;
         Ok(())
     }
 
     /// Returns an error if the plant's host is silent for too long, because there is no run without it.
     fn check_coordinator_alive(&self, began: Instant) -> Result<(), RunError> {
         let brief = self.brief;
-        match self.ordered {
+        match self.newest_orders {
             Some((_, at)) if at.elapsed() > Duration::from_nanos(brief.silence_ns_max) => {
-                Err(RunError::PlantsHostLost { host: self.plants_host(), silent: at.elapsed() })
+                Err(RunError::PlantsHostLost { host: self.plant_host_name(), silent: at.elapsed() })
             }
             None if began.elapsed() > Duration::from_nanos(brief.join_within_ns) => {
-                let (hosts, waited) = (self.plants_host(), began.elapsed());
+                let (hosts, waited) = (self.plant_host_name(), began.elapsed());
                 Err(RunError::HostsMissing { hosts, waited, dropped: String::new() })
             }
             _ => Ok(()),
@@ -358,7 +360,7 @@ impl Share<'_> {
     fn leave_if_needed(&mut self, ended: &Result<HostEnd, RunError>) {
         let knows = matches!(
             ended,
-            Ok(HostEnd::WithTheRun)
+            Ok(HostEnd::RunEnded)
                 | Err(RunError::PlantsHostFailed { .. } | RunError::PlantsHostLost { .. })
         );
         if knows || self.phase == Phase::Done {
@@ -367,7 +369,7 @@ impl Share<'_> {
         self.reap_exited();
         self.phase = Phase::Done;
         let began = Instant::now();
-        while began.elapsed() < LEAVE_ANNOUNCEMENT {
+        while began.elapsed() < LEAVE_ANNOUNCEMENT_TIME {
             if let Err(error) = self.send_report() {
                 tracing::warn!(%error, "cannot inform the plant's host that this host leaves");
                 return;
@@ -382,18 +384,18 @@ impl Share<'_> {
         self.phase = Phase::Ending;
         self.end_robots();
         let ended = Instant::now();
-        self.unconfirmed = 1;
+        self.unconfirmed_count = 1;
         while ended.elapsed() < DELIVERY_TIMEOUT
-            && (ended.elapsed() < FLUSH_TIME || self.unconfirmed > 0)
+            && (ended.elapsed() < FLUSH_TIME || self.unconfirmed_count > 0)
         {
             self.run_iteration()?;
         }
         self.phase = Phase::Done;
-        self.reported = None;
+        self.last_report_time = None;
         let done = Instant::now();
-        let released = |share: &Share<'_>| {
+        let released = |share: &LocalRun<'_>| {
             share
-                .ordered
+                .newest_orders
                 .is_some_and(|(header, _)| Phase::from_number(header.phase) == Some(Phase::Done))
         };
         while done.elapsed() < COORDINATOR_EXIT_TIMEOUT && !released(self) {
@@ -405,7 +407,7 @@ impl Share<'_> {
     /// Terminates all robots, and kills each that does not exit in time.
     fn end_robots(&mut self) {
         let robots = self.robots.values_mut();
-        end_all(robots.filter_map(|robot| robot.process.child_mut()).collect());
+        terminate_all(robots.filter_map(|robot| robot.process.child_mut()).collect());
         self.reap_exited();
     }
 }

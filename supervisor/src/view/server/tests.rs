@@ -1,7 +1,7 @@
 //! Tests of the server over sockets of this machine.
 
 use super::*;
-use outcome::report::scene::{Frame, FrameRobot};
+use outcome::report::scene::{FrameRobot, SceneFrame};
 use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
 use std::net::TcpStream;
 
@@ -10,8 +10,8 @@ const ROBOTS: usize = 300;
 /// Deadline that only a hang exceeds.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-fn frame(t_s: f64) -> Frame {
-    Frame { t_s, robots: vec![FrameRobot::default(); ROBOTS], ..Frame::default() }
+fn frame(t_s: f64) -> SceneFrame {
+    SceneFrame { t_s, robots: vec![FrameRobot::default(); ROBOTS], ..SceneFrame::default() }
 }
 
 #[test]
@@ -35,15 +35,15 @@ fn slow_client_misses_frames_and_delays_no_other_client() {
     };
     let idle = come();
     let mut reader = frames(come());
-    while view.clients() < 2 {
+    while view.client_count() < 2 {
         assert!(began.elapsed() < TIMEOUT, "they do not get in");
         std::thread::sleep(Duration::from_millis(1));
     }
     // Far more than the sockets hold. The client that reads gets each of them.
     for number in 0..200 {
-        let before = view.frames;
-        while view.frames == before {
-            view.frame(frame(f64::from(number)));
+        let before = view.frame_count;
+        while view.frame_count == before {
+            view.send_frame(frame(f64::from(number)));
         }
         assert_eq!(reader.next().expect("a frame")["t_s"].as_f64(), Some(f64::from(number)));
     }
@@ -59,12 +59,11 @@ fn slow_client_misses_frames_and_delays_no_other_client() {
     }
     assert!(shown < 200, "it got every frame, however old");
     view.send_end_of_run(0, "done");
-    assert!(began.elapsed() < TIMEOUT);
 }
 
 /// Starts a server of two robots with these limits. Returns it with its host and the query of its addresses.
-fn serving(limits: Limits, control: bool) -> (View, String, String) {
-    let bound = Bound { limits, ..bind("127.0.0.1:0".parse().unwrap(), false).unwrap() };
+fn start_server(limits: ConnectionLimits, control: bool) -> (View, String, String) {
+    let bound = BoundServer { limits, ..bind("127.0.0.1:0".parse().unwrap(), false).unwrap() };
     let url = bound.url();
     let (host, query) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
     let (host, query) = (host.to_owned(), query.to_owned());
@@ -97,8 +96,9 @@ fn read_to_end(mut stream: TcpStream) -> String {
 #[test]
 fn connection_without_a_request_is_closed_and_a_stream_stays() {
     // The stream that stays was opened before, and outlives the others.
-    let limits = Limits { silent_max: Duration::from_millis(300), ..Limits::default() };
-    let (mut view, host, query) = serving(limits, false);
+    let limits =
+        ConnectionLimits { silence_max: Duration::from_millis(300), ..ConnectionLimits::default() };
+    let (mut view, host, query) = start_server(limits, false);
     let mut events = loop {
         // On a busy machine the request itself may arrive too late.
         let mut stream = connect(&host);
@@ -115,9 +115,9 @@ fn connection_without_a_request_is_closed_and_a_stream_stays() {
     assert_eq!(read_to_end(silent), "");
     assert_eq!(read_to_end(half), "");
     assert!(view.is_watched(), "the one that listens is still there");
-    let before = view.frames;
-    while view.frames == before {
-        view.frame(frame(7.0));
+    let before = view.frame_count;
+    while view.frame_count == before {
+        view.send_frame(frame(7.0));
     }
     assert!(events.any(|line| line.contains("\"t_s\":7.0")), "and is told");
 }
@@ -125,8 +125,8 @@ fn connection_without_a_request_is_closed_and_a_stream_stays() {
 #[test]
 fn oldest_silent_connection_is_closed_for_a_new_one() {
     // Connections here are not closed by their timeout, only to make room.
-    let limits = Limits { silent_max: 10 * TIMEOUT, ..Limits::default() };
-    let (_view, host, query) = serving(limits, false);
+    let limits = ConnectionLimits { silence_max: 10 * TIMEOUT, ..ConnectionLimits::default() };
+    let (_view, host, query) = start_server(limits, false);
     let mut silent: Vec<TcpStream> = (0..64).map(|_| connect(&host)).collect();
     let page = send_request(&host, &format!("GET /{query}"));
     assert!(page.starts_with("HTTP/1.1 200 ") && page.contains("<script"), "{page}");
@@ -143,8 +143,8 @@ fn oldest_silent_connection_is_closed_for_a_new_one() {
 
 #[test]
 fn request_without_the_token_is_answered_and_closed() {
-    let limits = Limits { silent_max: 10 * TIMEOUT, ..Limits::default() };
-    let (_view, host, _) = serving(limits, false);
+    let limits = ConnectionLimits { silence_max: 10 * TIMEOUT, ..ConnectionLimits::default() };
+    let (_view, host, _) = start_server(limits, false);
     // More requests than concurrent connections, because each response ends its connection.
     for _ in 0..3 * limits.unauthenticated_max {
         let refused = send_request(&host, "GET /?token=0");
@@ -154,8 +154,12 @@ fn request_without_the_token_is_answered_and_closed() {
 
 #[test]
 fn authenticated_connections_are_limited() {
-    let limits = Limits { silent_max: 10 * TIMEOUT, authenticated_max: 2, ..Limits::default() };
-    let (mut view, host, query) = serving(limits, true);
+    let limits = ConnectionLimits {
+        silence_max: 10 * TIMEOUT,
+        authenticated_max: 2,
+        ..ConnectionLimits::default()
+    };
+    let (mut view, host, query) = start_server(limits, true);
     let listen = || {
         let mut stream = connect(&host);
         write!(stream, "GET /events{query} HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
@@ -173,6 +177,6 @@ fn authenticated_connections_are_limited() {
     while !send_request(&host, &format!("GET /{query}")).starts_with("HTTP/1.1 200 ") {
         assert!(began.elapsed() < TIMEOUT, "there is no room after they have gone");
         // The server detects a closed connection at its next write.
-        view.latency(Vec::new());
+        view.send_latency(Vec::new());
     }
 }

@@ -1,9 +1,9 @@
 //! An example method that brakes: scales gamma down before each collision predicted within a horizon tau.
 
 use formation::Vec2;
-use formation::front_point::twist_for;
+use formation::front_point::twist_for_front_velocity;
 use formation::pose::Twist;
-use protocol::avoidance::{AvoidanceDescription, Gain, Senses};
+use protocol::avoidance::{AvoidanceDescription, Gain, RequiredSensing};
 
 use super::{Avoidance, AvoidanceRow, Sample};
 
@@ -12,13 +12,13 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         name: "brake",
         source: "an example",
         clamps_speed: true,
-        senses: Senses::Velocities,
+        required_sensing: RequiredSensing::PositionsAndVelocities,
         sensing_radius_m: |at| {
             let tau = at.avoidance.gains["horizon_s"];
-            at.avoidance.distance_min_m + 2.0 * at.speed_m_s() * tau
+            at.avoidance.distance_min_m + 2.0 * at.speed_max_m_s() * tau
         },
-        gains: &[Gain::required("horizon_s", "tau, look-ahead time, in seconds")],
-        ..AvoidanceDescription::INERT
+        gains: &[Gain::new("horizon_s", "tau, look-ahead time, in seconds")],
+        ..AvoidanceDescription::NO_AVOIDANCE
     },
     build: |brief, gains| {
         Box::new(Brake {
@@ -38,12 +38,12 @@ struct Brake {
 }
 
 impl Avoidance for Brake {
-    fn admit(&self, gamma: Vec2) -> Vec2 {
+    fn admit_velocity(&self, gamma: Vec2) -> Vec2 {
         gamma.cap_magnitude(self.v_max)
     }
 
     fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        twist_for(heading_rad, self.ell, gamma)
+        twist_for_front_velocity(heading_rad, self.ell, gamma)
     }
 
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {

@@ -2,17 +2,17 @@
 
 use formation::Vec2;
 
-use super::{FORMATION, Gains, Law, LawRow, Situation};
+use super::{FORMATION_ROLE, Gains, Law, LawRow, Situation};
 
 pub(super) const ROW: LawRow = LawRow {
     name: "formation-linear",
-    role: FORMATION,
+    role: FORMATION_ROLE,
     source: "(16)",
-    gains: &["k_per_s", "limit_m_s"],
+    gain_keys: &["k_per_s", "limit_m_s"],
     feed_forward: false,
     correction_max: Some("limit_m_s"),
-    message: None,
-    withholds: false,
+    message_format: None,
+    may_withhold_beacon: false,
     signals: &[],
     build: |gains: &Gains<'_>| {
         Box::new(FormationLinear { k: gains.get("k_per_s"), limit: gains.get("limit_m_s") })

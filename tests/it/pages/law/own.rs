@@ -1,6 +1,6 @@
 use agent::controller::Parts;
 use agent::laws::{Law, Situation};
-use agent::roles::FORMATION;
+use agent::roles::FORMATION_ROLE;
 use agent::{UnfitBrief, avoidance, control_loop};
 use formation::Vec2;
 use protocol::brief::AgentBrief;
@@ -20,7 +20,7 @@ impl Law for Sprung {
 
 pub fn parts(brief: &AgentBrief) -> Result<Parts, UnfitBrief> {
     Ok(Parts {
-        role: FORMATION.make(brief)?,
+        role: FORMATION_ROLE.make(brief)?,
         law: Box::new(Sprung { integral: Vec2::zeros() }),
         avoidance: avoidance::build(brief)?,
     })
@@ -28,5 +28,5 @@ pub fn parts(brief: &AgentBrief) -> Result<Parts, UnfitBrief> {
 
 /// Runs the robot for `PROGRAM agent BRIEF --incarnation N` in `main`. Returns the exit code.
 pub fn agent(brief: &std::path::Path, incarnation: u64) -> u8 {
-    control_loop::main_with(brief, incarnation, false, parts)
+    control_loop::main_with_parts(brief, incarnation, false, parts)
 }

@@ -3,9 +3,9 @@
 use formation::Vec2;
 use formation::desired::{Target, mean_target};
 use protocol::law::Role as Description;
-use protocol::message::Contact;
+use protocol::message::ReceptionState;
 
-use super::{Heard, Role, RoleInput, RoleRow};
+use super::{NeighborEstimate, Role, RoleInput, RoleRow};
 
 pub const CONTAINED_FRESH: RoleRow = RoleRow {
     description: Description { name: "contained-fresh", ..Description::CONTAINED },
@@ -15,11 +15,16 @@ pub const CONTAINED_FRESH: RoleRow = RoleRow {
 struct ContainedFresh;
 
 impl Role for ContainedFresh {
-    fn target(&mut self, input: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+    fn target(
+        &mut self,
+        input: &RoleInput<'_>,
+        heard: &mut Vec<NeighborEstimate>,
+    ) -> Option<Target> {
         let no_offset = Target::at_rest(Vec2::zeros());
         input.neighborhood.estimate_neighbors(input.stamp_ns, |_| no_offset, heard);
-        let fresh = heard.iter().filter(|neighbor| neighbor.contact == Contact::Fresh);
-        mean_target(fresh.map(|&Heard { position, velocity, offset, .. }| {
+        let fresh =
+            heard.iter().filter(|neighbor| neighbor.reception_state == ReceptionState::Fresh);
+        mean_target(fresh.map(|&NeighborEstimate { position, velocity, offset, .. }| {
             (Target { position, velocity }, offset)
         }))
     }

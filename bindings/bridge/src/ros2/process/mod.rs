@@ -18,7 +18,7 @@ use iceoryx2::port::ReceiveError;
 use protocol::brief;
 use protocol::clock::{self, Timer};
 use protocol::message::Odometry;
-use protocol::process::{self, Failure, Stop};
+use protocol::process::{self, Failure, StopFlag};
 use protocol::ros2::messages::{self, StampedState, base_link};
 use protocol::ros2::{Ros2Brief, cdr};
 use protocol::run_root;
@@ -26,7 +26,7 @@ use protocol::service::{self, Node, ServiceError, Subscriber};
 
 use super::names::{self, ODOMETRY, POSE_STAMPED, TF};
 use crate::wire::WireError;
-use sending::Sending;
+use sending::GoalForwarder;
 use wire::{Ros2Session, Sender};
 
 /// Nice value of the process, of at most 19: robots are scheduled first.
@@ -44,20 +44,22 @@ pub fn main(brief: &Path) -> u8 {
 
 fn run(path: &Path) -> Result<(), Failure> {
     let brief: Ros2Brief = brief::read(path)?;
-    let stop = Stop::on_signals()?;
+    let stop = StopFlag::for_termination_signals()?;
     run_root::join(&brief.run_root)?;
-    let node = service::node("ros2")?;
-    let sources = brief.robots.iter().map(|robot| source(&node, robot));
+    let node = service::create_node("ros2")?;
+    let sources = brief.robots.iter().map(|robot| subscribe_odometry(&node, robot));
     let sources: Vec<_> = sources.collect::<Result<_, _>>()?;
-    let sending = Sending::open(&brief, &node)?;
+    let sending = GoalForwarder::open(&brief, &node)?;
     let Some(wire) = Ros2Session::open(&brief, &stop)? else { return Ok(()) };
-    let mut face = Face::declare(&wire, &brief, sources, sending)?;
+    let mut face = RosPublisher::declare(&wire, &brief, sources, sending)?;
     tracing::info!(address = %brief.address, domain = brief.domain, "ready for ROS 2");
     let mut timer = Timer::new(brief.period_ns, 0);
     while !stop.is_requested() {
         if timer.wait().is_some() {
             face.publish().map_err(|why| format!("cannot receive odometry: {why}"))?;
-            face.sending.forward_goals().map_err(|why| format!("cannot forward goals: {why}"))?;
+            face.goal_forwarder
+                .forward_goals()
+                .map_err(|why| format!("cannot forward goals: {why}"))?;
         }
     }
     drop(face);
@@ -65,8 +67,8 @@ fn run(path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-fn source(node: &Node, robot: &str) -> Result<Subscriber<Odometry>, ServiceError> {
-    service::odometry(robot).open(node)?.subscriber()
+fn subscribe_odometry(node: &Node, robot: &str) -> Result<Subscriber<Odometry>, ServiceError> {
+    service::odometry_topic(robot).open(node)?.subscriber()
 }
 
 /// Returns the offset from CLOCK_MONOTONIC to ROS time, which is the wall clock, ns. It is read once: stamps of a
@@ -78,49 +80,58 @@ fn ros_offset_ns() -> u64 {
 }
 
 /// Everything that ROS 2 receives.
-struct Face {
+struct RosPublisher {
     ros_offset_ns: u64,
-    robots: Vec<Robot>,
-    tf: Sender,
-    message: cdr::Writer,
-    sending: Sending,
+    robots: Vec<OdometryForwarder>,
+    tf_sender: Sender,
+    message_buffer: cdr::Writer,
+    goal_forwarder: GoalForwarder,
     _receivers: Vec<wire::Receiver>,
     /// Tokens of the nodes, which exist while these values live.
     _nodes: Vec<wire::AnnouncedNode>,
 }
 
-struct Robot {
+struct OdometryForwarder {
     frame: String,
     source: Subscriber<Odometry>,
-    odom: Sender,
+    odometry_sender: Sender,
 }
 
-impl Face {
+impl RosPublisher {
     /// Declares a node for each robot, with the robot's name, and a node for the run.
     fn declare(
         wire: &Ros2Session,
         brief: &Ros2Brief,
         sources: Vec<Subscriber<Odometry>>,
-        sending: Sending,
-    ) -> Result<Face, WireError> {
-        let all = wire.node(brief.domain, "phalanx")?;
-        let tf = wire.sender(&all, "/tf", TF)?;
+        sending: GoalForwarder,
+    ) -> Result<RosPublisher, WireError> {
+        let all = wire.announce_node(brief.domain, "phalanx")?;
+        let tf = wire.declare_sender(&all, "/tf", TF)?;
         let (mut robots, mut nodes, mut receivers) = (Vec::new(), vec![all], Vec::new());
         for (name, source) in brief.robots.iter().zip(sources) {
-            let node = wire.node(brief.domain, name)?;
-            let odom = wire.sender(&node, &names::odom(name), ODOMETRY)?;
+            let node = wire.announce_node(brief.domain, name)?;
+            let odom = wire.declare_sender(&node, &names::odometry_topic(name), ODOMETRY)?;
             if let Some(take) = sending.goal_handler(name) {
-                receivers.push(wire.receive(&node, &names::goal_pose(name), POSE_STAMPED, take)?);
+                receivers.push(wire.declare_receiver(
+                    &node,
+                    &names::goal_topic(name),
+                    POSE_STAMPED,
+                    take,
+                )?);
             }
-            robots.push(Robot { frame: base_link(name), source, odom });
+            robots.push(OdometryForwarder {
+                frame: base_link(name),
+                source,
+                odometry_sender: odom,
+            });
             nodes.push(node);
         }
-        Ok(Face {
+        Ok(RosPublisher {
             ros_offset_ns: ros_offset_ns(),
             robots,
-            tf,
-            message: cdr::Writer::new(),
-            sending,
+            tf_sender: tf,
+            message_buffer: cdr::Writer::new(),
+            goal_forwarder: sending,
             _receivers: receivers,
             _nodes: nodes,
         })
@@ -128,7 +139,7 @@ impl Face {
 
     /// Publishes new odometry of each robot, unless its pose is not valid.
     fn publish(&mut self) -> Result<(), ReceiveError> {
-        let message = &mut self.message;
+        let message = &mut self.message_buffer;
         let (mut states, mut newest_ns) = (Vec::with_capacity(self.robots.len()), 0);
         for robot in &mut self.robots {
             let mut newest: Option<Odometry> = None;
@@ -138,15 +149,15 @@ impl Face {
             let Some(sample) = newest.filter(|sample| sample.pose_valid == 1) else { continue };
             let stamp_ns = sample.stamp_ns + self.ros_offset_ns;
             let state = StampedState::new(&robot.frame, stamp_ns, sample.pose(), sample.twist());
-            messages::odometry(message, &state);
-            robot.odom.send(stamp_ns, message.bytes());
+            messages::write_odometry(message, &state);
+            robot.odometry_sender.send(stamp_ns, message.bytes());
             newest_ns = newest_ns.max(stamp_ns);
             states.push(state);
         }
         if !states.is_empty() {
-            messages::transforms(message, states.len());
-            states.iter().for_each(|state| messages::transform(message, state));
-            self.tf.send(newest_ns, message.bytes());
+            messages::begin_transforms(message, states.len());
+            states.iter().for_each(|state| messages::write_transform(message, state));
+            self.tf_sender.send(newest_ns, message.bytes());
         }
         Ok(())
     }

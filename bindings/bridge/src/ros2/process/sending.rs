@@ -10,37 +10,41 @@ use protocol::message::{Goal, GoalCounts};
 use protocol::ros2::Ros2Brief;
 use protocol::service::{self, Node, Publisher, ServiceError};
 
-use crate::ros2::goals::{Arena, GoalInbox};
+use crate::ros2::goals::{GoalArea, GoalInbox};
 
 /// Robots that accept goals, and the goals received for them.
-pub struct Sending {
-    arena: Arc<Arena>,
+pub struct GoalForwarder {
+    goal_area: Arc<GoalArea>,
     inbox: Arc<Mutex<GoalInbox>>,
     receivers: Vec<GoalReceiver>,
-    counts: Option<Publisher<GoalCounts>>,
+    counts_publisher: Option<Publisher<GoalCounts>>,
     /// Counts that were sent last.
     sent_counts: GoalCounts,
 }
 
 struct GoalReceiver {
     robot: String,
-    start: Vec2,
-    to: Publisher<Goal>,
+    start_position: Vec2,
+    publisher: Publisher<Goal>,
 }
 
-impl Sending {
+impl GoalForwarder {
     /// Opens the ports of all robots that accept goals.
-    pub fn open(brief: &Ros2Brief, node: &Node) -> Result<Sending, ServiceError> {
+    pub fn open(brief: &Ros2Brief, node: &Node) -> Result<GoalForwarder, ServiceError> {
         let receivers = brief.goals.iter().map(|goal| {
             let (robot, start) = (goal.robot.clone(), goal.start_m.into());
-            Ok(GoalReceiver { to: service::goal(&robot).open(node)?.publisher()?, robot, start })
+            Ok(GoalReceiver {
+                publisher: service::goal_topic(&robot).open(node)?.publisher()?,
+                robot,
+                start_position: start,
+            })
         });
         let receivers: Vec<GoalReceiver> = receivers.collect::<Result<_, ServiceError>>()?;
-        let counts = || service::goal_counts().open(node)?.publisher();
-        Ok(Sending {
-            arena: Arc::new(Arena::from_brief(brief)),
+        let counts = || service::goal_counts_topic().open(node)?.publisher();
+        Ok(GoalForwarder {
+            goal_area: Arc::new(GoalArea::from_brief(brief)),
             inbox: Arc::new(Mutex::new(GoalInbox::new(receivers.len(), clock::now_ns()))),
-            counts: (!receivers.is_empty()).then(counts).transpose()?,
+            counts_publisher: (!receivers.is_empty()).then(counts).transpose()?,
             receivers,
             sent_counts: GoalCounts::default(),
         })
@@ -49,19 +53,19 @@ impl Sending {
     /// Returns the handler of goal messages for a robot; `None` if it accepts no goals.
     pub fn goal_handler(&self, robot: &str) -> Option<impl Fn(&[u8]) + Send + Sync + 'static> {
         let place = self.receivers.iter().position(|receiver| receiver.robot == robot)?;
-        let (arena, inbox) = (self.arena.clone(), self.inbox.clone());
-        let start = self.receivers[place].start;
+        let (arena, inbox) = (self.goal_area.clone(), self.inbox.clone());
+        let start = self.receivers[place].start_position;
         Some(move |message: &[u8]| {
-            let to = arena.goal_position(message, start);
-            lock(&inbox).put(place, to, clock::now_ns());
+            let to = arena.parse_goal_position(message, start);
+            lock_inbox(&inbox).store_goal(place, to, clock::now_ns());
         })
     }
 
     /// Sends its newest goal to each robot that has one, and the counts of goals to the supervisor.
     pub fn forward_goals(&mut self) -> Result<(), SendError> {
-        let Some(counts) = &self.counts else { return Ok(()) };
+        let Some(counts) = &self.counts_publisher else { return Ok(()) };
         let (goals, now): (Vec<_>, _) = {
-            let inbox = lock(&self.inbox);
+            let inbox = lock_inbox(&self.inbox);
             (
                 (0..self.receivers.len()).map(|robot| inbox.newest_goal(robot)).collect(),
                 inbox.counts(),
@@ -69,7 +73,7 @@ impl Sending {
         };
         for (receiver, goal) in self.receivers.iter().zip(goals) {
             if let Some(goal) = goal {
-                receiver.to.send_copy(goal)?;
+                receiver.publisher.send_copy(goal)?;
             }
         }
         if now != self.sent_counts {
@@ -80,7 +84,7 @@ impl Sending {
     }
 }
 
-fn lock(inbox: &Mutex<GoalInbox>) -> MutexGuard<'_, GoalInbox> {
+fn lock_inbox(inbox: &Mutex<GoalInbox>) -> MutexGuard<'_, GoalInbox> {
     // After a panic in another thread the state is still consistent.
     inbox.lock().unwrap_or_else(PoisonError::into_inner)
 }

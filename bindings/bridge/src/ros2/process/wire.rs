@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::time::Duration;
 
-use protocol::process::Stop;
+use protocol::process::StopFlag;
 use protocol::ros2::Ros2Brief;
 use serde_json::{Value, json};
 use zenoh::Wait as _;
@@ -16,16 +16,16 @@ use crate::ros2::names::{self, GID_BYTES, MessageType};
 use crate::wire::{self, WireError};
 
 /// Maximum duration of one attempt to reach the router, ms.
-const CONNECT_MS: u64 = 1_000;
+const CONNECT_TIMEOUT_MS: u64 = 1_000;
 /// Pause between two attempts.
-const PAUSE: Duration = Duration::from_millis(500);
+const RECONNECT_PAUSE: Duration = Duration::from_millis(500);
 
 /// A session and its declared nodes.
 pub struct Ros2Session {
     session: zenoh::Session,
     id: String,
-    nodes: Cell<usize>,
-    entities: Cell<usize>,
+    next_node_id: Cell<usize>,
+    next_entity_id: Cell<usize>,
 }
 
 /// A ROS 2 node, announced while this value lives.
@@ -39,14 +39,19 @@ pub struct AnnouncedNode {
 impl Ros2Session {
     /// Listens, or connects to a router, for which it waits without a limit. Returns `None` if the process is
     /// asked to stop.
-    pub fn open(brief: &Ros2Brief, stop: &Stop) -> Result<Option<Ros2Session>, WireError> {
+    pub fn open(brief: &Ros2Brief, stop: &StopFlag) -> Result<Option<Ros2Session>, WireError> {
         let mut told = false;
         while !stop.is_requested() {
-            match wire::open(&config(brief)) {
+            match wire::open(&session_config(brief)) {
                 Ok(session) => {
                     let id = session.zid().to_string();
                     let (nodes, entities) = (Cell::new(0), Cell::new(0));
-                    return Ok(Some(Ros2Session { session, id, nodes, entities }));
+                    return Ok(Some(Ros2Session {
+                        session,
+                        id,
+                        next_node_id: nodes,
+                        next_entity_id: entities,
+                    }));
                 }
                 Err(why) if brief.listens => {
                     return Err(WireError::Open(brief.address.to_string(), why));
@@ -56,7 +61,7 @@ impl Ros2Session {
                         tracing::warn!(address = %brief.address, %why, "waiting for a ROS 2 router");
                         told = true;
                     }
-                    std::thread::sleep(PAUSE);
+                    std::thread::sleep(RECONNECT_PAUSE);
                 }
             }
         }
@@ -64,23 +69,24 @@ impl Ros2Session {
     }
 
     /// Announces a node.
-    pub fn node(&self, domain: u32, name: &str) -> Result<AnnouncedNode, WireError> {
-        let id = self.nodes.replace(self.nodes.get() + 1);
-        let token = self.token(names::NodeName { domain, session: &self.id, id, name }.token())?;
+    pub fn announce_node(&self, domain: u32, name: &str) -> Result<AnnouncedNode, WireError> {
+        let id = self.next_node_id.replace(self.next_node_id.get() + 1);
+        let token = self
+            .declare_token(names::NodeName { domain, session: &self.id, id, name }.node_token())?;
         Ok(AnnouncedNode { domain, id, name: name.into(), _token: token })
     }
 
     /// Declares a sender of a node on a topic.
-    pub fn sender(
+    pub fn declare_sender(
         &self,
         of: &AnnouncedNode,
         topic: &str,
         message: MessageType,
     ) -> Result<Sender, WireError> {
-        let (id, node) = self.entity(of);
+        let (id, node) = self.allocate_entity_id(of);
         let token = node.publisher_token(id, topic, message);
-        let gid = names::gid(&token);
-        let key = names::key(of.domain, topic, message);
+        let gid = names::derive_gid(&token);
+        let key = names::topic_key(of.domain, topic, message);
         // A slow receiver loses messages, and delays no other.
         let publisher = self
             .session
@@ -88,21 +94,27 @@ impl Ros2Session {
             .congestion_control(CongestionControl::Drop)
             .wait();
         let publisher = publisher.map_err(WireError::declare_error(&key))?;
-        Ok(Sender { publisher, gid, sequence: 0, failing: false, _token: self.token(token)? })
+        Ok(Sender {
+            publisher,
+            gid,
+            sequence: 0,
+            is_failing: false,
+            _token: self.declare_token(token)?,
+        })
     }
 
     /// Declares a receiver of a node on a topic until the end of the session. Messages are passed to `take`, on a
     /// thread of zenoh.
-    pub fn receive(
+    pub fn declare_receiver(
         &self,
         of: &AnnouncedNode,
         topic: &str,
         message: MessageType,
         take: impl Fn(&[u8]) + Send + Sync + 'static,
     ) -> Result<Receiver, WireError> {
-        let (id, node) = self.entity(of);
+        let (id, node) = self.allocate_entity_id(of);
         let token = node.subscriber_token(id, topic, message);
-        let key = names::key(of.domain, topic, message);
+        let key = names::topic_key(of.domain, topic, message);
         let declared = self
             .session
             .declare_subscriber(key.clone())
@@ -113,16 +125,16 @@ impl Ros2Session {
             .background()
             .wait();
         declared.map_err(WireError::declare_error(&key))?;
-        Ok(Receiver { _token: self.token(token)? })
+        Ok(Receiver { _token: self.declare_token(token)? })
     }
 
     /// Returns the next entity number of a node, and that node.
-    fn entity<'n>(&'n self, of: &'n AnnouncedNode) -> (usize, names::NodeName<'n>) {
-        let id = self.entities.replace(self.entities.get() + 1);
+    fn allocate_entity_id<'n>(&'n self, of: &'n AnnouncedNode) -> (usize, names::NodeName<'n>) {
+        let id = self.next_entity_id.replace(self.next_entity_id.get() + 1);
         (id, names::NodeName { domain: of.domain, session: &self.id, id: of.id, name: &of.name })
     }
 
-    fn token(&self, key: String) -> Result<LivelinessToken, WireError> {
+    fn declare_token(&self, key: String) -> Result<LivelinessToken, WireError> {
         let declared = self.session.liveliness().declare_token(key.clone()).wait();
         declared.map_err(WireError::declare_error(&key))
     }
@@ -143,7 +155,7 @@ pub struct Sender {
     publisher: Publisher<'static>,
     gid: [u8; GID_BYTES],
     sequence: i64,
-    failing: bool,
+    is_failing: bool,
     _token: LivelinessToken,
 }
 
@@ -151,20 +163,20 @@ impl Sender {
     /// Sends a message with this ROS time, ns.
     pub fn send(&mut self, ros_ns: u64, message: &[u8]) {
         self.sequence += 1;
-        let beside = names::attachment(self.sequence, ros_ns as i64, &self.gid);
+        let beside = names::encode_attachment(self.sequence, ros_ns as i64, &self.gid);
         let sent = self.publisher.put(message).attachment(beside).wait();
         if let Err(error) = &sent
-            && !self.failing
+            && !self.is_failing
         {
             tracing::warn!(key = %self.publisher.key_expr(), %error, "not sent");
         }
-        self.failing = sent.is_err();
+        self.is_failing = sent.is_err();
     }
 }
 
 /// Returns the complete configuration, as JSON. A client is the mode for which routers forward everything in both
 /// directions, whatever else is connected. (rmw_zenoh, issues 625 and 929)
-fn config(brief: &Ros2Brief) -> Value {
+fn session_config(brief: &Ros2Brief) -> Value {
     let endpoint = format!("tcp/{}", brief.address);
     let (mode, listen, connect) = match brief.listens {
         true => ("router", vec![endpoint], vec![]),
@@ -173,7 +185,7 @@ fn config(brief: &Ros2Brief) -> Value {
     json!({
         "mode": mode,
         "listen": { "timeout_ms": 0, "endpoints": listen, "exit_on_failure": true },
-        "connect": { "timeout_ms": CONNECT_MS, "endpoints": connect, "exit_on_failure": true },
+        "connect": { "timeout_ms": CONNECT_TIMEOUT_MS, "endpoints": connect, "exit_on_failure": true },
         // As in rmw_zenoh's router: nodes connected to it discover each other.
         "scouting": {
             "multicast": { "enabled": false },

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::report::run::{LatencyInterval, LatencySpread};
+use crate::report::run::{LatencyDistribution, LatencyInterval};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use hdrhistogram::Histogram;
@@ -10,14 +10,14 @@ use hdrhistogram::serialization::Deserializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogIterator, LogEntry};
 
 use super::ReportError;
-use super::files::{for_each_line, text};
+use super::files::{for_each_line, read_file};
 
 /// Relative distance within which points of a distribution are merged into the largest one, because a histogram has
 /// thousands of values.
 const MERGE_DISTANCE: f64 = 0.01;
 
 /// Reads `latency_over_time.csv`. Without the file, because the run was cut short, the list is empty.
-pub(super) fn over_time(path: &Path) -> Result<Vec<LatencyInterval>, ReportError> {
+pub(super) fn read_latency_over_time(path: &Path) -> Result<Vec<LatencyInterval>, ReportError> {
     let mut intervals = Vec::new();
     for_each_line(path, |interval| {
         intervals.push(interval);
@@ -27,11 +27,13 @@ pub(super) fn over_time(path: &Path) -> Result<Vec<LatencyInterval>, ReportError
 }
 
 /// Reads `latency.hlog`. Without the file, because the run was cut short, the list is empty.
-pub(super) fn spreads(path: &Path) -> Result<Vec<LatencySpread>, ReportError> {
-    let Some(text) = text(path)? else { return Ok(Vec::new()) };
+pub(super) fn read_latency_distributions(
+    path: &Path,
+) -> Result<Vec<LatencyDistribution>, ReportError> {
+    let Some(text) = read_file(path)? else { return Ok(Vec::new()) };
     let broken = |place: usize, what: String| {
         let what = format!("{what}; expected the log of histograms that a run writes");
-        ReportError::Broken(path.into(), place as u64 + 1, what)
+        ReportError::MalformedLine(path.into(), place as u64 + 1, what)
     };
     let mut deserializer = Deserializer::new();
     let mut spreads = Vec::new();
@@ -46,7 +48,11 @@ pub(super) fn spreads(path: &Path) -> Result<Vec<LatencySpread>, ReportError> {
             .deserialize(&mut &bytes[..])
             .map_err(|error| broken(place, error.to_string()))?;
         let above = exceedance_curve(&histogram);
-        spreads.push(LatencySpread { stage: stage.into(), of: of.into(), above });
+        spreads.push(LatencyDistribution {
+            stage: stage.into(),
+            robot_or_edge: of.into(),
+            exceedance: above,
+        });
     }
     Ok(spreads)
 }

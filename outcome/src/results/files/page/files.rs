@@ -6,7 +6,7 @@ use std::path::Path;
 
 use csv::ErrorKind;
 use experiment::scenario::file::check_inside_folder;
-use protocol::regular_file::{self, Links};
+use protocol::regular_file::{self, SymlinkPolicy};
 use serde::de::DeserializeOwned;
 
 use super::ReportError;
@@ -15,7 +15,7 @@ use super::ReportError;
 const FILE_BYTES_MAX: u64 = 1 << 34;
 
 /// Reads a file. Returns `None` if it does not exist.
-pub(super) fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
+pub(super) fn read_file(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
     let unread = |error| ReportError::Read(path.into(), error);
     match fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -27,16 +27,16 @@ pub(super) fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
         }
         Ok(_) => check_inside_folder(path.parent().unwrap_or(path), path).map_err(unread)?,
     }
-    let read = regular_file::read(path, Links::Followed, FILE_BYTES_MAX);
+    let read = regular_file::read(path, SymlinkPolicy::Followed, FILE_BYTES_MAX);
     read.map(Some).map_err(unread)
 }
 
 /// Parses a JSON file. Returns `None` if it does not exist.
-pub(super) fn json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
-    let Some(text) = text(path)? else { return Ok(None) };
+pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
+    let Some(text) = read_file(path)? else { return Ok(None) };
     let broken = |error: serde_json::Error| {
         let what = format!("{error}; expected JSON as a run writes it");
-        ReportError::Broken(path.into(), error.line() as u64, what)
+        ReportError::MalformedLine(path.into(), error.line() as u64, what)
     };
     serde_json::from_slice(&text).map(Some).map_err(broken)
 }
@@ -48,7 +48,7 @@ pub(super) fn for_each_line<T: DeserializeOwned>(
     path: &Path,
     take: impl FnMut(T) -> Result<(), String>,
 ) -> Result<(), ReportError> {
-    match text(path)? {
+    match read_file(path)? {
         Some(text) => for_each_line_of_text(path, &text, take),
         None => Ok(()),
     }
@@ -62,7 +62,7 @@ pub(super) fn for_each_line_of_text<T: DeserializeOwned>(
 ) -> Result<(), ReportError> {
     let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |place| place + 1);
     let mut reader = csv::Reader::from_reader(&text[..whole]);
-    let broken = |line, what| ReportError::Broken(path.into(), line, what);
+    let broken = |line, what| ReportError::MalformedLine(path.into(), line, what);
     let mut lines = reader.deserialize::<T>();
     while let Some(line) = lines.next() {
         let end = lines.reader().position().line();

@@ -9,8 +9,8 @@ use experiment::scenario::Scenario;
 use formation::graph::Edge;
 
 use super::ReportError;
-use super::files::{for_each_line, for_each_line_of_text, text};
-use crate::report::run::{Change, ChangedTo, Sample, SignalTrack};
+use super::files::{for_each_line, for_each_line_of_text, read_file};
+use crate::report::run::{NewState, RobotSample, SignalTrack, StateChange};
 use crate::report::scene::{EdgeState, RobotState, Scene};
 use crate::results::tables::{EventLine, SampleLine, SignalLine};
 
@@ -18,14 +18,14 @@ use crate::results::tables::{EventLine, SampleLine, SignalLine};
 const SAMPLES_MAX: usize = 2_000_000;
 
 /// Content of `samples.csv`.
-pub(super) struct Record {
+pub(super) struct SampleRecord {
     pub(super) times_s: Vec<f64>,
-    pub(super) tracks: Vec<Vec<Sample>>,
-    pub(super) every: usize,
+    pub(super) tracks: Vec<Vec<RobotSample>>,
+    pub(super) decimation: usize,
 }
 
 /// Reads `events.csv`.
-pub(super) fn events(path: &Path) -> Result<Vec<EventLine>, ReportError> {
+pub(super) fn read_events(path: &Path) -> Result<Vec<EventLine>, ReportError> {
     let mut events = Vec::new();
     for_each_line(path, |event| {
         events.push(event);
@@ -37,11 +37,11 @@ pub(super) fn events(path: &Path) -> Result<Vec<EventLine>, ReportError> {
 }
 
 /// Kind of the events about topology repair.
-const REPAIR: &str = "repair";
+const REPAIR_EVENT: &str = "repair";
 
 /// Returns the state changes of robots and edges, in order of time. Events of earlier versions have no columns for the
 /// changes of edges and deputies.
-pub(super) fn state_changes(events: &[EventLine], scene: &Scene) -> Vec<Change> {
+pub(super) fn state_changes(events: &[EventLine], scene: &Scene) -> Vec<StateChange> {
     let robots = scene.robots.iter().enumerate();
     let place: HashMap<&str, usize> = robots.map(|(i, robot)| (robot.name.as_str(), i)).collect();
     let mut states = vec![RobotState::Moving; scene.robots.len()];
@@ -53,25 +53,25 @@ pub(super) fn state_changes(events: &[EventLine], scene: &Scene) -> Vec<Change> 
             edges.position(|edge| (edge.from, edge.to) == ends && edge.spare == spare)
         };
         let to = match (event.kind.as_str(), event.state.as_str()) {
-            ("kill" | "died", _) => ChangedTo::Robot(robot, RobotState::Dead),
-            ("restart", _) => ChangedTo::Robot(robot, RobotState::Starting),
-            ("ready" | "thaw" | "led", _) => ChangedTo::Robot(robot, RobotState::Moving),
-            ("orphaned", _) => ChangedTo::Robot(robot, RobotState::Orphaned),
+            ("kill" | "died", _) => NewState::Robot(robot, RobotState::Dead),
+            ("restart", _) => NewState::Robot(robot, RobotState::Starting),
+            ("ready" | "thaw" | "led", _) => NewState::Robot(robot, RobotState::Moving),
+            ("orphaned", _) => NewState::Robot(robot, RobotState::Orphaned),
             // Without a process there is nothing to freeze.
             ("freeze", _) if ![RobotState::Dead, RobotState::Starting].contains(&states[robot]) => {
-                ChangedTo::Robot(robot, RobotState::Frozen)
+                NewState::Robot(robot, RobotState::Frozen)
             }
-            ("contact", state) => ChangedTo::Edge(edge(false)?, edge_state(state)?),
-            (REPAIR, "leads") => ChangedTo::Leads(robot, true),
-            (REPAIR, "follows") => ChangedTo::Leads(robot, false),
-            (REPAIR, "used") => ChangedTo::Edge(edge(true)?, EdgeState::Fresh),
-            (REPAIR, "unused") => ChangedTo::Edge(edge(true)?, EdgeState::Closed),
+            ("contact", state) => NewState::Edge(edge(false)?, parse_edge_state(state)?),
+            (REPAIR_EVENT, "leads") => NewState::Leads(robot, true),
+            (REPAIR_EVENT, "follows") => NewState::Leads(robot, false),
+            (REPAIR_EVENT, "used") => NewState::Edge(edge(true)?, EdgeState::Fresh),
+            (REPAIR_EVENT, "unused") => NewState::Edge(edge(true)?, EdgeState::Closed),
             _ => return None,
         };
-        if let ChangedTo::Robot(robot, state) = to {
+        if let NewState::Robot(robot, state) = to {
             states[robot] = state;
         }
-        Some(Change { t_s: event.t_s, to })
+        Some(StateChange { t_s: event.t_s, new_state: to })
     };
     events.iter().filter_map(change).collect()
 }
@@ -89,13 +89,16 @@ pub(super) fn manually_cut_edge(
 }
 
 /// Returns the repair events in order of time: time, s, robot, and detail.
-pub(super) fn repairs(events: &[EventLine]) -> Vec<(f64, String, String)> {
-    let repairs = events.iter().filter(|event| event.kind == REPAIR);
+pub(super) fn repair_events(events: &[EventLine]) -> Vec<(f64, String, String)> {
+    let repairs = events.iter().filter(|event| event.kind == REPAIR_EVENT);
     repairs.map(|event| (event.t_s, event.robot.clone(), event.detail.clone())).collect()
 }
 
 /// Reads `signals.csv`. Without the file, there are no signals.
-pub(super) fn signals(path: &Path, scenario: &Scenario) -> Result<Vec<SignalTrack>, ReportError> {
+pub(super) fn read_signals(
+    path: &Path,
+    scenario: &Scenario,
+) -> Result<Vec<SignalTrack>, ReportError> {
     let robots = scenario.robots.iter().zip(0..);
     let place: HashMap<&str, usize> = robots.map(|(robot, i)| (robot.name.as_str(), i)).collect();
     let mut signals: Vec<SignalTrack> = Vec::new();
@@ -119,31 +122,33 @@ pub(super) fn signals(path: &Path, scenario: &Scenario) -> Result<Vec<SignalTrac
 }
 
 /// Parses the keyword of an edge state in `events.csv`.
-fn edge_state(word: &str) -> Option<EdgeState> {
+fn parse_edge_state(word: &str) -> Option<EdgeState> {
     match word {
         "fresh" => Some(EdgeState::Fresh),
         "stale" => Some(EdgeState::Stale),
         "lost" => Some(EdgeState::Lost),
+        "apart" => Some(EdgeState::Closed),
         _ => None,
     }
 }
 
 /// Reads `samples.csv`. Without the file, the record is empty.
-pub(super) fn record(path: &Path, scenario: &Scenario) -> Result<Record, ReportError> {
+pub(super) fn read_samples(path: &Path, scenario: &Scenario) -> Result<SampleRecord, ReportError> {
     let robots = scenario.robots.len();
-    let mut record = Record { times_s: Vec::new(), tracks: vec![Vec::new(); robots], every: 1 };
-    let Some(text) = text(path)? else { return Ok(record) };
+    let mut record =
+        SampleRecord { times_s: Vec::new(), tracks: vec![Vec::new(); robots], decimation: 1 };
+    let Some(text) = read_file(path)? else { return Ok(record) };
     let lines = text.iter().filter(|&&byte| byte == b'\n').count();
-    record.every = lines.div_ceil(SAMPLES_MAX).max(1);
+    record.decimation = lines.div_ceil(SAMPLES_MAX).max(1);
     let names = scenario.robots.iter().map(|robot| robot.name.as_str());
     let mut instants = SampleAssembler {
         record,
-        place: names.zip(0..).collect(),
-        last: lines.saturating_sub(1) / robots.max(1),
-        number: 0,
+        robot_indices: names.zip(0..).collect(),
+        instant_count: lines.saturating_sub(1) / robots.max(1),
+        instant_number: 0,
         t_s: f64::NEG_INFINITY,
         samples: vec![None; robots],
-        missing: robots,
+        missing_samples: robots,
     };
     for_each_line_of_text(path, &text, |line| instants.add_line(line))?;
     Ok(instants.record)
@@ -151,48 +156,48 @@ pub(super) fn record(path: &Path, scenario: &Scenario) -> Result<Record, ReportE
 
 /// Assembler of the lines of each instant.
 struct SampleAssembler<'a> {
-    record: Record,
-    place: HashMap<&'a str, usize>,
+    record: SampleRecord,
+    robot_indices: HashMap<&'a str, usize>,
     /// Number of complete instants of the file.
-    last: usize,
+    instant_count: usize,
     /// Number of complete instants read.
-    number: usize,
+    instant_number: usize,
     /// Time of the instant in progress, s.
     t_s: f64,
-    samples: Vec<Option<Sample>>,
-    missing: usize,
+    samples: Vec<Option<RobotSample>>,
+    missing_samples: usize,
 }
 
 impl SampleAssembler<'_> {
     fn add_line(&mut self, line: SampleLine) -> Result<(), String> {
-        let begins = self.missing == self.samples.len();
+        let begins = self.missing_samples == self.samples.len();
         if begins && !(line.t_s.is_finite() && line.t_s >= self.t_s) {
             return Err(format!("time {} is not later than the one before", line.t_s));
         }
         if !begins && line.t_s != self.t_s {
             return Err(format!(
                 "the time changes, but {} robots have no sample yet",
-                self.missing
+                self.missing_samples
             ));
         }
         self.t_s = line.t_s;
-        let Some(&robot) = self.place.get(line.robot.as_str()) else {
+        let Some(&robot) = self.robot_indices.get(line.robot.as_str()) else {
             return Err(format!("{:?} is no robot of scenario.toml", line.robot));
         };
-        let sample = Sample {
+        let sample = RobotSample {
             x_m: line.x_m,
             y_m: line.y_m,
             heading_rad: line.heading_rad,
             error_m: line.error_m,
             ideal_error_m: line.ideal_error_m,
             error_xy_m: line.error_x_m.zip(line.error_y_m).map(<[f64; 2]>::from),
-            alive: line.alive,
+            is_alive: line.alive,
         };
         if self.samples[robot].replace(sample).is_some() {
             return Err(format!("{:?} occurs twice at one time", line.robot));
         }
-        self.missing -= 1;
-        if self.missing == 0 {
+        self.missing_samples -= 1;
+        if self.missing_samples == 0 {
             self.finish_instant();
         }
         Ok(())
@@ -201,7 +206,9 @@ impl SampleAssembler<'_> {
     /// Completes an instant of which all robots have a sample.
     fn finish_instant(&mut self) {
         let samples = self.samples.iter_mut().filter_map(Option::take);
-        if self.number.is_multiple_of(self.record.every) || self.number + 1 >= self.last {
+        if self.instant_number.is_multiple_of(self.record.decimation)
+            || self.instant_number + 1 >= self.instant_count
+        {
             self.record
                 .tracks
                 .iter_mut()
@@ -211,7 +218,7 @@ impl SampleAssembler<'_> {
         } else {
             samples.for_each(drop);
         }
-        self.number += 1;
-        self.missing = self.samples.len();
+        self.instant_number += 1;
+        self.missing_samples = self.samples.len();
     }
 }

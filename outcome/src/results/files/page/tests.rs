@@ -1,9 +1,9 @@
 use super::*;
-use crate::metrics::CurrentErrors;
+use crate::metrics::CurrentMetrics;
 use crate::metrics::examples::{header, rows};
-use crate::report::run::Sample;
+use crate::report::run::RobotSample;
 use crate::report::scene::EdgeState;
-use crate::results::latency::Latency;
+use crate::results::latency::LatencyCollector;
 use crate::results::run_dir::RunDir;
 use crate::results::tables::EventLine;
 use experiment::examples::row_of_three;
@@ -15,7 +15,7 @@ use protocol::stage::Stage;
 use std::time::{Duration, SystemTime};
 
 /// Writes all files of a run of three robots that a report reads.
-fn run_dir(below: &Path) -> PathBuf {
+fn write_example_run(below: &Path) -> PathBuf {
     let path = below.join("run");
     let mut scenario = row_of_three();
     scenario.record_hz = 1e3;
@@ -25,12 +25,12 @@ fn run_dir(below: &Path) -> PathBuf {
         let at = [0.0, 1.0, 2.0].map(|x| x + tick as f64 * 0.1);
         let alive = [true, tick != 4, true];
         let nearest = Some((1.0, [0, 1]));
-        let measured = CurrentErrors {
+        let measured = CurrentMetrics {
             errors_m: &errors,
-            errors: &[Some(Vec2::new(0.06, -0.08)), None, None],
+            error_vectors: &[Some(Vec2::new(0.06, -0.08)), None, None],
             ideal_errors_m: &[None, Some(0.2), Some(0.4)],
-            nearest,
-            ..CurrentErrors::default()
+            nearest_pair: nearest,
+            ..CurrentMetrics::default()
         };
         run_dir.write_truth(&header(tick), &rows(at), &alive, measured).unwrap();
     }
@@ -49,10 +49,10 @@ fn run_dir(below: &Path) -> PathBuf {
         run_dir.write_event(t_ns, event).unwrap();
     }
     drop(run_dir);
-    let mut latency = Latency::new(&scenario, Pace::Realtime);
+    let mut latency = LatencyCollector::new(&scenario, Pace::Realtime);
     let row = |value_ns| LatencyRow { stage: Stage::BeaconAge as u32, from: 1, value_ns };
     latency.add_batch(2, &LatencyHeader::default(), &[row(5_000_000), row(7_000_000)]);
-    let hlog = latency.hlog(SystemTime::UNIX_EPOCH, Duration::from_secs(8));
+    let hlog = latency.encode_hlog(SystemTime::UNIX_EPOCH, Duration::from_secs(8));
     let write = |name: &str, content: &[u8]| fs::write(path.join(name), content).unwrap();
     write("latency.hlog", &hlog);
     let over_time = "t_s,stage,robot,from,count,p50_ns,p99_ns,max_ns\n\
@@ -79,11 +79,11 @@ const FILES: [&str; 6] = [
 #[test]
 fn run_directory_has_all_poses_and_outcomes() {
     let place = tempfile::tempdir().unwrap();
-    let run = load(&run_dir(place.path()), &row_of_three()).unwrap();
-    assert_eq!((run.scene.pace.as_str(), run.times_s.len(), run.every), ("realtime", 8, 1));
+    let run = load_run(&write_example_run(place.path()), &row_of_three()).unwrap();
+    assert_eq!((run.scene.pace.as_str(), run.times_s.len(), run.decimation), ("realtime", 8, 1));
     assert!((run.tracks[2][3].x_m - 2.2).abs() < 1e-12);
     assert_eq!((run.tracks[0][0].error_m, run.tracks[1][0].error_m), (Some(0.1), None));
-    assert!(!run.tracks[1][4].alive);
+    assert!(!run.tracks[1][4].is_alive);
     let died = &run.scene.faults[0];
     assert_eq!((died.t_s, died.until_s, &died.robots[..]), (2.0, Some(4.0), &[1][..]));
     let cut = &run.scene.faults[1];
@@ -94,23 +94,31 @@ fn run_directory_has_all_poses_and_outcomes() {
         (stopped.what.as_str(), stopped.robots.len()),
         ("freeze plant, by another process", 0)
     );
-    let frozen = ChangedTo::Robot(2, RobotState::Frozen);
-    assert!(run.changes.iter().any(|change| change.t_s == 5.0 && change.to == frozen));
-    let orphaned = ChangedTo::Robot(0, RobotState::Orphaned);
-    assert!(run.changes.iter().any(|change| change.t_s == 4.5 && change.to == orphaned));
-    let leads = ChangedTo::Leads(0, true);
-    assert!(run.changes.iter().any(|change| change.t_s == 4.6 && change.to == leads));
-    let stale = ChangedTo::Edge(1, EdgeState::Stale);
-    assert!(run.changes.iter().any(|change| change.t_s == 3.0 && change.to == stale));
-    assert_eq!(run.over_time[0].from.as_deref(), Some("r1"));
-    assert_eq!((run.spreads[0].of.as_str(), run.spreads[0].above.len()), ("r1->r2", 2));
-    assert_eq!(run.spreads[0].above[1].1, 0.0, "no sample is above the maximum");
+    let frozen = NewState::Robot(2, RobotState::Frozen);
+    assert!(run.state_changes.iter().any(|change| change.t_s == 5.0 && change.new_state == frozen));
+    let orphaned = NewState::Robot(0, RobotState::Orphaned);
+    assert!(
+        run.state_changes.iter().any(|change| change.t_s == 4.5 && change.new_state == orphaned)
+    );
+    let leads = NewState::Leads(0, true);
+    assert!(run.state_changes.iter().any(|change| change.t_s == 4.6 && change.new_state == leads));
+    let stale = NewState::Edge(1, EdgeState::Stale);
+    assert!(run.state_changes.iter().any(|change| change.t_s == 3.0 && change.new_state == stale));
+    assert_eq!(run.latency_over_time[0].from.as_deref(), Some("r1"));
+    assert_eq!(
+        (
+            run.latency_distributions[0].robot_or_edge.as_str(),
+            run.latency_distributions[0].exceedance.len()
+        ),
+        ("r1->r2", 2)
+    );
+    assert_eq!(run.latency_distributions[0].exceedance[1].1, 0.0, "no sample is above the maximum");
 }
 
 #[test]
 fn error_components_are_the_recorded_ones() {
     let place = tempfile::tempdir().unwrap();
-    let run = load(&run_dir(place.path()), &row_of_three()).unwrap();
+    let run = load_run(&write_example_run(place.path()), &row_of_three()).unwrap();
     let components = [0, 1].map(|robot| run.tracks[robot][0].error_xy_m);
     assert_eq!(components, [Some([0.06, -0.08]), None]);
 }
@@ -118,41 +126,42 @@ fn error_components_are_the_recorded_ones() {
 #[test]
 fn events_without_columns_for_edges_are_read() {
     let place = tempfile::tempdir().unwrap();
-    let path = run_dir(place.path());
+    let path = write_example_run(place.path());
     let events = "t_s,kind,robot,detail\n2,kill,r2,\"SIGKILL, as planned\"\n2.5,freeze,r2,no process to stop\n\
                   3,contact,r3,stale r2\n4.6,repair,r1,leads\n5,freeze,r3,\"SIGSTOP, as planned\"\n";
     fs::write(path.join("events.csv"), events).unwrap();
-    let run = load(&path, &row_of_three()).unwrap();
-    let change = |t_s, robot, state| Change { t_s, to: ChangedTo::Robot(robot, state) };
+    let run = load_run(&path, &row_of_three()).unwrap();
+    let change = |t_s, robot, state| StateChange { t_s, new_state: NewState::Robot(robot, state) };
     let expected = [change(2.0, 1, RobotState::Dead), change(5.0, 2, RobotState::Frozen)];
-    assert_eq!(run.changes, expected, "only robots' states are known");
-    assert_eq!(run.repairs, [(4.6, "r1".to_owned(), "leads".to_owned())]);
-    assert!(write(&path, &row_of_three(), None).is_ok());
+    assert_eq!(run.state_changes, expected, "only robots' states are known");
+    assert_eq!(run.repair_events, [(4.6, "r1".to_owned(), "leads".to_owned())]);
+    assert!(write_page(&path, &row_of_three(), None).is_ok());
 }
 
 #[test]
 fn killed_run_gets_a_report_of_its_written_part() {
     let place = tempfile::tempdir().unwrap();
-    let path = run_dir(place.path());
+    let path = write_example_run(place.path());
     let whole = fs::read(path.join("samples.csv")).unwrap();
     fs::write(path.join("samples.csv"), &whole[..whole.len() - 40]).unwrap();
     for name in ["summary.json", "latency.hlog", "latency_over_time.csv"] {
         fs::remove_file(path.join(name)).unwrap();
     }
-    let run = load(&path, &row_of_three()).unwrap();
+    let run = load_run(&path, &row_of_three()).unwrap();
     assert_eq!(run.times_s.len(), 7, "the last instant was incomplete");
-    let Written { path, cut_short, is_checked, .. } = write(&path, &row_of_three(), None).unwrap();
-    assert_eq!((cut_short, is_checked), (Some(CUT_SHORT), false));
+    let WrittenPage { path, cut_short_note: cut_short, is_checked, .. } =
+        write_page(&path, &row_of_three(), None).unwrap();
+    assert_eq!((cut_short, is_checked), (Some(CUT_SHORT_NOTE), false));
     assert!(fs::read_to_string(path).unwrap().contains("cut short"));
 }
 
 #[test]
 fn summary_without_the_section_of_wall_times_is_read() {
     let place = tempfile::tempdir().unwrap();
-    let path = run_dir(place.path());
+    let path = write_example_run(place.path());
     let wall = |summary: &str| {
         fs::write(path.join("summary.json"), summary).unwrap();
-        load(&path, &row_of_three()).unwrap().summary.unwrap().wall
+        load_run(&path, &row_of_three()).unwrap().summary.unwrap().wall
     };
     let section = r#""wall_s": 3.5, "processes": [{ "name": "r1", "starts": 2 }]"#;
     let now = wall(&format!(r#"{{ "t_s": 1.0, "wall": {{ {section} }} }}"#));
@@ -163,7 +172,7 @@ fn summary_without_the_section_of_wall_times_is_read() {
 #[test]
 fn invalid_table_line_is_named() {
     let place = tempfile::tempdir().unwrap();
-    let path = run_dir(place.path());
+    let path = write_example_run(place.path());
     let text = fs::read_to_string(path.join("samples.csv")).unwrap();
     for (from, to, expected) in [
         ("1,r2,", "1,r9,", "samples.csv:6: \"r9\" is no robot of scenario.toml"),
@@ -177,7 +186,7 @@ fn invalid_table_line_is_named() {
         let broken = if from.starts_with('t') { text.replacen(from, to, 1) } else { broken };
         assert_ne!(broken, text);
         fs::write(path.join("samples.csv"), broken).unwrap();
-        let error = write(&path, &row_of_three(), None).unwrap_err().to_string();
+        let error = write_page(&path, &row_of_three(), None).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
 }
@@ -185,20 +194,20 @@ fn invalid_table_line_is_named() {
 #[test]
 fn samples_without_the_columns_of_later_versions_are_read() {
     let place = tempfile::tempdir().unwrap();
-    let path = run_dir(place.path());
-    let last = |path: &Path| load(path, &row_of_three()).unwrap().tracks[1].last().copied();
+    let path = write_example_run(place.path());
+    let last = |path: &Path| load_run(path, &row_of_three()).unwrap().tracks[1].last().copied();
     let now = last(&path).unwrap();
     assert_eq!(now.ideal_error_m, Some(0.2));
     let text = fs::read_to_string(path.join("samples.csv")).unwrap();
     // The newer columns are the last six.
     let before = text.lines().map(|line| format!("{}\n", line.rsplitn(7, ',').last().unwrap()));
     fs::write(path.join("samples.csv"), before.collect::<String>()).unwrap();
-    assert_eq!(last(&path), Some(Sample { ideal_error_m: None, ..now }));
+    assert_eq!(last(&path), Some(RobotSample { ideal_error_m: None, ..now }));
 }
 
 #[test]
 fn command_is_shell_quoted_and_times_are_dates() {
-    let read = |name: &str, value: serde_json::Value| manifest_line(name, &value);
+    let read = |name: &str, value: serde_json::Value| format_manifest_entry(name, &value);
     let command = serde_json::json!(["phalanx", "--set", "expect={}", "kill r4 @6", "it's"]);
     let pasted = r"phalanx --set 'expect={}' 'kill r4 @6' 'it'\''s'";
     assert_eq!(read("command", command), ("command".to_owned(), pasted.to_owned()));
@@ -219,7 +228,7 @@ proptest! {
         blows in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
     ) {
         let place = tempfile::tempdir().unwrap();
-        let path = run_dir(place.path());
+        let path = write_example_run(place.path());
         let name = FILES[file];
         let mut bytes = fs::read(path.join(name)).unwrap();
         for (at, byte) in &blows {
@@ -230,7 +239,7 @@ proptest! {
             bytes.truncate(blows[0].0.index(bytes.len()));
         }
         fs::write(path.join(name), bytes).unwrap();
-        if let Err(error) = write(&path, &row_of_three(), None) {
+        if let Err(error) = write_page(&path, &row_of_three(), None) {
             prop_assert!(error.to_string().contains(name), "{error}");
         }
     }

@@ -11,9 +11,9 @@ use std::rc::Rc;
 use std::sync::atomic::Ordering::SeqCst;
 use std::time::Duration;
 
-use super::stepped::{Access, Act, StepResult, TIMED_OUT, WOKEN, Word, step_call};
+use super::stepped::{Access, Act, StepResult, TIMED_OUT_RESULT, WOKEN_RESULT, Word, step_call};
 use crate::machine::barrier::Barrier;
-use crate::machine::barrier::layout::{NUDGE, REMAINING};
+use crate::machine::barrier::layout::{MEMBERS_CHANGED_FLAG, REMAINING_MEMBERS_MASK};
 
 /// Timeout that no wait reaches.
 const UNREACHED_TIMEOUT: Duration = Duration::from_secs(3600);
@@ -22,21 +22,21 @@ const STATES_MAX: usize = 1_000_000;
 
 /// Events of a run.
 #[derive(Debug, Clone)]
-pub(super) struct Plot {
+pub(super) struct EventPlan {
     /// Numbers of its ticks, in order.
     pub(super) ticks: Vec<u64>,
     pub(super) slots: usize,
     pub(super) groups: usize,
-    pub(super) lead_max: u64,
+    pub(super) lead_ticks_max: u64,
     /// Maximum number of agents that die, at any step.
-    pub(super) deaths: usize,
+    pub(super) deaths_max: usize,
     /// Planned action of the supervisor before a tick, by the tick's index in `ticks`.
-    pub(super) planned: Vec<(usize, Planned)>,
+    pub(super) planned_actions: Vec<(usize, PlannedAction)>,
 }
 
 /// Planned action of the supervisor on an agent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum Planned {
+pub(super) enum PlannedAction {
     Freeze(usize),
     Thaw(usize),
     /// Kill, and start a replacement.
@@ -52,34 +52,34 @@ pub(super) enum ProcessKind {
 }
 
 /// Kind of a step: process, word and access.
-pub(super) type Kind = (ProcessKind, &'static str, Act);
+pub(super) type StepKind = (ProcessKind, &'static str, Act);
 
 /// Position of a process: its current call, or its activity between calls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum ProcessPosition {
     // The plant, at the tick with this index.
     Publishes(usize),
-    AsksForPause(usize),
+    ChecksPauseDue(usize),
     Pauses(usize),
     AwaitsLead(usize),
     Begins(usize),
     Releases(usize, usize),
     AwaitsArrivals(usize),
-    Calls,
+    RequestsAttention,
     // An agent.
-    TakesEpoch,
+    ReadsEpoch,
     AwaitsTick { epoch: u32, last: Option<usize> },
-    LooksForItself { epoch: u32, at: usize },
+    ChecksMembership { epoch: u32, at: usize },
     Arrives { epoch: u32, at: usize },
     // The supervisor. The planned actions from this index on have not been carried out.
-    Rests(usize),
+    AwaitsAttention(usize),
     Consumes(usize, usize),
-    Buries(usize, usize),
-    LooksForPause(usize),
-    Strikes(usize),
-    Leaves(usize),
+    RemovesDeadMember(usize, usize),
+    ChecksWhetherPaused(usize),
+    ExecutesAction(usize),
+    RemovesMember(usize),
     AwaitsReady(usize),
-    Joins(usize),
+    AddsMember(usize),
     SetsPause(usize),
     Resumes(usize),
     // Any process.
@@ -88,18 +88,18 @@ enum ProcessPosition {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-struct Process {
-    at: ProcessPosition,
+struct ModelProcess {
+    position: ProcessPosition,
     /// Results of the steps made in the current call.
     history: Vec<u64>,
     /// Index of the word on which it sleeps.
-    asleep: Option<usize>,
+    sleep_word: Option<usize>,
     frozen: bool,
 }
 
-impl Process {
-    fn new(at: ProcessPosition) -> Process {
-        Process { at, history: vec![], asleep: None, frozen: false }
+impl ModelProcess {
+    fn new(at: ProcessPosition) -> ModelProcess {
+        ModelProcess { position: at, history: vec![], sleep_word: None, frozen: false }
     }
 }
 
@@ -108,28 +108,28 @@ impl Process {
 struct ModelState {
     barrier_words: Vec<u64>,
     /// Plant, supervisor, agents.
-    processes: Vec<Process>,
+    processes: Vec<ModelProcess>,
     /// Number of agents that may still die.
-    deaths: usize,
+    remaining_deaths: usize,
     /// Number of ground truth messages sent; `consumed` is the number received.
-    published: usize,
-    consumed: usize,
+    published_truths: usize,
+    consumed_truths: usize,
     /// For each agent, the index of the last tick whose messages were all sent.
-    said: Vec<Option<usize>>,
+    last_sent_ticks: Vec<Option<usize>>,
     /// Processes that died unplanned and have not been noticed.
-    unburied: Vec<bool>,
+    unnoticed_deaths: Vec<bool>,
 }
 
-const PLANT: usize = 0;
-const SUPERVISOR: usize = 1;
-const AGENTS: usize = 2;
+const PLANT_INDEX: usize = 0;
+const SUPERVISOR_INDEX: usize = 1;
+const FIRST_AGENT_INDEX: usize = 2;
 /// Offset of the moves in which a process dies.
 const DEATH_MOVE_OFFSET: usize = 1000;
 
-fn role(process: usize) -> ProcessKind {
+fn process_kind(process: usize) -> ProcessKind {
     match process {
-        PLANT => ProcessKind::Plant,
-        SUPERVISOR => ProcessKind::Supervisor,
+        PLANT_INDEX => ProcessKind::Plant,
+        SUPERVISOR_INDEX => ProcessKind::Supervisor,
         _ => ProcessKind::Agent,
     }
 }
@@ -139,24 +139,24 @@ fn role(process: usize) -> ProcessKind {
 pub(super) struct SearchResult {
     pub(super) states: usize,
     /// Every kind of step that changes a word or wakes a process.
-    pub(super) kinds: BTreeSet<Kind>,
+    pub(super) kinds: BTreeSet<StepKind>,
     /// Description of the error, and the steps that lead to it.
     pub(super) flaw: Option<String>,
 }
 
 /// Searches all runs of this plot, up to the first error. Steps of the kind `left_out` do nothing.
-pub(super) fn search(plot: &Plot, left_out: Option<Kind>) -> SearchResult {
+pub(super) fn search_all_runs(plot: &EventPlan, left_out: Option<StepKind>) -> SearchResult {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("barrier");
     let barrier = Barrier::create(&path, plot.slots, plot.groups, UNREACHED_TIMEOUT).unwrap();
     (0..plot.slots).for_each(|slot| barrier.set_member(slot, 0));
-    barrier.pause_at(plot.next_pause(0));
+    barrier.pause_at(plot.next_pause_tick(0));
     Model::new(plot, &barrier, left_out).search()
 }
 
-impl Plot {
-    fn next_pause(&self, planned: usize) -> u64 {
-        self.planned.get(planned).map_or(u64::MAX, |&(place, _)| self.ticks[place])
+impl EventPlan {
+    fn next_pause_tick(&self, planned: usize) -> u64 {
+        self.planned_actions.get(planned).map_or(u64::MAX, |&(place, _)| self.ticks[place])
     }
 
     /// Returns the index of a tick.
@@ -171,21 +171,25 @@ impl Plot {
 
     /// Returns the position at which the supervisor starts the planned action with this index.
     fn position_of_planned_action(&self, planned: usize) -> ProcessPosition {
-        match self.planned[planned].1 {
-            Planned::Freeze(_) => ProcessPosition::Leaves(planned),
-            Planned::Thaw(_) | Planned::Replace(_) => ProcessPosition::Strikes(planned),
+        match self.planned_actions[planned].1 {
+            PlannedAction::Freeze(_) => ProcessPosition::RemovesMember(planned),
+            PlannedAction::Thaw(_) | PlannedAction::Replace(_) => {
+                ProcessPosition::ExecutesAction(planned)
+            }
         }
     }
 
-    fn struck_agent(&self, planned: usize) -> usize {
-        match self.planned[planned].1 {
-            Planned::Freeze(slot) | Planned::Thaw(slot) | Planned::Replace(slot) => slot,
+    fn target_agent(&self, planned: usize) -> usize {
+        match self.planned_actions[planned].1 {
+            PlannedAction::Freeze(slot)
+            | PlannedAction::Thaw(slot)
+            | PlannedAction::Replace(slot) => slot,
         }
     }
 }
 
 fn list_words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
-    let head = barrier.head();
+    let head = barrier.header();
     let single: [(&str, &dyn Word); 12] = [
         ("arrivals", &head.arrivals.0),
         ("changes", &head.changes.0),
@@ -196,7 +200,7 @@ fn list_words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
         ("paused", &head.paused.0),
         ("resumes", &head.resumes.0),
         ("attention", &head.attention.0),
-        ("attention_seen", &barrier.attention_seen),
+        ("attention_seen", &barrier.seen_attention_count),
         ("supervisor_waiting", &head.supervisor_waiting.0),
         ("heartbeats", &head.heartbeats.0),
     ];
@@ -213,15 +217,15 @@ fn list_words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
 }
 
 /// Continuation after a call: the next position, or a description of the error that the result shows.
-type Then = Box<dyn FnOnce(&Model<'_>, &mut ModelState) -> Result<ProcessPosition, String>>;
+type Continuation = Box<dyn FnOnce(&Model<'_>, &mut ModelState) -> Result<ProcessPosition, String>>;
 
-fn then_move_to(at: ProcessPosition) -> Then {
+fn continue_at(at: ProcessPosition) -> Continuation {
     Box::new(move |_, _| Ok(at))
 }
 
-fn then_run(
+fn continue_with(
     next: impl FnOnce(&Model<'_>, &mut ModelState) -> Result<ProcessPosition, String> + 'static,
-) -> Then {
+) -> Continuation {
     Box::new(next)
 }
 
@@ -229,25 +233,25 @@ fn then_run(
 struct Predecessor {
     from: usize,
     process: usize,
-    at: ProcessPosition,
-    made: Option<(&'static str, Act)>,
+    position: ProcessPosition,
+    step: Option<(&'static str, Act)>,
 }
 
 struct Model<'a> {
-    plot: &'a Plot,
+    plan: &'a EventPlan,
     barrier: &'a Barrier,
     words: Vec<(&'static str, &'a dyn Word)>,
     /// Accesses that are not steps, by role.
-    quiet: [Rc<[Access]>; 3],
+    quiet_accesses: [Rc<[Access]>; 3],
     /// Steps that do nothing, by role.
-    left_out: [Rc<[Access]>; 3],
-    kinds: BTreeSet<Kind>,
+    omitted_accesses: [Rc<[Access]>; 3],
+    kinds: BTreeSet<StepKind>,
     /// The last step.
-    made: Option<(&'static str, Act)>,
+    last_step: Option<(&'static str, Act)>,
 }
 
 impl<'a> Model<'a> {
-    fn new(plot: &'a Plot, barrier: &'a Barrier, left_out: Option<Kind>) -> Model<'a> {
+    fn new(plot: &'a EventPlan, barrier: &'a Barrier, left_out: Option<StepKind>) -> Model<'a> {
         let words = list_words(barrier);
         let named = |name: &str, act| {
             let of_name = words.iter().filter(|(of, _)| *of == name);
@@ -262,7 +266,15 @@ impl<'a> Model<'a> {
                 let kind = left_out.filter(|(of, ..)| *of == role);
                 Rc::from(kind.map_or(vec![], |(_, name, act)| named(name, act)))
             });
-        Model { plot, barrier, words, quiet, left_out, kinds: BTreeSet::new(), made: None }
+        Model {
+            plan: plot,
+            barrier,
+            words,
+            quiet_accesses: quiet,
+            omitted_accesses: left_out,
+            kinds: BTreeSet::new(),
+            last_step: None,
+        }
     }
 
     fn search(mut self) -> SearchResult {
@@ -270,51 +282,54 @@ impl<'a> Model<'a> {
         let first = ModelState {
             barrier_words: self.words.iter().map(|(_, word)| word.get()).collect(),
             processes: [
-                Process::new(ProcessPosition::Publishes(0)),
-                Process::new(ProcessPosition::Rests(0)),
+                ModelProcess::new(ProcessPosition::Publishes(0)),
+                ModelProcess::new(ProcessPosition::AwaitsAttention(0)),
             ]
             .into_iter()
-            .chain((0..self.plot.slots).map(|_| Process::new(ProcessPosition::TakesEpoch)))
+            .chain((0..self.plan.slots).map(|_| ModelProcess::new(ProcessPosition::ReadsEpoch)))
             .collect(),
-            deaths: self.plot.deaths,
-            published: 0,
-            consumed: 0,
-            said: vec![None; self.plot.slots],
-            unburied: vec![false; self.plot.slots],
+            remaining_deaths: self.plan.deaths_max,
+            published_truths: 0,
+            consumed_truths: 0,
+            last_sent_ticks: vec![None; self.plan.slots],
+            unnoticed_deaths: vec![false; self.plan.slots],
         };
         let mut known = HashSet::from([hasher.hash_one(&first)]);
         let mut ways = vec![];
         let mut open = vec![(first, 0)];
         while let Some((state, from)) = open.pop() {
             let moves = self.possible_moves(&state);
-            let stuck = || (0..state.processes.len()).find(|&process| waits(&state, process));
+            let stuck = || (0..state.processes.len()).find(|&process| is_waiting(&state, process));
             if moves.iter().all(|&next| next >= DEATH_MOVE_OFFSET)
                 && let Some(waits) = stuck()
             {
-                let what = format!("{:?} {waits} waits for ever", role(waits));
-                return self.found(known.len(), Some(flaw_and_way(&what, &ways, from, &state)));
+                let what = format!("{:?} {waits} waits for ever", process_kind(waits));
+                return self.into_result(
+                    known.len(),
+                    Some(describe_flaw_with_steps(&what, &ways, from, &state)),
+                );
             }
             for next in moves {
                 let (mut then, process) = (state.clone(), next % DEATH_MOVE_OFFSET);
-                let at = state.processes[process].at;
+                let at = state.processes[process].position;
                 let flaw = self.step_process(&mut then, next).err();
                 if flaw.is_some() || known.insert(hasher.hash_one(&then)) {
-                    ways.push(Predecessor { from, process, at, made: self.made });
+                    ways.push(Predecessor { from, process, position: at, step: self.last_step });
                     if let Some(what) = flaw {
-                        let flaw = flaw_and_way(&what, &ways, ways.len(), &then);
-                        return self.found(known.len(), Some(flaw));
+                        let flaw = describe_flaw_with_steps(&what, &ways, ways.len(), &then);
+                        return self.into_result(known.len(), Some(flaw));
                     }
                     open.push((then, ways.len()));
                 }
             }
             if known.len() > STATES_MAX {
-                return self.found(known.len(), Some("it does not end".into()));
+                return self.into_result(known.len(), Some("it does not end".into()));
             }
         }
-        self.found(known.len(), None)
+        self.into_result(known.len(), None)
     }
 
-    fn found(self, states: usize, flaw: Option<String>) -> SearchResult {
+    fn into_result(self, states: usize, flaw: Option<String>) -> SearchResult {
         SearchResult { states, kinds: self.kinds, flaw }
     }
 
@@ -322,95 +337,100 @@ impl<'a> Model<'a> {
     fn possible_moves(&self, state: &ModelState) -> Vec<usize> {
         let processes = 0..state.processes.len();
         let mortal = |process: &usize| {
-            state.deaths > 0
-                && *process >= AGENTS
-                && state.processes[*process].at != ProcessPosition::Dead
+            state.remaining_deaths > 0
+                && *process >= FIRST_AGENT_INDEX
+                && state.processes[*process].position != ProcessPosition::Dead
         };
         let deaths = processes.clone().filter(mortal).map(|process| process + DEATH_MOVE_OFFSET);
         processes.filter(|&process| self.can_move(state, process)).chain(deaths).collect()
     }
 
     fn can_move(&self, state: &ModelState, process: usize) -> bool {
-        let Process { at, asleep, frozen, .. } = &state.processes[process];
-        let is_ready =
-            |slot: usize| state.processes[AGENTS + slot].at != ProcessPosition::TakesEpoch;
+        let ModelProcess { position: at, sleep_word: asleep, frozen, .. } =
+            &state.processes[process];
+        let is_ready = |slot: usize| {
+            state.processes[FIRST_AGENT_INDEX + slot].position != ProcessPosition::ReadsEpoch
+        };
         match at {
             ProcessPosition::Ended | ProcessPosition::Dead => false,
             _ if *frozen => false,
             // The supervisor checks for exits from time to time.
-            _ if asleep.is_some() => process == SUPERVISOR && state.unburied.contains(&true),
-            ProcessPosition::Publishes(0) => (0..self.plot.slots).all(is_ready),
-            ProcessPosition::AwaitsReady(planned) => is_ready(self.plot.struck_agent(*planned)),
+            _ if asleep.is_some() => {
+                process == SUPERVISOR_INDEX && state.unnoticed_deaths.contains(&true)
+            }
+            ProcessPosition::Publishes(0) => (0..self.plan.slots).all(is_ready),
+            ProcessPosition::AwaitsReady(planned) => is_ready(self.plan.target_agent(*planned)),
             _ => true,
         }
     }
 
     /// Lets one process make a step or die. Returns a description of the error that this shows.
     fn step_process(&mut self, state: &mut ModelState, next: usize) -> Result<(), String> {
-        self.made = None;
+        self.last_step = None;
         if let Some(process) = next.checked_sub(DEATH_MOVE_OFFSET) {
-            state.deaths -= 1;
-            state.unburied[process - AGENTS] = true;
-            state.processes[process] = Process::new(ProcessPosition::Dead);
+            state.remaining_deaths -= 1;
+            state.unnoticed_deaths[process - FIRST_AGENT_INDEX] = true;
+            state.processes[process] = ModelProcess::new(ProcessPosition::Dead);
             return Ok(());
         }
         let process = &mut state.processes[next];
-        if process.asleep.take().is_some() {
-            process.history.push(TIMED_OUT);
+        if process.sleep_word.take().is_some() {
+            process.history.push(TIMED_OUT_RESULT);
         }
         for ((_, word), &value) in self.words.iter().zip(&state.barrier_words) {
             word.set(value);
         }
-        let role = role(next);
-        let (quiet, left_out) = (&self.quiet[role as usize], &self.left_out[role as usize]);
-        let at = process.at;
+        let role = process_kind(next);
+        let (quiet, left_out) =
+            (&self.quiet_accesses[role as usize], &self.omitted_accesses[role as usize]);
+        let at = process.position;
         let turned = step_call(&mut process.history, quiet, left_out, || self.call(at, next));
         for ((_, word), value) in self.words.iter().zip(&mut state.barrier_words) {
             *value = word.get();
         }
-        if let Some(made) = turned.made {
+        if let Some(made) = turned.made_step {
             let name = self.words.iter().find(|(_, word)| word.address() == made.word);
             let name = name.expect("all words are known").0;
-            self.made = Some((name, made.act));
+            self.last_step = Some((name, made.act));
             if !matches!(made.act, Act::Load | Act::Sleep) {
                 self.kinds.insert((role, name, made.act));
             }
             if made.act == Act::Wake && !left_out.contains(&made) {
                 for other in &mut state.processes {
-                    if other.asleep == Some(made.word) {
-                        other.asleep = None;
-                        other.history.push(WOKEN);
+                    if other.sleep_word == Some(made.word) {
+                        other.sleep_word = None;
+                        other.history.push(WOKEN_RESULT);
                     }
                 }
             }
         }
-        match turned.ended {
-            StepResult::Left => {}
-            StepResult::Asleep(word) => state.processes[next].asleep = Some(word),
+        match turned.result {
+            StepResult::HasMoreSteps => {}
+            StepResult::Asleep(word) => state.processes[next].sleep_word = Some(word),
             StepResult::Returned(then) => {
                 state.processes[next].history.clear();
-                state.processes[next].at = then(self, state)?;
+                state.processes[next].position = then(self, state)?;
             }
         }
-        self.judge(state)
+        self.check_invariants(state)
     }
 
     /// Makes the call of a process at a position, and returns the continuation.
-    fn call(&self, at: ProcessPosition, process: usize) -> Then {
-        match role(process) {
-            ProcessKind::Plant => self.plant(at),
-            ProcessKind::Supervisor => self.supervisor(at),
-            ProcessKind::Agent => self.agent(at, process - AGENTS),
+    fn call(&self, at: ProcessPosition, process: usize) -> Continuation {
+        match process_kind(process) {
+            ProcessKind::Plant => self.call_plant(at),
+            ProcessKind::Supervisor => self.call_supervisor(at),
+            ProcessKind::Agent => self.call_agent(at, process - FIRST_AGENT_INDEX),
         }
     }
 
-    fn plant(&self, at: ProcessPosition) -> Then {
-        let Model { plot, barrier, .. } = self;
+    fn call_plant(&self, at: ProcessPosition) -> Continuation {
+        let Model { plan: plot, barrier, .. } = self;
         let patience = || true;
         match at {
-            ProcessPosition::AsksForPause(i) => {
-                let due = barrier.pause_due(plot.ticks[i]);
-                then_move_to(if due {
+            ProcessPosition::ChecksPauseDue(i) => {
+                let due = barrier.is_pause_due(plot.ticks[i]);
+                continue_at(if due {
                     ProcessPosition::Pauses(i)
                 } else {
                     ProcessPosition::AwaitsLead(i)
@@ -418,14 +438,17 @@ impl<'a> Model<'a> {
             }
             ProcessPosition::Pauses(i) => {
                 assert!(barrier.pause(plot.ticks[i], patience));
-                then_move_to(ProcessPosition::AwaitsLead(i))
+                continue_at(ProcessPosition::AwaitsLead(i))
             }
             ProcessPosition::AwaitsLead(i) => {
-                assert!(barrier.wait_lead(plot.ticks[i], plot.lead_max, patience));
-                then_run(move |Model { plot, .. }, state| {
-                    let taken =
-                        if state.consumed == 0 { 0 } else { plot.completed_ticks(state.consumed) };
-                    let early = plot.ticks[i].saturating_sub(taken) > plot.lead_max;
+                assert!(barrier.wait_for_lead_limit(plot.ticks[i], plot.lead_ticks_max, patience));
+                continue_with(move |Model { plan: plot, .. }, state| {
+                    let taken = if state.consumed_truths == 0 {
+                        0
+                    } else {
+                        plot.completed_ticks(state.consumed_truths)
+                    };
+                    let early = plot.ticks[i].saturating_sub(taken) > plot.lead_ticks_max;
                     if early {
                         Err(format!("tick {i} begins too early"))
                     } else {
@@ -434,191 +457,199 @@ impl<'a> Model<'a> {
                 })
             }
             ProcessPosition::Begins(i) => {
-                barrier.begin(plot.ticks[i]);
-                then_move_to(ProcessPosition::Releases(i, 0))
+                barrier.begin_tick(plot.ticks[i]);
+                continue_at(ProcessPosition::Releases(i, 0))
             }
             ProcessPosition::Releases(i, group) => {
-                barrier.release(group);
+                barrier.release_group(group);
                 let last = group + 1 == plot.groups;
-                then_move_to(if last {
+                continue_at(if last {
                     ProcessPosition::AwaitsArrivals(i)
                 } else {
                     ProcessPosition::Releases(i, group + 1)
                 })
             }
             ProcessPosition::AwaitsArrivals(i) => {
-                barrier.wait_arrivals(plot.ticks[i], patience).expect("its patience does not end");
-                then_run(move |model, state| {
-                    let mut expected = model.expected_slots(model.plot.ticks[i]);
-                    match expected.find(|&slot| state.said[slot] != Some(i)) {
+                barrier
+                    .wait_for_arrivals(plot.ticks[i], patience)
+                    .expect("its patience does not end");
+                continue_with(move |model, state| {
+                    let mut expected = model.expected_slots(model.plan.ticks[i]);
+                    match expected.find(|&slot| state.last_sent_ticks[slot] != Some(i)) {
                         Some(slot) => Err(format!("tick {i} ends without agent {slot}")),
-                        None => Ok(model.publishes(state, i + 1)),
+                        None => Ok(model.publish_truth(state, i + 1)),
                     }
                 })
             }
             ProcessPosition::Publishes(i) => {
-                then_run(move |model, state| Ok(model.publishes(state, i)))
+                continue_with(move |model, state| Ok(model.publish_truth(state, i)))
             }
-            ProcessPosition::Calls => {
-                barrier.attention();
-                then_move_to(ProcessPosition::Ended)
+            ProcessPosition::RequestsAttention => {
+                barrier.request_attention();
+                continue_at(ProcessPosition::Ended)
             }
             at => unreachable!("the plant is never at {at:?}"),
         }
     }
 
-    fn agent(&self, at: ProcessPosition, slot: usize) -> Then {
-        let Model { plot, barrier, .. } = self;
+    fn call_agent(&self, at: ProcessPosition, slot: usize) -> Continuation {
+        let Model { plan: plot, barrier, .. } = self;
         match at {
-            ProcessPosition::TakesEpoch => {
-                then_move_to(ProcessPosition::AwaitsTick { epoch: barrier.epoch(slot), last: None })
+            ProcessPosition::ReadsEpoch => {
+                continue_at(ProcessPosition::AwaitsTick { epoch: barrier.epoch(slot), last: None })
             }
             ProcessPosition::AwaitsTick { epoch, last } => {
-                let ticked = barrier.wait_tick(slot, epoch, || true);
+                let ticked = barrier.wait_for_tick(slot, epoch, || true);
                 let (epoch, tick) = ticked.expect("its patience does not end");
-                then_run(move |Model { plot, .. }, _| {
+                continue_with(move |Model { plan: plot, .. }, _| {
                     let at = plot.find_tick(tick)?;
                     if at + 1 != epoch as usize || last.is_some_and(|last| last >= at) {
                         return Err(format!("after {last:?} comes tick {at} at epoch {epoch}"));
                     }
-                    Ok(ProcessPosition::LooksForItself { epoch, at })
+                    Ok(ProcessPosition::ChecksMembership { epoch, at })
                 })
             }
-            ProcessPosition::LooksForItself { epoch, at } => {
-                let since = barrier.member_since(slot);
+            ProcessPosition::ChecksMembership { epoch, at } => {
+                let since = barrier.first_member_tick(slot);
                 if since.is_none_or(|since| since > plot.ticks[at]) {
-                    return then_move_to(ProcessPosition::AwaitsTick { epoch, last: Some(at) });
+                    return continue_at(ProcessPosition::AwaitsTick { epoch, last: Some(at) });
                 }
-                then_run(move |_, state| {
-                    state.said[slot] = Some(at);
+                continue_with(move |_, state| {
+                    state.last_sent_ticks[slot] = Some(at);
                     Ok(ProcessPosition::Arrives { epoch, at })
                 })
             }
             ProcessPosition::Arrives { epoch, at } => {
                 barrier.arrive(slot, plot.ticks[at]);
-                then_move_to(ProcessPosition::AwaitsTick { epoch, last: Some(at) })
+                continue_at(ProcessPosition::AwaitsTick { epoch, last: Some(at) })
             }
             at => unreachable!("an agent is never at {at:?}"),
         }
     }
 
-    fn supervisor(&self, at: ProcessPosition) -> Then {
-        let Model { plot, barrier, .. } = self;
+    fn call_supervisor(&self, at: ProcessPosition) -> Continuation {
+        let Model { plan: plot, barrier, .. } = self;
         match at {
-            ProcessPosition::Rests(planned) => {
-                barrier.wait_attention(UNREACHED_TIMEOUT);
-                then_run(move |model, state| {
-                    if state.published == state.consumed {
-                        return Ok(model.looks_for_dead(state, planned));
+            ProcessPosition::AwaitsAttention(planned) => {
+                barrier.wait_for_attention(UNREACHED_TIMEOUT);
+                continue_with(move |model, state| {
+                    if state.published_truths == state.consumed_truths {
+                        return Ok(model.find_dead_agent(state, planned));
                     }
-                    state.consumed = state.published;
-                    Ok(ProcessPosition::Consumes(planned, state.published))
+                    state.consumed_truths = state.published_truths;
+                    Ok(ProcessPosition::Consumes(planned, state.published_truths))
                 })
             }
             ProcessPosition::Consumes(planned, truths) => {
-                barrier.consumed(plot.completed_ticks(truths));
+                barrier.set_consumed_ticks(plot.completed_ticks(truths));
                 if truths > plot.ticks.len() {
-                    return then_move_to(ProcessPosition::Ended);
+                    return continue_at(ProcessPosition::Ended);
                 }
-                then_run(move |model, state| Ok(model.looks_for_dead(state, planned)))
+                continue_with(move |model, state| Ok(model.find_dead_agent(state, planned)))
             }
-            ProcessPosition::Buries(planned, dead) => {
+            ProcessPosition::RemovesDeadMember(planned, dead) => {
                 barrier.remove_member(dead);
-                then_run(move |model, state| {
-                    state.unburied[dead] = false;
-                    Ok(model.looks_for_dead(state, planned))
+                continue_with(move |model, state| {
+                    state.unnoticed_deaths[dead] = false;
+                    Ok(model.find_dead_agent(state, planned))
                 })
             }
-            ProcessPosition::LooksForPause(planned) => match barrier.paused_before_tick() {
-                None => then_move_to(ProcessPosition::Rests(planned)),
+            ProcessPosition::ChecksWhetherPaused(planned) => match barrier.paused_before_tick() {
+                None => continue_at(ProcessPosition::AwaitsAttention(planned)),
                 // The plant is paused; has the ground truth of its tick been received?
-                Some(tick) => then_run(move |model, state| {
-                    let taken = model.plot.find_tick(tick)? + 1 == state.consumed;
+                Some(tick) => continue_with(move |model, state| {
+                    let taken = model.plan.find_tick(tick)? + 1 == state.consumed_truths;
                     if taken {
-                        model.acts_or_resumes(state, planned)
+                        model.act_or_resume(state, planned)
                     } else {
-                        Ok(ProcessPosition::Rests(planned))
+                        Ok(ProcessPosition::AwaitsAttention(planned))
                     }
                 }),
             },
-            ProcessPosition::Leaves(planned) => {
-                let slot = plot.struck_agent(planned);
+            ProcessPosition::RemovesMember(planned) => {
+                let slot = plot.target_agent(planned);
                 barrier.remove_member(slot);
-                if let Planned::Freeze(_) = plot.planned[planned].1 {
-                    return then_move_to(ProcessPosition::Strikes(planned));
+                if let PlannedAction::Freeze(_) = plot.planned_actions[planned].1 {
+                    return continue_at(ProcessPosition::ExecutesAction(planned));
                 }
-                then_run(move |_, state| {
-                    state.processes[AGENTS + slot] = Process::new(ProcessPosition::TakesEpoch);
+                continue_with(move |_, state| {
+                    state.processes[FIRST_AGENT_INDEX + slot] =
+                        ModelProcess::new(ProcessPosition::ReadsEpoch);
                     Ok(ProcessPosition::AwaitsReady(planned))
                 })
             }
-            ProcessPosition::Strikes(planned) => {
-                then_run(move |model, state| model.strikes(state, planned))
+            ProcessPosition::ExecutesAction(planned) => {
+                continue_with(move |model, state| model.execute_action(state, planned))
             }
-            ProcessPosition::AwaitsReady(planned) => then_move_to(ProcessPosition::Joins(planned)),
-            ProcessPosition::Joins(planned) => {
-                barrier.set_member(plot.struck_agent(planned), plot.ticks[plot.planned[planned].0]);
-                then_run(move |model, state| model.acts_or_resumes(state, planned + 1))
+            ProcessPosition::AwaitsReady(planned) => {
+                continue_at(ProcessPosition::AddsMember(planned))
+            }
+            ProcessPosition::AddsMember(planned) => {
+                barrier.set_member(
+                    plot.target_agent(planned),
+                    plot.ticks[plot.planned_actions[planned].0],
+                );
+                continue_with(move |model, state| model.act_or_resume(state, planned + 1))
             }
             ProcessPosition::SetsPause(planned) => {
-                barrier.pause_at(plot.next_pause(planned));
-                then_move_to(ProcessPosition::Resumes(planned))
+                barrier.pause_at(plot.next_pause_tick(planned));
+                continue_at(ProcessPosition::Resumes(planned))
             }
             ProcessPosition::Resumes(planned) => {
                 barrier.resume();
-                then_move_to(ProcessPosition::Rests(planned))
+                continue_at(ProcessPosition::AwaitsAttention(planned))
             }
             at => unreachable!("the supervisor is never at {at:?}"),
         }
     }
 
     /// Carries out a planned action on an agent.
-    fn strikes(&self, state: &mut ModelState, planned: usize) -> Result<ProcessPosition, String> {
-        let slot = self.plot.struck_agent(planned);
-        let struck = &mut state.processes[AGENTS + slot];
-        match self.plot.planned[planned].1 {
-            Planned::Freeze(_) => struck.frozen = struck.at != ProcessPosition::Dead,
-            Planned::Thaw(_) if std::mem::take(&mut struck.frozen) => {
-                return Ok(ProcessPosition::Joins(planned));
+    fn execute_action(
+        &self,
+        state: &mut ModelState,
+        planned: usize,
+    ) -> Result<ProcessPosition, String> {
+        let slot = self.plan.target_agent(planned);
+        let struck = &mut state.processes[FIRST_AGENT_INDEX + slot];
+        match self.plan.planned_actions[planned].1 {
+            PlannedAction::Freeze(_) => struck.frozen = struck.position != ProcessPosition::Dead,
+            PlannedAction::Thaw(_) if std::mem::take(&mut struck.frozen) => {
+                return Ok(ProcessPosition::AddsMember(planned));
             }
-            Planned::Thaw(_) => {}
-            Planned::Replace(_) => {
-                *struck = Process::new(ProcessPosition::Dead);
-                state.unburied[slot] = false;
-                return Ok(ProcessPosition::Leaves(planned));
+            PlannedAction::Thaw(_) => {}
+            PlannedAction::Replace(_) => {
+                *struck = ModelProcess::new(ProcessPosition::Dead);
+                state.unnoticed_deaths[slot] = false;
+                return Ok(ProcessPosition::RemovesMember(planned));
             }
         }
-        self.acts_or_resumes(state, planned + 1)
+        self.act_or_resume(state, planned + 1)
     }
 
-    fn publishes(&self, state: &mut ModelState, i: usize) -> ProcessPosition {
-        state.published = i + 1;
-        if i < self.plot.ticks.len() {
-            ProcessPosition::AsksForPause(i)
+    fn publish_truth(&self, state: &mut ModelState, i: usize) -> ProcessPosition {
+        state.published_truths = i + 1;
+        if i < self.plan.ticks.len() {
+            ProcessPosition::ChecksPauseDue(i)
         } else {
-            ProcessPosition::Calls
+            ProcessPosition::RequestsAttention
         }
     }
 
-    fn looks_for_dead(&self, state: &ModelState, planned: usize) -> ProcessPosition {
-        match state.unburied.iter().position(|&unburied| unburied) {
-            Some(dead) => ProcessPosition::Buries(planned, dead),
-            None => ProcessPosition::LooksForPause(planned),
+    fn find_dead_agent(&self, state: &ModelState, planned: usize) -> ProcessPosition {
+        match state.unnoticed_deaths.iter().position(|&unburied| unburied) {
+            Some(dead) => ProcessPosition::RemovesDeadMember(planned, dead),
+            None => ProcessPosition::ChecksWhetherPaused(planned),
         }
     }
 
     /// Starts the next planned action if it is due at the tick at which the plant is paused, or resumes the
     /// plant.
-    fn acts_or_resumes(
-        &self,
-        state: &ModelState,
-        planned: usize,
-    ) -> Result<ProcessPosition, String> {
-        let ProcessPosition::Pauses(stands) = state.processes[PLANT].at else {
+    fn act_or_resume(&self, state: &ModelState, planned: usize) -> Result<ProcessPosition, String> {
+        let ProcessPosition::Pauses(stands) = state.processes[PLANT_INDEX].position else {
             return Err("the supervisor acts while the plant moves".into());
         };
-        Ok(match self.plot.planned.get(planned) {
-            Some(&(place, _)) if place <= stands => self.plot.position_of_planned_action(planned),
+        Ok(match self.plan.planned_actions.get(planned) {
+            Some(&(place, _)) if place <= stands => self.plan.position_of_planned_action(planned),
             _ => ProcessPosition::SetsPause(planned),
         })
     }
@@ -630,13 +661,17 @@ impl<'a> Model<'a> {
     }
 
     /// Checks invariants of the words.
-    fn judge(&self, state: &ModelState) -> Result<(), String> {
-        let ProcessPosition::AwaitsArrivals(i) = state.processes[PLANT].at else { return Ok(()) };
-        let tick = self.plot.ticks[i];
-        let word = self.barrier.head().arrivals.0.plain().load(SeqCst);
+    fn check_invariants(&self, state: &ModelState) -> Result<(), String> {
+        let ProcessPosition::AwaitsArrivals(i) = state.processes[PLANT_INDEX].position else {
+            return Ok(());
+        };
+        let tick = self.plan.ticks[i];
+        let word = self.barrier.header().arrivals.0.plain().load(SeqCst);
         let arrived =
             |slot: usize| self.barrier.arrived_ticks()[slot].plain().load(SeqCst) == tick + 1;
-        if word & (NUDGE | REMAINING) == 0 && !self.expected_slots(tick).all(arrived) {
+        if word & (MEMBERS_CHANGED_FLAG | REMAINING_MEMBERS_MASK) == 0
+            && !self.expected_slots(tick).all(arrived)
+        {
             return Err(format!("at tick {i} an agent was counted twice"));
         }
         Ok(())
@@ -644,31 +679,31 @@ impl<'a> Model<'a> {
 }
 
 /// Returns whether a process waits for something that must come, if no process can move.
-fn waits(state: &ModelState, process: usize) -> bool {
-    let Process { at, frozen, .. } = &state.processes[process];
+fn is_waiting(state: &ModelState, process: usize) -> bool {
+    let ModelProcess { position: at, frozen, .. } = &state.processes[process];
     match at {
         ProcessPosition::Ended | ProcessPosition::Dead => false,
         // Agents are asked to end when the run is over.
         ProcessPosition::AwaitsTick { .. } => {
-            !frozen && state.processes[PLANT].at != ProcessPosition::Ended
+            !frozen && state.processes[PLANT_INDEX].position != ProcessPosition::Ended
         }
         _ => !frozen,
     }
 }
 
 /// Returns the description of an error and the steps that lead to it.
-fn flaw_and_way(
+fn describe_flaw_with_steps(
     what: &str,
     ways: &[Predecessor],
     mut reached: usize,
     state: &ModelState,
 ) -> String {
     let mut steps = Vec::new();
-    while let Some(Predecessor { from, process, at, made }) =
+    while let Some(Predecessor { from, process, position: at, step: made }) =
         reached.checked_sub(1).map(|way| &ways[way])
     {
         let made = made.map_or("dies or goes on".to_owned(), |made| format!("{made:?}"));
-        steps.push(format!("  {:?} {process} {at:?}: {made}", role(*process)));
+        steps.push(format!("  {:?} {process} {at:?}: {made}", process_kind(*process)));
         reached = *from;
     }
     steps.reverse();

@@ -6,59 +6,72 @@
 
 use std::collections::BTreeSet;
 
-use super::model::{Kind, Planned, Plot, ProcessKind, search};
+use super::model::{EventPlan, PlannedAction, ProcessKind, StepKind, search_all_runs};
 use super::stepped::Act;
 
 /// Two agents, two ticks, and no event.
-fn plot_without_events() -> Plot {
+fn plan_without_events() -> EventPlan {
     let (slots, groups, lead_max) = (2, 1, u64::MAX);
-    Plot { ticks: vec![0, 1], slots, groups, lead_max, deaths: 0, planned: vec![] }
+    EventPlan {
+        ticks: vec![0, 1],
+        slots,
+        groups,
+        lead_ticks_max: lead_max,
+        deaths_max: 0,
+        planned_actions: vec![],
+    }
 }
 
 /// Two groups, released one after the other.
-fn groups() -> Plot {
-    Plot { groups: 2, ..plot_without_events() }
+fn plan_with_two_groups() -> EventPlan {
+    EventPlan { groups: 2, ..plan_without_events() }
 }
 
 /// The plant may be one tick ahead of the supervisor.
-fn plot_with_plant_ahead() -> Plot {
-    Plot { ticks: vec![0, 1, 2], slots: 1, lead_max: 1, ..plot_without_events() }
+fn plan_with_plant_ahead() -> EventPlan {
+    EventPlan { ticks: vec![0, 1, 2], slots: 1, lead_ticks_max: 1, ..plan_without_events() }
 }
 
 /// An agent dies, at any step.
-fn death() -> Plot {
-    Plot { deaths: 1, ..plot_without_events() }
+fn plan_with_death() -> EventPlan {
+    EventPlan { deaths_max: 1, ..plan_without_events() }
 }
 
 /// An agent is frozen before the second tick and thawed before the third.
-fn freeze() -> Plot {
-    let planned = vec![(1, Planned::Freeze(0)), (2, Planned::Thaw(0))];
-    Plot { ticks: vec![0, 1, 2], planned, ..plot_without_events() }
+fn plan_with_freeze() -> EventPlan {
+    let planned = vec![(1, PlannedAction::Freeze(0)), (2, PlannedAction::Thaw(0))];
+    EventPlan { ticks: vec![0, 1, 2], planned_actions: planned, ..plan_without_events() }
 }
 
 /// An agent is killed before the second tick and replaced; either may die.
-fn replacement() -> Plot {
-    let planned = vec![(1, Planned::Replace(0))];
-    Plot { ticks: vec![0, 1, 2], slots: 1, deaths: 1, planned, ..plot_without_events() }
+fn plan_with_replacement() -> EventPlan {
+    let planned = vec![(1, PlannedAction::Replace(0))];
+    EventPlan {
+        ticks: vec![0, 1, 2],
+        slots: 1,
+        deaths_max: 1,
+        planned_actions: planned,
+        ..plan_without_events()
+    }
 }
 
 /// An agent is frozen, thawed and replaced, and may die at any step before, between and after.
-fn plot_with_all_events() -> Plot {
-    let planned = [Planned::Freeze(0), Planned::Thaw(0), Planned::Replace(0)];
+fn plan_with_all_events() -> EventPlan {
+    let planned = [PlannedAction::Freeze(0), PlannedAction::Thaw(0), PlannedAction::Replace(0)];
     let planned = (1..).zip(planned).collect();
-    Plot {
+    EventPlan {
         ticks: vec![0, 1, 2, 3],
         slots: 1,
-        lead_max: 2,
-        deaths: 1,
-        planned,
-        ..plot_without_events()
+        lead_ticks_max: 2,
+        deaths_max: 1,
+        planned_actions: planned,
+        ..plan_without_events()
     }
 }
 
 /// Searches a plot exhaustively and expects no error.
-fn search_without_error(plot: Plot) {
-    let found = search(&plot, None);
+fn check_plan_without_error(plot: EventPlan) {
+    let found = search_all_runs(&plot, None);
     assert_eq!(found.flaw, None, "{plot:?}");
     // A model with few states shows little.
     assert!(found.states > 1000, "{plot:?}: {}", found.states);
@@ -66,25 +79,25 @@ fn search_without_error(plot: Plot) {
 
 #[test]
 fn waits_end_and_arrivals_count_once_without_faults() {
-    search_without_error(plot_without_events());
-    search_without_error(groups());
-    search_without_error(plot_with_plant_ahead());
+    check_plan_without_error(plan_without_events());
+    check_plan_without_error(plan_with_two_groups());
+    check_plan_without_error(plan_with_plant_ahead());
 }
 
 #[test]
 fn waits_end_and_arrivals_count_once_with_a_death() {
-    search_without_error(death());
+    check_plan_without_error(plan_with_death());
 }
 
 #[test]
 fn waits_end_and_arrivals_count_once_with_a_freeze() {
-    search_without_error(freeze());
+    check_plan_without_error(plan_with_freeze());
 }
 
 #[test]
 fn waits_end_and_arrivals_count_once_with_replacements() {
-    search_without_error(replacement());
-    search_without_error(plot_with_all_events());
+    check_plan_without_error(plan_with_replacement());
+    check_plan_without_error(plan_with_all_events());
 }
 
 /// The tag in the arrivals word prevents a late arrival from being counted at a later tick. Here two ticks have
@@ -92,13 +105,14 @@ fn waits_end_and_arrivals_count_once_with_replacements() {
 /// wait.
 #[test]
 fn late_arrival_with_equal_tick_tag_counts_twice() {
-    let flaw = search(&Plot { ticks: vec![0, 1 << 16], ..death() }, None).flaw;
+    let flaw =
+        search_all_runs(&EventPlan { ticks: vec![0, 1 << 16], ..plan_with_death() }, None).flaw;
     let flaw = flaw.expect("a flaw");
     assert!(flaw.starts_with("at tick 1 an agent was counted twice"), "{flaw}");
 }
 
 /// The kinds of steps that cause no error when left out, and their purpose.
-const DISPENSABLE_STEPS: [(Kind, &str); 2] = [
+const DISPENSABLE_STEPS: [(StepKind, &str); 2] = [
     (
         (ProcessKind::Supervisor, "arrived", Act::Store),
         "no tick comes twice, so what an earlier robot left cannot be taken for an arrival",
@@ -115,15 +129,15 @@ const DISPENSABLE_STEPS: [(Kind, &str); 2] = [
 #[test]
 fn barrier_without_any_one_step_fails_in_the_model() {
     let (mut kinds, mut found_out) = (BTreeSet::new(), BTreeSet::new());
-    for plot in [plot_with_plant_ahead(), replacement()] {
-        kinds.extend(search(&plot, None).kinds);
+    for plot in [plan_with_plant_ahead(), plan_with_replacement()] {
+        kinds.extend(search_all_runs(&plot, None).kinds);
         for &kind in &kinds {
-            if !found_out.contains(&kind) && search(&plot, Some(kind)).flaw.is_some() {
+            if !found_out.contains(&kind) && search_all_runs(&plot, Some(kind)).flaw.is_some() {
                 found_out.insert(kind);
             }
         }
     }
-    let not_found: Vec<Kind> = kinds.difference(&found_out).copied().collect();
+    let not_found: Vec<StepKind> = kinds.difference(&found_out).copied().collect();
     assert_eq!(not_found, DISPENSABLE_STEPS.map(|(kind, _)| kind));
     // The nudge exists twice: by the process that changes the members, and by the plant that began a tick
     // meanwhile.

@@ -10,7 +10,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::rc::Rc;
 use std::sync::atomic::{self, Ordering};
 
-use crate::machine::barrier::futex::Woken;
+use crate::machine::barrier::futex::WakeReason;
 
 /// Kind of access to a word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -38,30 +38,30 @@ pub(in crate::machine::barrier) enum StepResult<R> {
     /// The call returned.
     Returned(R),
     /// The call has more steps to make.
-    Left,
+    HasMoreSteps,
     /// The process sleeps on the word at this address.
     Asleep(usize),
 }
 
 /// Result of one turn.
-pub(in crate::machine::barrier) struct Turned<R> {
-    pub(in crate::machine::barrier) ended: StepResult<R>,
+pub(in crate::machine::barrier) struct StepOutcome<R> {
+    pub(in crate::machine::barrier) result: StepResult<R>,
     /// The step that was made, if any; `None` if it was a sleep that did not happen.
-    pub(in crate::machine::barrier) made: Option<Access>,
+    pub(in crate::machine::barrier) made_step: Option<Access>,
 }
 
 /// Result of a sleep that a wake-up ended.
-pub(in crate::machine::barrier) const WOKEN: u64 = 0;
+pub(in crate::machine::barrier) const WOKEN_RESULT: u64 = 0;
 /// Result of a sleep that a timeout ended.
-pub(in crate::machine::barrier) const TIMED_OUT: u64 = 1;
+pub(in crate::machine::barrier) const TIMED_OUT_RESULT: u64 = 1;
 
 struct PartialCall {
     history: Vec<u64>,
-    replayed: usize,
-    made: Option<Access>,
-    asleep: Option<usize>,
-    quiet: Rc<[Access]>,
-    left_out: Rc<[Access]>,
+    replayed_count: usize,
+    made_step: Option<Access>,
+    sleep_address: Option<usize>,
+    quiet_accesses: Rc<[Access]>,
+    omitted_accesses: Rc<[Access]>,
 }
 
 thread_local! {
@@ -69,7 +69,7 @@ thread_local! {
 }
 
 /// Panic payload: the next step belongs to another turn.
-struct Left;
+struct TurnEnded;
 
 /// Makes one step of a call that made those of `history`, and appends it. Accesses in `quiet` are not steps: no
 /// other process can observe when they happen. Accesses in `left_out` do nothing.
@@ -78,14 +78,14 @@ pub(in crate::machine::barrier) fn step_call<R>(
     quiet: &Rc<[Access]>,
     left_out: &Rc<[Access]>,
     call: impl FnOnce() -> R,
-) -> Turned<R> {
+) -> StepOutcome<R> {
     let begun = PartialCall {
         history: std::mem::take(history),
-        replayed: 0,
-        made: None,
-        asleep: None,
-        quiet: quiet.clone(),
-        left_out: left_out.clone(),
+        replayed_count: 0,
+        made_step: None,
+        sleep_address: None,
+        quiet_accesses: quiet.clone(),
+        omitted_accesses: left_out.clone(),
     };
     CURRENT_CALL.set(Some(begun));
     let ran = catch_unwind(AssertUnwindSafe(call));
@@ -93,34 +93,34 @@ pub(in crate::machine::barrier) fn step_call<R>(
     *history = turn.history;
     let ended = match ran {
         Ok(returned) => StepResult::Returned(returned),
-        Err(panic) if panic.is::<Left>() => {
-            turn.asleep.map_or(StepResult::Left, StepResult::Asleep)
+        Err(panic) if panic.is::<TurnEnded>() => {
+            turn.sleep_address.map_or(StepResult::HasMoreSteps, StepResult::Asleep)
         }
         Err(panic) => resume_unwind(panic),
     };
-    Turned { ended, made: turn.made }
+    StepOutcome { result: ended, made_step: turn.made_step }
 }
 
 /// Makes an access, or returns the result that it had; `None` outside of a turn.
 fn step(access: Access, act: impl FnOnce() -> u64, omitted: impl FnOnce() -> u64) -> Option<u64> {
     let leave = CURRENT_CALL.with_borrow_mut(|turn| {
         let Some(turn) = turn else { return Some(None) };
-        if let Some(&result) = turn.history.get(turn.replayed) {
-            turn.replayed += 1;
+        if let Some(&result) = turn.history.get(turn.replayed_count) {
+            turn.replayed_count += 1;
             return Some(Some(result));
         }
-        if !turn.quiet.contains(&access) {
-            if turn.made.is_some() || turn.asleep.is_some() {
+        if !turn.quiet_accesses.contains(&access) {
+            if turn.made_step.is_some() || turn.sleep_address.is_some() {
                 return None;
             }
-            turn.made = Some(access);
+            turn.made_step = Some(access);
         }
-        let result = if turn.left_out.contains(&access) { omitted() } else { act() };
+        let result = if turn.omitted_accesses.contains(&access) { omitted() } else { act() };
         turn.history.push(result);
-        turn.replayed += 1;
+        turn.replayed_count += 1;
         Some(Some(result))
     });
-    leave.unwrap_or_else(|| resume_unwind(Box::new(Left)))
+    leave.unwrap_or_else(|| resume_unwind(Box::new(TurnEnded)))
 }
 
 /// A word of either width, for saving and restoring its value.
@@ -229,30 +229,30 @@ stepped!(AtomicU32, u32);
 stepped!(AtomicU64, u64);
 
 /// Sleeps, in a turn; returns `None` outside of one.
-pub(in crate::machine::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> Option<Woken> {
+pub(in crate::machine::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> Option<WakeReason> {
     CURRENT_CALL.with_borrow(Option::is_some).then(|| {
         let address = word.address();
         let sleeps = || {
             // The kernel compares the value and falls asleep atomically.
             let same = word.plain().load(Ordering::SeqCst) == value;
-            if same { FALLS_ASLEEP } else { WOKEN }
+            if same { FALLS_ASLEEP_RESULT } else { WOKEN_RESULT }
         };
         let access = Access { word: address, act: Act::Sleep };
-        let result = step(access, sleeps, || WOKEN).expect("in a turn");
-        if result == FALLS_ASLEEP {
+        let result = step(access, sleeps, || WOKEN_RESULT).expect("in a turn");
+        if result == FALLS_ASLEEP_RESULT {
             CURRENT_CALL.with_borrow_mut(|turn| {
                 let turn = turn.as_mut().expect("in a turn");
                 turn.history.pop();
-                turn.asleep = Some(address);
+                turn.sleep_address = Some(address);
             });
-            resume_unwind(Box::new(Left));
+            resume_unwind(Box::new(TurnEnded));
         }
-        if result == WOKEN { Woken::Perhaps } else { Woken::TimedOut }
+        if result == WOKEN_RESULT { WakeReason::WordMayHaveChanged } else { WakeReason::TimedOut }
     })
 }
 
 /// Internal result of [`sleep_while`]: the process falls asleep.
-const FALLS_ASLEEP: u64 = u64::MAX;
+const FALLS_ASLEEP_RESULT: u64 = u64::MAX;
 
 /// Wakes sleepers, in a turn; returns `false` outside of one. The model knows which processes sleep.
 pub(in crate::machine::barrier) fn wake(word: &AtomicU32) -> bool {

@@ -207,7 +207,7 @@ fn deputy_brief(scenario: &Scenario, i: usize) -> Option<DeputyBrief> {
 
 /// Returns the configuration of the avoidance method, with only the gains of that method.
 fn avoidance_brief(scenario: &Scenario, i: usize, pace: Pace) -> AvoidanceBrief {
-    let mut avoidance = scenario.avoidance_of(i, pace);
+    let mut avoidance = scenario.avoidance_of(i, pace).into_owned();
     let own = |key: &str| scenario.avoidance_method.gains.iter().any(|gain| gain.key == key);
     avoidance.gains.retain(|key, _| own(key));
     avoidance

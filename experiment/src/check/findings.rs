@@ -3,11 +3,12 @@
 //! Single values are checked when they are parsed. These checks compare values with each other and with the theory.
 //! They read no files and start no processes.
 
-use formation::drive::DriveKind;
+use std::borrow::Cow;
 use std::f64::consts::PI;
 
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
+use formation::drive::DriveKind;
 use formation::graph::{Edge, FormationGraph};
 use formation::laplacian::velocity_feedback_robots;
 use formation::ns_to_seconds;
@@ -637,8 +638,7 @@ fn point_count_max(radius_m: f64, apart_m: f64) -> f64 {
 /// Warns about settled positions so close that avoidance pushes the robots apart (Remark 1).
 fn check_settled_distances(scenario: &Scenario, settled: &SettledFormation) -> Vec<Finding> {
     let Some((name, _)) = scenario.avoidance_method.steering_distance else { return Vec::new() };
-    let robots = scenario.robots.len();
-    let steered: Vec<f64> = (0..robots).filter_map(|i| scenario.steering_distance_m(i)).collect();
+    let steered = scenario.steering_distances_m().unwrap_or_default();
     let by_pair = scenario.has_different_sizes();
     let is_known = |pair: &[usize; 2]| pair.iter().all(|&robot| !scenario.is_free(robot));
     let pairs = (0..steered.len()).flat_map(|i| (0..i).map(move |j| [j, i]));
@@ -882,24 +882,19 @@ fn check_transient_speeds(
     ))
 }
 
-/// Returns the advice of the avoidance method.
+/// Returns the advice of the avoidance method for the first robot that needs any.
 fn avoidance_advice(scenario: &Scenario) -> Vec<Finding> {
-    let advise = scenario.avoidance_method.find_warning;
-    if scenario.is_team() {
-        let of_robot = |i: usize| {
-            let own = scenario.avoidance_of(i, Pace::Realtime);
-            let AvoidanceWarning { key, message, expected_value } =
-                advise(&scenario.conditions_of(i, &own))?;
-            let name = &scenario.robots[i].name;
-            let message = format!("{name}: {message}");
-            Some(warning_finding(format!("robot.{name}.{key}"), message, expected_value))
+    let (advise, is_team) = (scenario.avoidance_method.find_warning, scenario.is_team());
+    let briefs = scenario.avoidance_of_all(Pace::Realtime);
+    let of_robot = |(i, own): (usize, &Cow<'_, AvoidanceBrief>)| {
+        let AvoidanceWarning { key, message, expected_value } =
+            advise(&scenario.conditions_of(i, own))?;
+        let name = &scenario.robots[i].name;
+        let (key, message) = match is_team {
+            true => (format!("robot.{name}.{key}"), format!("{name}: {message}")),
+            false => (format!("avoidance.{key}"), message),
         };
-        return (0..scenario.robots.len()).find_map(of_robot).into_iter().collect();
-    }
-    let advice = advise(&scenario.avoidance_conditions());
-    let finding =
-        |AvoidanceWarning { key, message, expected_value: expected }: AvoidanceWarning| {
-            warning_finding(format!("avoidance.{key}"), message, expected)
-        };
-    advice.map(finding).into_iter().collect()
+        Some(warning_finding(key, message, expected_value))
+    };
+    briefs.iter().enumerate().find_map(of_robot).into_iter().collect()
 }

@@ -69,8 +69,9 @@ impl Opening {
         let places: Vec<Vec2> = kept.iter().map(|&i| places[i]).collect();
         let closest = closest_pair(&places).filter(|closest| closest.distance_m > 0.0);
         let ClosestPair { pair, distance_m: gap_m } = closest?;
-        let steered_m = kept.iter().filter_map(|&i| scenario.steering_distance_m(i));
-        let passage_m = 2.0 * steered_m.fold(0.0, f64::max);
+        let steered_m = scenario.steering_distances_m().unwrap_or_default();
+        let kept_m = kept.iter().filter_map(|&i| steered_m.get(i));
+        let passage_m = 2.0 * kept_m.copied().fold(0.0, f64::max);
         let wide_m = passage_m.max(2.0 * scenario.avoidance.distance_min_m);
         let open_m =
             wide_m * OPEN_GAP_FACTOR.max(OPEN_GAP_ROBOT_COUNT_FACTOR * (kept.len() as f64).sqrt());

@@ -393,7 +393,8 @@ impl AvoidanceParameters {
             (&scenario.avoidance, scenario.avoidance_conditions(), &scenario.avoidance_method);
         let lifetime_s = |pace| ns_to_seconds(scenario.command_lifetime_ns(pace));
         let first_of = |rank| (0..scenario.robots.len()).find(|&i| scenario.yield_rank(i) == rank);
-        let steers_within_m = |rank| first_of(rank).and_then(|i| scenario.steering_distance_m(i));
+        let steering_distances_m = scenario.steering_distances_m();
+        let steers_within_m = |rank| Some(steering_distances_m.as_ref()?[first_of(rank)?]);
         let steers = method.steering_distance;
         let zone = method.slow_down_zone_m.filter(|_| a.braking_time_max_s > 0.0);
         AvoidanceParameters {

@@ -87,10 +87,11 @@ struct RobotProperties {
 impl FailurePredictor {
     /// Creates the predictor of a scenario, with its `converged_error_m` as the threshold.
     pub fn new(scenario: &Scenario) -> FailurePredictor {
+        let steering_distances_m = scenario.steering_distances_m();
         let facts = |i: usize| RobotProperties {
             reference: scenario.robots[i].role.reference,
             silence: scenario.silence.policy,
-            standoff_m: scenario.steering_distance_m(i).unwrap_or(0.0),
+            standoff_m: steering_distances_m.as_ref().map_or(0.0, |distances_m| distances_m[i]),
             yields: scenario.yield_rank(i) == YieldPriority::Contained,
             gain_m_s: scenario.robots[i].correction_max_m_s,
             standoff_excess: scenario.avoidance_method.standoff_excess,

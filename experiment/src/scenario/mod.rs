@@ -60,6 +60,7 @@ pub mod team;
 mod tests;
 mod walls;
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::{Deref, DerefMut};
 
@@ -465,16 +466,20 @@ impl Scenario {
             Pace::Lockstep => self.period_ns,
             Pace::Realtime => self.realtime.plant_tick_ns,
         };
-        let late_ns = |i: usize, of: RobotStream, looked_at_ns: u64| {
-            let delays_ns = self.faults.iter().filter_map(|fault| match fault.kind {
+        let delays = || {
+            self.faults.iter().filter_map(|fault| match fault.kind {
                 FaultKind::Stream {
                     robot,
                     stream,
                     kind: LinkFaultKind::Delay { delay_ns, jitter_ns },
-                } if (robot, stream) == (i, of) => Some(delay_ns + jitter_ns),
+                } => Some((robot, stream, delay_ns + jitter_ns)),
                 _ => None,
-            });
-            delays_ns.max().unwrap_or(0).div_ceil(looked_at_ns) * looked_at_ns
+            })
+        };
+        let late_ns = |i: usize, of: RobotStream, looked_at_ns: u64| {
+            let of_stream = delays().filter(|&(robot, stream, _)| (robot, stream) == (i, of));
+            let delay_ns = of_stream.map(|(.., delay_ns)| delay_ns).max().unwrap_or(0);
+            delay_ns.next_multiple_of(looked_at_ns)
         };
         let of_robot_ns = |i| {
             late_ns(i, RobotStream::Odometry, self.period_ns)
@@ -486,7 +491,7 @@ impl Scenario {
                 self.realtime.between_hosts_latency_ns.next_multiple_of(self.period_ns)
             }
         };
-        between_hosts_ns + (0..self.robots.len()).map(of_robot_ns).max().unwrap_or(0)
+        between_hosts_ns + delays().map(|(robot, ..)| of_robot_ns(robot)).max().unwrap_or(0)
     }
 
     /// Returns the format of the messages of robot `i`; `None` if its law sends none.
@@ -757,29 +762,23 @@ impl Scenario {
         }
     }
 
-    /// Returns the distance at which another robot makes robot `i` steer, m. Two robots closer than the larger of their
-    /// distances do not both come to rest (Remark 1). Returns `None` if the method does not steer.
-    pub fn steering_distance_m(&self, i: usize) -> Option<f64> {
+    /// Returns the distances at which another robot makes each robot steer, m. Two robots closer than the larger of
+    /// their distances do not both come to rest (Remark 1). Returns `None` if the method does not steer.
+    pub fn steering_distances_m(&self) -> Option<Vec<f64>> {
         let (_, distance_m) = self.avoidance_method.steering_distance?;
-        if self.is_team() {
-            let own = self.avoidance_of(i, Pace::Lockstep);
-            return Some(distance_m(&self.conditions_of(i, &own)));
-        }
-        Some(distance_m(&MethodConditions {
-            rank: self.yield_rank(i),
-            ..self.avoidance_conditions()
-        }))
+        let briefs = self.avoidance_of_all(Pace::Lockstep);
+        let distance_m = |(i, own): (usize, &Cow<'_, AvoidanceBrief>)| {
+            distance_m(&self.conditions_of(i, own))
+        };
+        Some(briefs.iter().enumerate().map(distance_m).collect())
     }
 
     /// Returns the larger of the distances at which two robots steer because of each other, m. Closer than this they do
     /// not both come to rest (Remark 1). Returns `None` if the method does not steer.
     pub fn pair_steering_distance_m(&self, [i, j]: [usize; 2]) -> Option<f64> {
         let (_, distance_m) = self.avoidance_method.steering_distance?;
-        if !self.is_team() {
-            return Some(self.steering_distance_m(i)?.max(self.steering_distance_m(j)?));
-        }
         let steering_distance_m = |robot: usize| {
-            let mut own = self.avoidance_of(robot, Pace::Lockstep);
+            let mut own = self.avoidance_of(robot, Pace::Lockstep).into_owned();
             if self.classes_sensed {
                 own.distance_min_m = self.pair_distance_min_m([i, j]);
             }
@@ -790,22 +789,11 @@ impl Scenario {
 
     /// Returns the minimum sensing radius that the method requires, m.
     pub fn sensing_radius_needed_m(&self) -> f64 {
-        if self.is_team() {
-            let of = |i: usize| {
-                let own = self.avoidance_of(i, Pace::Realtime);
-                (self.avoidance_method.sensing_radius_m)(&self.conditions_of(i, &own))
-            };
-            return (0..self.robots.len()).map(of).fold(0.0, f64::max);
-        }
-        let conditions = self.avoidance_conditions();
-        let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
-        let radii_m = front_points_m.map(|front_point_m| {
-            (self.avoidance_method.sensing_radius_m)(&MethodConditions {
-                front_point_m,
-                ..conditions
-            })
-        });
-        radii_m.fold(0.0, f64::max)
+        let briefs = self.avoidance_of_all(Pace::Realtime);
+        let radius_m = |(i, own): (usize, &Cow<'_, AvoidanceBrief>)| {
+            (self.avoidance_method.sensing_radius_m)(&self.conditions_of(i, own))
+        };
+        briefs.iter().enumerate().map(radius_m).fold(0.0, f64::max)
     }
 
     /// Returns the maximum sensing radius that the method can use, m.

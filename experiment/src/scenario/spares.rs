@@ -276,6 +276,8 @@ struct SpareChooser<'a> {
     hop_order: Vec<Option<(usize, usize)>>,
     /// Settled positions at scale 1, m.
     positions: &'a [Vec2],
+    /// Distances at which other robots make each robot steer, m.
+    steering_distances_m: Vec<f64>,
     /// For each backup leader, the leader whose slot it takes, and the robots relative to which it then keeps it.
     taken_slot_references: Vec<(usize, Vec<usize>)>,
     /// List of the in-neighbors of each robot.
@@ -300,6 +302,8 @@ impl<'a> SpareChooser<'a> {
             backup_leaders: leaders,
             hop_order: order,
             positions,
+            steering_distances_m: (scenario.steering_distances_m())
+                .unwrap_or_else(|| vec![0.0; positions.len()]),
             taken_slot_references: Vec::new(),
             in_neighbors: heard,
             reachability: reached,
@@ -559,7 +563,7 @@ impl<'a> SpareChooser<'a> {
             return (u64::MAX, 0, 0);
         }
         let scale = self.scenario.scale().map_or(1.0, |scale| scale.value_range()[0]);
-        let steers_m = |robot: usize| self.scenario.steering_distance_m(robot).unwrap_or(0.0);
+        let steers_m = |robot: usize| self.steering_distances_m[robot];
         // A moving formation leaves dead robots behind.
         let lead = self.scenario.lead.as_ref();
         let stands = lead.is_none_or(|lead| matches!(lead.trajectory, Trajectory::Still { .. }));

@@ -3,6 +3,8 @@
 //! Two robots i and j keep the distance d_ij = keep_i + keep_j. The values of `avoidance` in a scenario are those of
 //! the team: the largest d_ij and the highest speed limit. A figure that holds for them holds for all robots.
 
+use std::borrow::Cow;
+
 use protocol::avoidance::MethodConditions;
 use protocol::brief::{AvoidanceBrief, MemberBrief, Pace, RobotClassBrief};
 
@@ -86,27 +88,48 @@ impl Scenario {
     /// Returns the avoidance parameters of robot `i`: in a team its own speed limit, the largest distance that it
     /// keeps, and what it assumes of the robots of each class. If classes are not sensed, all robots are of one class,
     /// with the largest size and speed of the team.
-    pub fn avoidance_of(&self, i: usize, pace: Pace) -> AvoidanceBrief {
-        let mut own = self.avoidance.clone();
-        if !self.is_team() {
-            return own;
+    pub fn avoidance_of(&self, i: usize, pace: Pace) -> Cow<'_, AvoidanceBrief> {
+        self.avoidance_in(&self.team_classes(), i, pace)
+    }
+
+    /// Returns the avoidance parameters of each robot, as [`Scenario::avoidance_of`] does.
+    pub fn avoidance_of_all(&self, pace: Pace) -> Vec<Cow<'_, AvoidanceBrief>> {
+        let classes = self.team_classes();
+        (0..self.robots.len()).map(|i| self.avoidance_in(&classes, i, pace)).collect()
+    }
+
+    /// Returns the different pairs of size, m, and speed limit, m/s, that the robots of a team distinguish; none if all
+    /// robots are the same.
+    fn team_classes(&self) -> Vec<(f64, f64)> {
+        let most = |a: (f64, f64), b: &(f64, f64)| (a.0.max(b.0), a.1.max(b.1));
+        match (self.is_team(), self.classes_sensed) {
+            (false, _) => Vec::new(),
+            (true, true) => self.classes(),
+            (true, false) => vec![self.classes().iter().fold((0.0, 0.0), most)],
         }
+    }
+
+    fn avoidance_in(
+        &self,
+        classes: &[(f64, f64)],
+        i: usize,
+        pace: Pace,
+    ) -> Cow<'_, AvoidanceBrief> {
+        if classes.is_empty() {
+            return Cow::Borrowed(&self.avoidance);
+        }
+        let mut own = self.avoidance.clone();
         let robot = &self.robots[i];
-        let class = |(keep_m, speed_max_m_s): (f64, f64)| RobotClassBrief {
+        let class = |&(keep_m, speed_max_m_s): &(f64, f64)| RobotClassBrief {
             distance_min_m: robot.keep_m + keep_m,
             speed_max_m_s,
         };
-        let classes = self.classes();
-        let most = |a: (f64, f64), b: &(f64, f64)| (a.0.max(b.0), a.1.max(b.1));
-        own.classes = match self.classes_sensed {
-            true => classes.into_iter().map(class).collect(),
-            false => vec![class(classes.iter().fold((0.0, 0.0), most))],
-        };
+        own.classes = classes.iter().map(class).collect();
         let distances_m = own.classes.iter().map(|class| class.distance_min_m);
         own.distance_min_m = distances_m.fold(0.0, f64::max);
         own.speed_max_m_s = robot.speed_max_m_s;
         own.command_timeout_max_s = ns_to_seconds(self.command_lifetime_ns(pace));
-        own
+        Cow::Owned(own)
     }
 
     /// Returns the conditions of robot `i` with the avoidance parameters [`Scenario::avoidance_of`] and the larger H of
@@ -157,7 +180,7 @@ mod tests {
     fn robot_keeps_the_sum_of_the_sizes_of_each_class() {
         let mut scenario = row_of_three();
         assert!(!scenario.is_team() && scenario.member(0, Pace::Lockstep).is_none());
-        assert_eq!(scenario.avoidance_of(0, Pace::Lockstep), scenario.avoidance);
+        assert_eq!(*scenario.avoidance_of(0, Pace::Lockstep), scenario.avoidance);
         scenario.robots[1].keep_m = 0.25;
         scenario.robots[2].speed_max_m_s = 0.5;
         scenario.robots[2].hold_periods = 3;

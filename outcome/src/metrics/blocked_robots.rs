@@ -62,10 +62,12 @@ pub(super) struct BlockDetector {
 
 impl BlockDetector {
     pub(super) fn new(scenario: &Scenario) -> BlockDetector {
-        let steers = |i| scenario.steering_distance_m(i).unwrap_or(0.0);
+        let robots = scenario.robots.len();
         BlockDetector {
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
-            avoidance_radii_m: (0..scenario.robots.len()).map(steers).collect(),
+            avoidance_radii_m: scenario
+                .steering_distances_m()
+                .unwrap_or_else(|| vec![0.0; robots]),
             converged_error_m: scenario.expectations.converged_error_m,
             walls: scenario.obstacles(),
             wall_names: scenario.walls.iter().map(|wall| wall.name.clone()).collect(),

@@ -14,7 +14,7 @@ use protocol::message::{
     Beacon, Command, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader,
 };
 use protocol::process::Failure;
-use protocol::service::{self, Node, Publisher, Sample, ServiceError, Subscriber, send_slice};
+use protocol::service::{self, Node, Publisher, Sample, ServiceError, Subscriber, send_bytes};
 
 use crate::control_cycle::ReceivedBeacon;
 use crate::controller::Answer;
@@ -199,7 +199,7 @@ impl Ports {
             SendDecision::Withheld => None,
         };
         if let Some(message) = message {
-            send_slice(&self.beacon, beacon, message.len(), |i| message[i])
+            send_bytes(&self.beacon, beacon, message)
                 .map_err(|cause| port_error("send beacon", cause))?;
         }
         self.command.send_copy(command).map_err(|cause| port_error("send command", cause))?;
@@ -215,7 +215,7 @@ impl Ports {
         message: &[u8],
     ) -> Result<(), Failure> {
         let payload = StatusHeader::encode_payload(neighbors, message);
-        let sent = send_slice(&self.status, header, payload.len(), |i| payload[i]);
+        let sent = send_bytes(&self.status, header, &payload);
         sent.map(drop).map_err(|cause| port_error("send status", cause))
     }
 }

@@ -12,7 +12,7 @@ use protocol::message::{
     OrderHeader, OrderRow, PeerRow, Plain, ReportHeader, ReportRow, StatusHeader,
 };
 use protocol::service::{
-    self, Factory, Node, Publisher, SendError, ServiceError, Subscriber, send_slice,
+    self, Factory, Node, Publisher, SendError, ServiceError, Subscriber, send_bytes, send_slice,
 };
 
 use super::times::StampConverter;
@@ -192,7 +192,7 @@ pub fn open_sink(
                     return Err(DropReason::Implausible.into());
                 }
                 let beacon = times.convert_incoming_beacon(beacon, now_ns, beacon_age)?;
-                send_slice(&to, beacon, message.len(), |i| message[i])?;
+                send_bytes(&to, beacon, message)?;
                 Ok(())
             })
         }

@@ -274,11 +274,7 @@ impl ControlCycle {
             answer.beacon.messages_sent = self.sent_counts.messages;
         }
         let quiet_ns = self.cycle_start_ns.saturating_sub(self.last_status_ns);
-        let is_due = match is_realtime {
-            true => quiet_ns >= STATUS_INTERVAL_NS,
-            // The counts of a killed robot thus depend on nothing but the tick.
-            false => self.brief.counts_sent && answer.is_some(),
-        };
+        let is_due = is_realtime && quiet_ns >= STATUS_INTERVAL_NS;
         // The values of a sample are reported with it, so that none is lost.
         let recorded_message = (answer.as_ref().filter(|_| self.brief.records_messages))
             .map_or(Vec::new(), |answer| answer.message().to_vec());
@@ -323,24 +319,27 @@ impl ControlCycle {
     /// Returns the status for the supervisor.
     pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
         let (header, neighbors) = self.controller.status();
-        let &ControlCycle {
-            deadline_misses,
-            old_odometry_count: odometry_old,
-            sent_counts: sent,
-            ..
-        } = self;
+        let &ControlCycle { deadline_misses, old_odometry_count: odometry_old, .. } = self;
+        let sent = self.sent_counts();
         let header = StatusHeader {
             deadline_misses,
             odometry_old,
             beacons_sent: sent.beacons,
             messages_sent: sent.messages,
             message_hash: sent.message_hash,
-            messages_dropped: sent
-                .dropped_messages
-                .saturating_add(self.controller.neighborhood().messages_dropped()),
+            messages_dropped: sent.dropped_messages,
             ..header
         };
         (header, neighbors)
+    }
+
+    /// Returns the beacons and messages that this robot has sent, and the messages that its law has not received.
+    pub fn sent_counts(&self) -> SentCounts {
+        let not_queued = self.controller.neighborhood().messages_dropped();
+        SentCounts {
+            dropped_messages: self.sent_counts.dropped_messages.saturating_add(not_queued),
+            ..self.sent_counts
+        }
     }
 
     /// Returns the measurements not sent yet.

@@ -123,6 +123,10 @@ impl Agent {
             if self.cycle.batch_is_due() {
                 self.send_measurements();
             }
+            // Not with the status, which would be one more message at each tick.
+            if self.cycle.brief().counts_sent {
+                barrier.store_sent_counts(slot, &self.cycle.sent_counts());
+            }
             match outbox.answer {
                 Some(Answer { send_decision: SendDecision::Withheld, .. }) => {
                     barrier.arrive_without_beacon(slot, tick);

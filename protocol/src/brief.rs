@@ -358,8 +358,8 @@ pub struct AgentBrief {
     /// Whether the robot reports the messages of its law to the supervisor, which records them.
     #[serde(default, skip_serializing_if = "is_false")]
     pub records_messages: bool,
-    /// Whether some law of the scenario sends messages or withholds beacons: the robot then reports how many it
-    /// has sent, in lockstep after each tick.
+    /// Whether some law of the scenario sends messages or withholds beacons: the robot then counts how many it
+    /// has sent, in lockstep in the barrier at each tick.
     #[serde(default, skip_serializing_if = "is_false")]
     pub counts_sent: bool,
     /// Whether offsets rotate and scale with a leader's frame. The robot then waits until it has received the frame.

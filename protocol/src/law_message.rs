@@ -332,12 +332,14 @@ pub fn hash_bytes(hash: u64, bytes: &[u8]) -> u64 {
     bytes.iter().fold(start, step)
 }
 
-/// Returns the hash of bytes after those with this hash, computed in steps of 8 bytes: for a message,
+/// Returns the hash of a message after those with this hash, computed in steps of 8 bytes: for a message,
 /// [`hash_bytes`] would take longer than sending it.
 fn hash_words(hash: u64, bytes: &[u8]) -> u64 {
     let (words, rest) = bytes.as_chunks();
     let step = |hash: u64, word: u64| {
-        (hash.rotate_left(23) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15)
+        let product = u128::from(hash ^ word) * 0x9e37_79b9_7f4a_7c15;
+        // The upper half too, so that high bits, such as signs, change all bits.
+        product as u64 ^ (product >> 64) as u64
     };
     let hash = words.iter().fold(hash, |hash, word| step(hash, u64::from_le_bytes(*word)));
     // The length of the rest distinguishes it from a rest that ends with zeros.
@@ -434,7 +436,7 @@ mod tests {
         let single = messages(0..192).map(|bytes| hash_words(7, &bytes));
         // The signs of two numbers.
         let mut signs = [0; 24];
-        [7, 15].map(|byte| signs[byte] = 0x80);
+        (signs[7], signs[15]) = (0x80, 0x80);
         let all: Vec<u64> = lengths.chain(single).chain([hash_words(7, &signs)]).collect();
         let distinct: std::collections::BTreeSet<u64> = all.iter().copied().collect();
         assert_eq!(distinct.len(), all.len());

@@ -10,6 +10,7 @@ use outcome::report::scene::SceneFrame;
 use outcome::results::outcome::RunOutcome;
 use outcome::results::run_dir::RunDirError;
 use outcome::results::scene;
+use protocol::law_message::SentCounts;
 use protocol::message::{NeighborStatus, StatusHeader, TruthHeader, TruthRow};
 
 use crate::journal::Journal;
@@ -89,6 +90,12 @@ impl<J: RecordSink> RunStateMachine<J> {
     pub fn handle_planned_event(&mut self, now_ns: u64) -> Option<Vec<DriverOrder>> {
         let event = self.timeline.take_due_event(now_ns)?;
         Some(self.handle_event(now_ns, event))
+    }
+
+    /// Records what the present process of a robot has sent. In lockstep a driver calls it before it reports the death of
+    /// that process, and at the end of the run.
+    pub fn record_sent_counts(&mut self, robot: usize, counts: SentCounts) {
+        self.reports[robot].update_sent_counts(counts);
     }
 
     /// Returns the run time of the next planned event or replacement, ns.

@@ -271,7 +271,9 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
                         .push_back(LifecycleEvent::StatusReported { robot, takes_part: true });
                 }
                 DriverOrder::Kill(robot) => {
-                    self.robots[robot].cycle = None;
+                    if let Some(cycle) = self.robots[robot].cycle.take() {
+                        self.state_machine.record_sent_counts(robot, cycle.sent_counts());
+                    }
                     self.pending_events.push_back(LifecycleEvent::ProcessDied(ProcessDeath {
                         robot,
                         cause: KILLED_CAUSE.into(),

@@ -107,6 +107,15 @@ impl RobotReport {
         }
     }
 
+    /// Updates what the present process has sent, unless the counts are older than those known.
+    pub fn update_sent_counts(&mut self, sent: SentCounts) {
+        let age = |counts: &SentCounts| (counts.beacons, counts.dropped_messages);
+        let known = &mut self.earlier_and_current_counts[1].sent_counts;
+        if age(&sent) >= age(known) {
+            *known = sent;
+        }
+    }
+
     /// Updates the status from a message of the present process. Returns the changes.
     pub fn update(
         &mut self,
@@ -115,17 +124,16 @@ impl RobotReport {
     ) -> Vec<StatusChange> {
         self.has_replied |= header.moving == 1;
         self.statuses_read += 1;
-        self.earlier_and_current_counts[1] = RobotCounts {
-            deadline_misses: header.deadline_misses,
-            rejected_beacons: header.beacons_refused,
-            old_odometry_samples: header.odometry_old,
-            sent_counts: SentCounts {
-                beacons: header.beacons_sent,
-                messages: header.messages_sent,
-                message_hash: header.message_hash,
-                dropped_messages: header.messages_dropped,
-            },
-        };
+        let counts = &mut self.earlier_and_current_counts[1];
+        counts.deadline_misses = header.deadline_misses;
+        counts.rejected_beacons = header.beacons_refused;
+        counts.old_odometry_samples = header.odometry_old;
+        self.update_sent_counts(SentCounts {
+            beacons: header.beacons_sent,
+            messages: header.messages_sent,
+            message_hash: header.message_hash,
+            dropped_messages: header.messages_dropped,
+        });
         let mut news = Vec::new();
         if let Some(contact) = ReceptionState::from_number(header.frame) {
             let since_ns = header.frame_since_t_ns;

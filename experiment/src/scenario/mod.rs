@@ -767,9 +767,8 @@ impl Scenario {
     pub fn steering_distances_m(&self) -> Option<Vec<f64>> {
         let (_, distance_m) = self.avoidance_method.steering_distance?;
         let briefs = self.avoidance_of_all(Pace::Lockstep);
-        let distance_m = |(i, own): (usize, &Cow<'_, AvoidanceBrief>)| {
-            distance_m(&self.conditions_of(i, own))
-        };
+        let distance_m =
+            |(i, own): (usize, &Cow<'_, AvoidanceBrief>)| distance_m(&self.conditions_of(i, own));
         Some(briefs.iter().enumerate().map(distance_m).collect())
     }
 

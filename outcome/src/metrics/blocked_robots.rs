@@ -65,9 +65,7 @@ impl BlockDetector {
         let robots = scenario.robots.len();
         BlockDetector {
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
-            avoidance_radii_m: scenario
-                .steering_distances_m()
-                .unwrap_or_else(|| vec![0.0; robots]),
+            avoidance_radii_m: scenario.steering_distances_m().unwrap_or_else(|| vec![0.0; robots]),
             converged_error_m: scenario.expectations.converged_error_m,
             walls: scenario.obstacles(),
             wall_names: scenario.walls.iter().map(|wall| wall.name.clone()).collect(),

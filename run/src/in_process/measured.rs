@@ -184,6 +184,7 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> MeasuredRun<'a, F> {
         for (place, robot) in self.run.robots.iter_mut().enumerate() {
             if let Some(cycle) = &mut robot.cycle {
                 record_latencies(&mut self.latency, cycle, place);
+                self.run.state_machine.record_sent_counts(place, cycle.sent_counts());
             }
         }
         let mut course = self.run.state_machine;

@@ -72,6 +72,13 @@ impl Run<'_> {
         Ok(())
     }
 
+    /// Records what the process of a robot, which is dead or sends no more, has sent, in lockstep.
+    pub(super) fn record_sent_counts(&mut self, robot: usize) {
+        if let Some(counts) = self.time_mode.take_sent_counts(robot) {
+            self.state_machine.record_sent_counts(robot, counts);
+        }
+    }
+
     fn process_status(
         &mut self,
         robot: usize,

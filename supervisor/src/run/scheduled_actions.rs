@@ -285,6 +285,7 @@ impl Run<'_> {
             last_seen_alive_ns: self.last_seen_alive_ns(robot),
             fault: self.state_machine.journal.metrics.next_fault_number(),
         };
+        self.record_sent_counts(robot);
         let dead = self.state_machine.lifecycles().incarnation(robot);
         let happened =
             self.handle_event(self.receivers.now_ns(), LifecycleEvent::ProcessDied(death));

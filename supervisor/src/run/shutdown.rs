@@ -22,6 +22,7 @@ impl Run<'_> {
         let released = self.release_hosts();
         let failed_robots = self.failed_robots();
         let alive = self.robots_alive_at_end();
+        (0..alive.len()).filter(|&robot| alive[robot]).for_each(|r| self.record_sent_counts(r));
         self.state_machine.journal.metrics.mark_alive_at_end(&alive);
         // Processes send their last latencies when they exit.
         let taken = self.receivers.read_latencies();

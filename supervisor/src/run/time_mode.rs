@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use protocol::barrier::{Barrier, BarrierError};
 use protocol::brief::Pace;
+use protocol::law_message::SentCounts;
 use protocol::message::{StatusHeader, TruthHeader};
 use protocol::run_root::RunRoot;
 use rustix::event::PollFd;
@@ -163,6 +164,15 @@ impl TimeMode {
     pub(super) fn add_robot(&self, robot: usize) {
         if let TimeMode::Lockstep { barrier, .. } = self {
             barrier.set_member(robot, barrier.paused_before_tick().unwrap_or(0));
+        }
+    }
+
+    /// Returns what the process of this robot, which is dead or sends no more, has sent, in lockstep; in real time its
+    /// statuses tell.
+    pub(super) fn take_sent_counts(&self, robot: usize) -> Option<SentCounts> {
+        match self {
+            TimeMode::Lockstep { barrier, .. } => Some(barrier.take_sent_counts(robot)),
+            TimeMode::Realtime { .. } => None,
         }
     }
 

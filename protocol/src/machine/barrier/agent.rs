@@ -5,6 +5,7 @@ use std::sync::atomic::Ordering::SeqCst;
 use super::Barrier;
 use super::futex::{AtomicU32, WakeReason, wake_waiters};
 use super::layout::{BEACON_WITHHELD_FLAG, MEMBERS_CHANGED_FLAG, REMAINING_MEMBERS_MASK};
+use crate::law_message::SentCounts;
 
 impl Barrier {
     /// Returns the current epoch of a slot's group. Read it before announcing readiness, then wait for the next
@@ -48,6 +49,16 @@ impl Barrier {
     /// Counts a report sent to the supervisor. Call it before arriving at the tick of the report.
     pub fn count_report(&self) {
         self.header().reports.0.fetch_add(1, SeqCst);
+    }
+
+    /// Stores what the process of a slot has sent up to a tick. Call it before arriving at that tick: the supervisor then
+    /// knows it when the process is killed.
+    pub fn store_sent_counts(&self, slot: usize, counts: &SentCounts) {
+        let words = &self.sent_words()[slot];
+        words.beacons.store(counts.beacons, SeqCst);
+        words.messages.store(counts.messages, SeqCst);
+        words.message_hash.store(counts.message_hash, SeqCst);
+        words.dropped_messages.store(counts.dropped_messages, SeqCst);
     }
 
     /// Marks a slot as arrived at a tick. Call it after all messages of that tick are sent.

@@ -6,7 +6,7 @@ use super::GROUPS_MAX;
 use super::futex::{AtomicU32, AtomicU64};
 
 pub(super) const MAGIC: u64 = u64::from_le_bytes(*b"phxbarri");
-pub(super) const VERSION: u32 = 7;
+pub(super) const VERSION: u32 = 8;
 /// Value for "not a member", "not paused" and "never pause".
 pub(super) const NEVER_TICK: u64 = u64::MAX;
 /// Flag in the arrivals word: the set of members has changed, so every arrival wakes the plant.
@@ -77,7 +77,20 @@ pub(super) struct Slot {
     pub(super) mute: [AtomicU64; 2],
 }
 
+/// The beacons and messages that the present process of a slot has sent, behind the arrival words. Only the supervisor
+/// reads them, once that process is dead or the run over, so they have memory of their own.
+#[repr(C)]
+pub(super) struct SentWords {
+    pub(super) beacons: AtomicU64,
+    pub(super) messages: AtomicU64,
+    pub(super) message_hash: AtomicU64,
+    pub(super) dropped_messages: AtomicU64,
+    /// Padding, so that robots write to different cache lines.
+    padding: [u64; 4],
+}
+
 /// Returns the size of the file, bytes.
 pub(super) fn file_size_bytes(slots: usize) -> usize {
-    size_of::<BarrierHeader>() + slots * (size_of::<Slot>() + size_of::<AtomicU64>())
+    let of_slot = size_of::<Slot>() + size_of::<AtomicU64>() + size_of::<SentWords>();
+    size_of::<BarrierHeader>() + slots * of_slot
 }

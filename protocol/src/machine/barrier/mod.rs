@@ -35,7 +35,7 @@ use crate::machine::process::Alarm;
 
 pub use self::file::BarrierError;
 use self::futex::{AtomicU32, AtomicU64};
-use self::layout::{BarrierHeader, NEVER_TICK, Slot};
+use self::layout::{BarrierHeader, NEVER_TICK, SentWords, Slot};
 
 /// Maximum number of ticks that the plant is ahead of the supervisor. The plant waits at this bound.
 pub const LEAD_TICKS_MAX: u64 = 63;
@@ -131,6 +131,17 @@ impl Barrier {
         unsafe {
             let behind = size_of::<BarrierHeader>() + self.slots * size_of::<Slot>();
             let first = self.memory.byte_add(behind).cast::<AtomicU64>();
+            std::slice::from_raw_parts(first.as_ptr(), self.slots)
+        }
+    }
+
+    /// Returns, for each slot, what its present process has sent.
+    fn sent_words(&self) -> &[SentWords] {
+        // SAFETY: as above; these follow the arrival words, whose alignment is theirs.
+        unsafe {
+            let of_slot = size_of::<Slot>() + size_of::<AtomicU64>();
+            let behind = size_of::<BarrierHeader>() + self.slots * of_slot;
+            let first = self.memory.byte_add(behind).cast::<SentWords>();
             std::slice::from_raw_parts(first.as_ptr(), self.slots)
         }
     }

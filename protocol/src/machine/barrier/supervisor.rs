@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use super::Barrier;
 use super::futex::{WakeReason, sleep_while, wake_waiters};
 use super::layout::{MEMBERS_CHANGED_FLAG, NEVER_TICK};
+use crate::law_message::SentCounts;
 
 /// Members: changed while the plant is paused, or after an unplanned exit of an agent.
 impl Barrier {
@@ -17,6 +18,18 @@ impl Barrier {
         place.mute.iter().for_each(|mute| mute.store(0, SeqCst));
         place.since.store(since_tick, SeqCst);
         self.notify_member_change();
+    }
+
+    /// Returns what the process of a slot, which is dead or sends no more, has sent up to the last tick at which it
+    /// stored that. The counts of its replacement begin at 0.
+    pub fn take_sent_counts(&self, slot: usize) -> SentCounts {
+        let words = &self.sent_words()[slot];
+        SentCounts {
+            beacons: words.beacons.swap(0, SeqCst),
+            messages: words.messages.swap(0, SeqCst),
+            message_hash: words.message_hash.swap(0, SeqCst),
+            dropped_messages: words.dropped_messages.swap(0, SeqCst),
+        }
     }
 
     /// Removes a member, even in the middle of a tick: the plant no longer waits for it.

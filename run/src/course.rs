@@ -140,9 +140,9 @@ impl RunStateMachine<Journal<'_>> {
         &mut self,
         scenario: &Scenario,
         kind: &FaultKind,
-        who: Initiator,
+        initiator: Initiator,
     ) -> usize {
-        let what = format!("{}, {}", kind.describe(scenario), who.keyword());
+        let what = format!("{}, {}", kind.describe(scenario), initiator.keyword());
         self.journal.metrics.register_fault(what, kind.affected_component(scenario))
     }
 

@@ -208,14 +208,14 @@ impl Lifecycles {
         let mut effects = Effects { effects: Vec::new(), now_ns };
         let out = &mut effects;
         match event {
-            LifecycleEvent::Kill { robot, fault, restart_at_ns, initiator: who } => {
-                self.kill(out, robot, fault, restart_at_ns, who);
+            LifecycleEvent::Kill { robot, fault, restart_at_ns, initiator } => {
+                self.kill(out, robot, fault, restart_at_ns, initiator);
             }
-            LifecycleEvent::Freeze { robot, fault, has_planned_thaw: ends, initiator: who } => {
-                self.freeze(out, robot, fault, ends, who);
+            LifecycleEvent::Freeze { robot, fault, has_planned_thaw: ends, initiator } => {
+                self.freeze(out, robot, fault, ends, initiator);
             }
-            LifecycleEvent::Thaw { robot, fault, initiator: who } => {
-                self.thaw(out, robot, fault, who)
+            LifecycleEvent::Thaw { robot, fault, initiator } => {
+                self.thaw(out, robot, fault, initiator)
             }
             LifecycleEvent::KillPlant { fault } => {
                 let detail = format!("SIGKILL of the plant, {}", Initiator::Plan.keyword());
@@ -223,14 +223,22 @@ impl Lifecycles {
                 self.begin_fault(out, fault);
                 out.push_order(DriverOrder::KillPlant);
             }
-            LifecycleEvent::PlantStopped { fault, initiator: who } => {
-                out.push_note("freeze", None, format!("SIGSTOP of the plant, {}", who.keyword()));
+            LifecycleEvent::PlantStopped { fault, initiator } => {
+                out.push_note(
+                    "freeze",
+                    None,
+                    format!("SIGSTOP of the plant, {}", initiator.keyword()),
+                );
                 self.begin_fault(out, fault);
                 // Unless it is resumed.
                 self.end_fault(out, fault, FaultEnd::Permanent, now_ns);
             }
-            LifecycleEvent::PlantResumed { fault, initiator: who } => {
-                out.push_note("thaw", None, format!("SIGCONT of the plant, {}", who.keyword()));
+            LifecycleEvent::PlantResumed { fault, initiator } => {
+                out.push_note(
+                    "thaw",
+                    None,
+                    format!("SIGCONT of the plant, {}", initiator.keyword()),
+                );
                 self.end_fault(out, fault, FaultEnd::Repaired, now_ns);
             }
             LifecycleEvent::StartLoad { fault, processes } => {
@@ -309,9 +317,9 @@ impl Lifecycles {
         robot: usize,
         fault: usize,
         restart_at_ns: Option<u64>,
-        who: Initiator,
+        initiator: Initiator,
     ) {
-        out.push_note("kill", Some(robot), format!("SIGKILL, {}", who.keyword()));
+        out.push_note("kill", Some(robot), format!("SIGKILL, {}", initiator.keyword()));
         let life = &mut self.robots[robot];
         // A robot whose process is ending or dead stays dead; only its return changes.
         if !matches!(life.process_state, ProcessState::Exiting | ProcessState::Dead) {
@@ -335,20 +343,20 @@ impl Lifecycles {
         robot: usize,
         fault: usize,
         ends: bool,
-        who: Initiator,
+        initiator: Initiator,
     ) {
         let life = &mut self.robots[robot];
         if life.process_state == ProcessState::Moving {
             life.leave_barrier(out, robot);
             life.process_state = ProcessState::Frozen;
-            if who != Initiator::OtherProcess {
+            if initiator != Initiator::OtherProcess {
                 out.push_order(DriverOrder::Stop(robot));
             }
         }
         let stopped = life.process_state == ProcessState::Frozen;
         let earlier = if stopped { life.freezing_fault.replace(fault) } else { None };
         let sent = if stopped { "SIGSTOP" } else { "no process to stop" };
-        out.push_note("freeze", Some(robot), format!("{sent}, {}", who.keyword()));
+        out.push_note("freeze", Some(robot), format!("{sent}, {}", initiator.keyword()));
         self.end_faults_as_recovered(out, earlier);
         self.begin_fault(out, fault);
         // An interactive freeze lasts until an interactive thaw.
@@ -357,16 +365,16 @@ impl Lifecycles {
         }
     }
 
-    fn thaw(&mut self, out: &mut Effects, robot: usize, fault: usize, who: Initiator) {
+    fn thaw(&mut self, out: &mut Effects, robot: usize, fault: usize, initiator: Initiator) {
         let life = &mut self.robots[robot];
         if life.process_state == ProcessState::Frozen {
             life.process_state = ProcessState::Moving;
-            if who != Initiator::OtherProcess {
+            if initiator != Initiator::OtherProcess {
                 out.push_order(DriverOrder::Resume(robot));
             }
             life.join_barrier(out, robot);
         }
-        out.push_note("thaw", Some(robot), format!("SIGCONT, {}", who.keyword()));
+        out.push_note("thaw", Some(robot), format!("SIGCONT, {}", initiator.keyword()));
         let frozen_by = life.freezing_fault.take();
         self.end_faults_as_recovered(out, [Some(fault), frozen_by].into_iter().flatten());
     }

@@ -20,22 +20,18 @@ impl Timeline {
     pub fn new(scenario: &Scenario) -> Timeline {
         let mut due = Vec::new();
         for (fault, planned) in scenario.faults.iter().enumerate() {
-            let (at_ns, who) = (planned.start_ns, Initiator::Plan);
+            let (at_ns, initiator) = (planned.start_ns, Initiator::Plan);
             let (first, last) = match planned.kind {
                 FaultKind::Kill { robot, restart_after_ns } => {
                     let restart_at_ns = restart_after_ns.map(|after_ns| at_ns + after_ns);
-                    (LifecycleEvent::Kill { robot, fault, restart_at_ns, initiator: who }, None)
+                    (LifecycleEvent::Kill { robot, fault, restart_at_ns, initiator }, None)
                 }
                 FaultKind::KillPlant => (LifecycleEvent::KillPlant { fault }, None),
                 FaultKind::Freeze { robot } => {
                     let ends = planned.duration_ns.is_some();
-                    let freeze = LifecycleEvent::Freeze {
-                        robot,
-                        fault,
-                        has_planned_thaw: ends,
-                        initiator: who,
-                    };
-                    (freeze, Some(LifecycleEvent::Thaw { robot, fault, initiator: who }))
+                    let freeze =
+                        LifecycleEvent::Freeze { robot, fault, has_planned_thaw: ends, initiator };
+                    (freeze, Some(LifecycleEvent::Thaw { robot, fault, initiator }))
                 }
                 FaultKind::Load { processes } => (
                     LifecycleEvent::StartLoad { fault, processes },

@@ -206,7 +206,7 @@ fn check_spare_cycles(scenario: &Scenario) -> Vec<Finding> {
     let name = |robot: usize| scenario.robots[robot].name.as_str();
     let finding = |DependencyCycle { failed_robot: dead, robot, spare }| {
         let [dead, robot, spare] = [dead, robot, spare].map(name);
-        let nobody = match scenario.leader() {
+        let cause = match scenario.leader() {
             Some(leader) => format!("the leader {} reaches neither", name(leader)),
             None => "their velocity feedback never decays".to_owned(),
         };
@@ -214,7 +214,7 @@ fn check_spare_cycles(scenario: &Scenario) -> Vec<Finding> {
             format!("robot.{robot}.spares"),
             format!(
                 "after the failure of {dead}, {robot} uses its backup neighbor {spare}, which uses {robot}: \
-                 {nobody}"
+                 {cause}"
             ),
             format!("expected a backup neighbor that does not use {robot} then"),
         )
@@ -589,7 +589,7 @@ fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
     };
     let crowded: Vec<usize> = (0..points.len()).filter(|&i| near(&points[i]) > most).collect();
     let worst = crowded.iter().copied().max_by_key(|&i| near(&points[i]));
-    let who = match worst {
+    let message = match worst {
         Some(i) => format!(
             "{} of {} robots, {} foremost, start with more than {most} others within {} m, but a proximity \
              sample holds {most}: they stop, permanently if all do",
@@ -625,7 +625,7 @@ fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
         ),
         false => format!("expected {} robots at most", most + 1),
     };
-    vec![warning_finding("avoidance.speed_max_m_s", who, expected)]
+    vec![warning_finding("avoidance.speed_max_m_s", message, expected)]
 }
 
 /// Returns an upper bound on the number of points within `radius_m` of one of them, itself included, if all are at
@@ -703,7 +703,7 @@ fn warn_scale_never_opens(
     let late =
         late.then(|| find_enclosed_slot(scenario, opening.passage_m / smallest)).flatten()?;
     let late = &scenario.robots[late].name;
-    let [a, b] = opening.who.0.map(|robot| &scenario.robots[robot].name);
+    let [a, b] = opening.closest_pair_and_farthest.0.map(|robot| &scenario.robots[robot].name);
     let [gap, passage] = [smallest * opening.gap_m, opening.passage_m].map(format_short);
     let [from, hold, over] = [opening.from, opening.hold_s, opening.over_s].map(format_short);
     Some(warning_finding(
@@ -727,7 +727,7 @@ fn warn_opening_too_small(
     symbol: &str,
     [from, hold_s, closed_s]: [f64; 3],
 ) -> Vec<Finding> {
-    let ([a, b], farthest) = opening.who;
+    let ([a, b], farthest) = opening.closest_pair_and_farthest;
     let [a, b, farthest] = [a, b, farthest].map(|robot| &scenario.robots[robot].name);
     let mut findings = Vec::new();
     if from * opening.gap_m < opening.passage_m {

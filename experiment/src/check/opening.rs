@@ -54,7 +54,7 @@ pub struct Opening {
     pub over_s: f64,
     /// Indices of the two robots with the smallest gap, and of the robot with the longest distance.
     #[serde(skip)]
-    pub(super) who: ([usize; 2], usize),
+    pub(super) closest_pair_and_farthest: ([usize; 2], usize),
 }
 
 impl Opening {
@@ -117,7 +117,7 @@ impl Opening {
             speed_m_s,
             hold_s: round_up_to_fraction(margin * way_m / speed_m_s, 1.0).max(1.0),
             over_s: round_up_to_fraction(closing_s, 1.0).max(1.0),
-            who: (pair.map(|place| kept[place]), kept[farthest]),
+            closest_pair_and_farthest: (pair.map(|place| kept[place]), kept[farthest]),
         })
     }
 }

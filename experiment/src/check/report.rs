@@ -100,8 +100,8 @@ fn write_graph(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) 
             },
         });
         let heard: Vec<String> = heard.collect();
-        let whom = if heard.is_empty() { "no robot".to_owned() } else { heard.join(", ") };
-        format!("{} hears {whom}", robot.name)
+        let senders = if heard.is_empty() { "no robot".to_owned() } else { heard.join(", ") };
+        format!("{} hears {senders}", robot.name)
     };
     let has_permanent = |robot: &&RobotTheory<'_>| {
         let mut senders = robot.hears.iter();
@@ -111,8 +111,8 @@ fn write_graph(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) 
     page.write_list("links", with_links.map(|robot| hears(robot, &robot.hears)));
     write_communication_range(page, scenario, by_distance.len());
     if let Some(leader) = theory.leader.filter(|_| !theory.deputies.is_empty()) {
-        let who = theory.deputies.join(", then ");
-        page.write_line("deputies", format!("while {leader} is lost: {who}"));
+        let robots = theory.deputies.join(", then ");
+        page.write_line("deputies", format!("while {leader} is lost: {robots}"));
         page.write_line(
             "",
             "the two parts of a partitioned network can have two leaders until the links are \
@@ -120,10 +120,10 @@ fn write_graph(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) 
         );
     }
     for one in &theory.successions {
-        let who = one.deputies.join(", then ");
+        let robots = one.deputies.join(", then ");
         page.write_line(
             "deputies",
-            format!("in the slot of {} while it is lost: {who}", one.leader),
+            format!("in the slot of {} while it is lost: {robots}", one.leader),
         );
     }
     let with_spares = theory.robots.iter().filter(|robot| !robot.spares.is_empty());
@@ -244,13 +244,13 @@ fn write_failure_consequences(page: &mut ReportPage, theory: &Theory<'_>) {
 /// Returns the backup leaders that lead, and the maximum error until then if it is known.
 fn acting_leaders_text(leading: &[&str], peak_m: Option<f64>) -> String {
     let Some((last, before)) = leading.split_last() else { return String::new() };
-    let who = match before {
+    let robots = match before {
         [] => format!("{last} leads"),
         _ => format!("{} and {last} lead", before.join(", ")),
     };
     let off = peak_m
         .map_or(String::new(), |m| format!(", errors of up to {} m until then", format_short(m)));
-    format!("{who}{off}; ")
+    format!("{robots}{off}; ")
 }
 
 /// Returns the repairs, the losses and the broken robots.
@@ -265,7 +265,7 @@ fn loss_text(after: &FailureConsequences<'_>) -> String {
             None => parts.push(uses),
         }
     }
-    for (who, one, many) in [
+    for (robots, one, many) in [
         (&loss.unled, "loses the leader", "lose the leader"),
         (
             &loss.pulled,
@@ -281,7 +281,7 @@ fn loss_text(after: &FailureConsequences<'_>) -> String {
     ] {
         // Broken robots are listed below with the reason.
         let broken = |robot: &&&str| breaks.iter().any(|one| one.robot == **robot);
-        let whole: Vec<&str> = who.iter().filter(|robot| !broken(robot)).copied().collect();
+        let whole: Vec<&str> = robots.iter().filter(|robot| !broken(robot)).copied().collect();
         match whole.len() {
             0 => {}
             1 => parts.push(format!("{} {one}", whole[0])),
@@ -439,9 +439,9 @@ fn write_unknown_motion(page: &mut ReportPage, theory: &Theory<'_>) {
         return;
     }
     let behind = names(|robot| robot.is_unknown && !robot.is_free);
-    let mut who = format_list(&free, LIST_ITEMS_MAX);
+    let mut robots = format_list(&free, LIST_ITEMS_MAX);
     if !behind.is_empty() {
-        who += &format!(
+        robots += &format!(
             ", and {}, which {} a free robot",
             format_list(&behind, LIST_ITEMS_MAX),
             match behind.len() {
@@ -453,7 +453,7 @@ fn write_unknown_motion(page: &mut ReportPage, theory: &Theory<'_>) {
     page.write_line(
         "not predicted",
         format!(
-            "the motion of {who}: the law of a free robot alone decides where it goes. Speeds of these robots, and their \
+            "the motion of {robots}: the law of a free robot alone decides where it goes. Speeds of these robots, and their \
              distances from walls and other robots after the start, are unknown"
         ),
     );

@@ -52,7 +52,7 @@ pub fn plans_with_fewer_faults(plan: &RunPlan, space: &SearchSpace) -> Vec<RunPl
 fn merge_faults(a: &PlannedFault, b: &PlannedFault, all: bool) -> Option<PlannedFault> {
     let words = |fault: &PlannedFault| fault.parameters.iter().map(|(word, _)| *word).collect();
     let (these, those): (Vec<&str>, Vec<&str>) = (words(a), words(b));
-    let who = match a.target_names == b.target_names {
+    let target_names = match a.target_names == b.target_names {
         true => a.target_names.clone(),
         false => vec![ALL_ROBOTS.to_owned(); a.target_names.len()],
     };
@@ -69,7 +69,7 @@ fn merge_faults(a: &PlannedFault, b: &PlannedFault, all: bool) -> Option<Planned
     };
     let amounts = a.parameters.iter().zip(&b.parameters).map(stronger).collect();
     Some(PlannedFault {
-        target_names: who,
+        target_names,
         parameters: amounts,
         start_ns: at_ns,
         duration_ns: for_ns,
@@ -135,9 +135,9 @@ fn plans_with_fewer_robots(plan: &RunPlan, space: &SearchSpace) -> Vec<RunPlan> 
     let struck = plan.faulty_robot_names().len();
     for (place, fault) in plan.faults.iter().enumerate() {
         let every = fault.target_names.iter().any(|name| name == ALL_ROBOTS);
-        for who in space.single_targets(fault) {
+        for target_names in space.single_targets(fault) {
             let mut other = plan.clone();
-            other.faults[place].target_names = who;
+            other.faults[place].target_names = target_names;
             if every || other.faulty_robot_names().len() < struck {
                 fewer.push(other);
             }
@@ -194,9 +194,9 @@ mod tests {
 
     #[test]
     fn merged_fault_covers_both_durations_and_strengths() {
-        let fault = |who: &str, by, at_ns, for_ns| PlannedFault {
+        let fault = |target_names: &str, by, at_ns, for_ns| PlannedFault {
             kind: "delay",
-            target_names: vec![who.into()],
+            target_names: vec![target_names.into()],
             target_component: "odometry",
             parameters: vec![("by", Some(by))],
             start_ns: at_ns,

@@ -201,7 +201,7 @@ impl SearchSpace {
     pub(super) fn single_targets(&self, fault: &PlannedFault) -> Vec<Vec<String>> {
         let targets = self.targets_of_kind(fault.kind).into_iter();
         let same = targets.filter(|(_, component)| *component == fault.target_component);
-        same.map(|(who, _)| who).collect()
+        same.map(|(target_names, _)| target_names).collect()
     }
 
     /// Returns whether faults can affect all robots.
@@ -329,7 +329,7 @@ impl SearchSpace {
 
     fn decode_fault(&self, genes: &mut CoordinateReader<'_>) -> PlannedFault {
         let (kind, targets) = &self.fault_kinds[genes.read_choice(self.fault_kinds.len())];
-        let (who, what) = targets[genes.read_choice(targets.len())].clone();
+        let (target_names, what) = targets[genes.read_choice(targets.len())].clone();
         let [at, length, a, b] = [(); 4].map(|()| genes.read_unit_coordinate());
         let HuntBounds { earliest_fault_start_ns: from_ns, latest_fault_end_ns: until_ns, .. } =
             self.bounds;
@@ -347,7 +347,7 @@ impl SearchSpace {
         let for_ns = (*kind != "kill" || a < 0.5).then_some(for_ns);
         PlannedFault {
             kind,
-            target_names: who,
+            target_names,
             target_component: what,
             parameters: amounts,
             start_ns: at_ns,
@@ -432,7 +432,7 @@ impl SearchSpace {
                 genes.read_optional_amount(),
             );
             genes.end_group();
-            let who = vec![ALL_ROBOTS.to_owned(); if what.is_empty() { 2 } else { 1 }];
+            let target_names = vec![ALL_ROBOTS.to_owned(); if what.is_empty() { 2 } else { 1 }];
             let drawn = [
                 ("delay", delay.map(|share| [share, jitter])),
                 ("loss", loss.map(|share| [share, 0.0])),
@@ -441,7 +441,7 @@ impl SearchSpace {
                 let amounts = self.fault_amounts(kind, what, shares?);
                 Some(PlannedFault {
                     kind,
-                    target_names: who.clone(),
+                    target_names: target_names.clone(),
                     target_component: what,
                     parameters: amounts,
                     start_ns: 0,
@@ -460,10 +460,10 @@ impl SearchSpace {
             genes.end_group();
             let Some(position) = position else { continue };
             let amounts = self.fault_amounts("noise", what, [position, heading]);
-            let who = vec![ALL_ROBOTS.to_owned()];
+            let target_names = vec![ALL_ROBOTS.to_owned()];
             faults.push(PlannedFault {
                 kind: "noise",
-                target_names: who,
+                target_names,
                 target_component: what,
                 parameters: amounts,
                 start_ns: 0,
@@ -485,9 +485,10 @@ impl SearchSpace {
     }
 
     fn targets_of_kind(&self, kind: &str) -> Vec<AffectedTarget> {
-        let of_robots =
-            |what: &'static str| self.robot_targets().into_iter().map(move |who| (who, what));
-        let links = || self.link_targets().into_iter().map(|who| (who, ""));
+        let of_robots = |what: &'static str| {
+            self.robot_targets().into_iter().map(move |target_names| (target_names, what))
+        };
+        let links = || self.link_targets().into_iter().map(|target_names| (target_names, ""));
         match kind {
             "cut" | "fading" => links().collect(),
             "lie" => links().chain(self.false_message_targets()).collect(),

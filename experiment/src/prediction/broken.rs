@@ -93,7 +93,7 @@ impl BreakCause {
                 ("without", Some(lost))
             }
             BreakCause::TakesLeaderSlot { leader: of } => ("takes-place", Some(of)),
-            BreakCause::FollowsBrokenRobot { in_neighbor: whom } => ("follows", Some(whom)),
+            BreakCause::FollowsBrokenRobot { in_neighbor: neighbor } => ("follows", Some(neighbor)),
             BreakCause::SlotOccupied { occupant: by } => ("place-taken", Some(by)),
             BreakCause::SlotClaimed { claimant: by } => ("crowded", Some(by)),
         }
@@ -124,8 +124,8 @@ impl BreakCause {
             BreakCause::TakesLeaderSlot { leader: of } => {
                 format!("backup leader in the slot of {}", name(of))
             }
-            BreakCause::FollowsBrokenRobot { in_neighbor: whom } => {
-                format!("in-neighbor {} is off its slot", name(whom))
+            BreakCause::FollowsBrokenRobot { in_neighbor: neighbor } => {
+                format!("in-neighbor {} is off its slot", name(neighbor))
             }
             BreakCause::SlotOccupied { occupant: by } => {
                 format!("desired position occupied by {} (Remark 1)", name(by))

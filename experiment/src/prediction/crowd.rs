@@ -272,10 +272,14 @@ impl ConflictResolution {
             let same = same / surviving.in_neighbors[i].len().max(1) as f64;
             let lost =
                 surviving.lost_in_neighbor[i].filter(|_| (same - p.planned_slots[i]).norm() > 1e-9);
-            let whom =
+            let broken_neighbor =
                 surviving.in_neighbors[i].iter().map(|&(j, _)| j).find(|&j| j < n && elsewhere(j));
-            match (self.robot_in_desired_position(p, i, wanted), self.nearest_robot(i), lost, whom)
-            {
+            match (
+                self.robot_in_desired_position(p, i, wanted),
+                self.nearest_robot(i),
+                lost,
+                broken_neighbor,
+            ) {
                 (Some(by), ..) if self.has_yielded => BreakCause::SlotOccupied { occupant: by },
                 (_, Some(by), ..) if self.has_yielded && pushed => {
                     BreakCause::SlotClaimed { claimant: by }
@@ -284,7 +288,9 @@ impl ConflictResolution {
                     Some(of) => BreakCause::TakesLeaderSlot { leader: of },
                     None => BreakCause::DesiredPositionChanged { lost_in_neighbor: lost },
                 },
-                (.., Some(whom)) => BreakCause::FollowsBrokenRobot { in_neighbor: whom },
+                (.., Some(broken_neighbor)) => {
+                    BreakCause::FollowsBrokenRobot { in_neighbor: broken_neighbor }
+                }
                 _ => BreakCause::Uncontained,
             }
         };

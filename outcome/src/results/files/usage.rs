@@ -46,11 +46,11 @@ pub fn read_reaped_children() -> Usage {
     read_rusage(libc::RUSAGE_CHILDREN)
 }
 
-fn read_rusage(whom: libc::c_int) -> Usage {
+fn read_rusage(processes: libc::c_int) -> Usage {
     let mut usage = MaybeUninit::<libc::rusage>::zeroed();
     // SAFETY: the pointer is to memory of the right type; all zeros is a value of it.
     let usage = unsafe {
-        libc::getrusage(whom, usage.as_mut_ptr());
+        libc::getrusage(processes, usage.as_mut_ptr());
         usage.assume_init()
     };
     convert_rusage(&usage)

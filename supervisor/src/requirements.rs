@@ -23,7 +23,7 @@ pub struct Requirements {
     #[serde(skip)]
     robots: usize,
     #[serde(skip)]
-    links: usize,
+    space: RequiredSpace,
     /// Number of processes and threads.
     pub processes: u64,
     /// Number of open files of the supervisor, which has more than any other process.
@@ -48,8 +48,7 @@ impl Requirements {
     /// Computes the needs of a run of this scenario.
     pub fn for_run(scenario: &Scenario) -> Requirements {
         let robots = scenario.robots.len();
-        let links = scenario.graph_of_receivers().edges().len();
-        let space = RequiredSpace::for_run(robots, links);
+        let space = RequiredSpace::for_run(scenario);
         // In lockstep there is at most one sample in a tick.
         let sampled_hz = scenario.record_hz.min(1e9 / scenario.period_ns as f64);
         let samples = sampled_hz * formation::ns_to_seconds(scenario.duration_ns) * robots as f64;
@@ -61,7 +60,7 @@ impl Requirements {
             recording_bytes + (message_bytes as f64 * samples / robots.max(1) as f64) as u64;
         Requirements {
             robots,
-            links,
+            space,
             processes: limits::needed_processes(robots),
             open_files: descriptors::needed_descriptors(robots),
             memory_lockstep_bytes: limits::needed_memory_bytes(robots, true),
@@ -89,7 +88,7 @@ impl Requirements {
                 descriptors::RequiredDescriptors::for_run(self.robots, descriptors::ViewUse::Off);
             refusals.push(descriptors::TooFewDescriptors { need, most }.to_string());
         }
-        let need = RequiredSpace::for_run(self.robots, self.links);
+        let need = self.space;
         if let Ok(room) = AvailableSpace::of_file_system(&run_root::base_directory())
             && !room.covers(&need)
         {
@@ -137,6 +136,8 @@ impl fmt::Display for Requirements {
 
 #[cfg(test)]
 mod tests {
+    use protocol::law_message::MessageFormat;
+
     use super::*;
 
     #[test]
@@ -154,6 +155,14 @@ mod tests {
         assert!(text.contains("18472 open files") && !text.contains("default"), "{text}");
         let text = Requirements { record_hz: 12.5, ..needs }.to_string();
         assert!(text.contains("12.5 samples per robot and second (the default for"), "{text}");
+        let format: &'static MessageFormat =
+            Box::leak(Box::new(MessageFormat::with_bytes(1 << 10)));
+        scenario.robots.iter_mut().for_each(|robot| robot.message_format = Some(format));
+        let queued = Requirements::for_run(&scenario).shared_memory_bytes;
+        assert_eq!(queued - needs.shared_memory_bytes, 1024 * 16 * 1024, "16 messages of a robot");
+        scenario.record_messages = true;
+        let recorded = Requirements::for_run(&scenario).shared_memory_bytes;
+        assert_eq!(recorded - queued, 1024 * 63 * 1024, "up to 63 ticks of them");
         let impossible = Requirements { robots: 100_000_000, ..needs };
         let refusals = impossible.refusals();
         assert!(

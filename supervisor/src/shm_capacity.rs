@@ -16,6 +16,9 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use crate::dead_nodes::layout::parse_sender_pid;
+use experiment::scenario::Scenario;
+use protocol::barrier::LEAD_TICKS_MAX;
+use protocol::law_message::MESSAGE_QUEUE_LENGTH;
 use protocol::process::exit;
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 use rustix::io::Errno;
@@ -64,17 +67,41 @@ pub enum SpaceError {
 pub struct RequiredSpace {
     robots: usize,
     links: usize,
+    message_bytes: u64,
 }
 
 impl RequiredSpace {
-    /// Returns the need of a run with `robots` robots, and `links` edges in its formation graph.
-    pub fn for_run(robots: usize, links: usize) -> RequiredSpace {
-        RequiredSpace { robots, links }
+    /// Returns the need of a run of this scenario.
+    pub fn for_run(scenario: &Scenario) -> RequiredSpace {
+        let links = scenario.graph_of_receivers().edges().len();
+        RequiredSpace::for_robots(scenario, 0..scenario.robots.len(), links)
     }
 
-    /// Returns the number of bytes on tmpfs.
+    /// Returns the need of these robots of a scenario, which receive over `links` edges, on one of several hosts.
+    pub fn for_robots(
+        scenario: &Scenario,
+        robots: impl ExactSizeIterator<Item = usize>,
+        links: usize,
+    ) -> RequiredSpace {
+        let need = RequiredSpace::without_messages(robots.len(), links);
+        let queued = |i| {
+            let sent = scenario.message_format(i).map_or(0, |format| format.bytes_max);
+            let recorded = scenario.recorded_message_format(i).map_or(0, |format| format.bytes_max);
+            (MESSAGE_QUEUE_LENGTH * sent) as u64 + LEAD_TICKS_MAX * recorded as u64
+        };
+        RequiredSpace { message_bytes: robots.map(queued).sum(), ..need }
+    }
+
+    /// Returns the need of a run with `robots` robots, and `links` edges in its formation graph, whose laws send no
+    /// messages.
+    pub fn without_messages(robots: usize, links: usize) -> RequiredSpace {
+        RequiredSpace { robots, links, message_bytes: 0 }
+    }
+
+    /// Returns the number of bytes on tmpfs, with full queues of messages.
     pub fn bytes(&self) -> u64 {
-        BYTES_OF_A_RUN + self.robots as u64 * BYTES_OF_A_ROBOT + self.links as u64 * BYTES_OF_A_LINK
+        let of_robots = self.robots as u64 * BYTES_OF_A_ROBOT;
+        BYTES_OF_A_RUN + of_robots + self.links as u64 * BYTES_OF_A_LINK + self.message_bytes
     }
 
     /// Returns the number of files and directories.
@@ -318,7 +345,7 @@ mod tests {
 
     #[test]
     fn required_space_includes_bytes_and_files() {
-        let need = RequiredSpace::for_run(3, 3);
+        let need = RequiredSpace::without_messages(3, 3);
         let (bytes, files) = (need.bytes(), need.files());
         assert!(available_space(Some([bytes, bytes]), Some(files)).covers(&need));
         assert!(available_space(None, None).covers(&need), "a tmpfs without limits");

@@ -435,7 +435,7 @@ fn check_directory(topic: &'static str, directory: &Path, robots: usize) -> Find
         Ok(room) => room,
         Err(error) => return wrong(format!("{shown}: {error}"), "see PHALANX_RUN_ROOT"),
     };
-    let need = RequiredSpace::for_run(robots, LINKS_PER_ROBOT * robots);
+    let need = RequiredSpace::without_messages(robots, LINKS_PER_ROBOT * robots);
     if !room.covers(&need) {
         return wrong(SpaceError::TooSmall { need, room }.to_string(), "every such run is refused");
     }

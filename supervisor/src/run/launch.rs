@@ -66,7 +66,6 @@ impl<'a> Run<'a> {
         };
         let logs = journal.run_dir.logs_path();
         let mut left_behind = OrphanReaper::watch(&logs);
-        let receivers = scenario.graph_of_receivers().edges().len();
         let view = match (&open_to.view, open_to.accepts_requests) {
             (None, _) => ViewUse::Off,
             (Some(_), false) => ViewUse::Watch,
@@ -76,7 +75,8 @@ impl<'a> Run<'a> {
             journal.collect_added_events();
         }
         limits::check(scenario.robots.len(), pace == Pace::Lockstep)?;
-        let run_root = make_run_root(scenario.robots.len(), receivers, view)?;
+        let run_root =
+            make_run_root(scenario.robots.len(), RequiredSpace::for_run(scenario), view)?;
         let node = service::create_node("supervisor")?;
         let launcher = launcher.with_run_root(run_root.path());
         if scenario.process_programs().next().is_some() {
@@ -140,11 +140,10 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Creates the run root of a run, or of a host's part of one. Fails if there is too little space for this
-/// number of robots and links.
+/// Creates the run root of a run, or of a host's part of one. Fails if there is too little space.
 pub(super) fn make_run_root(
     robots: usize,
-    links: usize,
+    need: RequiredSpace,
     view: ViewUse,
 ) -> Result<RunRoot, RunError> {
     descriptors::raise_descriptor_limit(descriptors::RequiredDescriptors::for_run(robots, view))?;
@@ -161,7 +160,7 @@ pub(super) fn make_run_root(
             }
         }
     }
-    shm_capacity::check(&base, RequiredSpace::for_run(robots, links))?;
+    shm_capacity::check(&base, need)?;
     shm_capacity::install_sigbus_handler(&base);
     let run_root = RunRoot::create(&base)?;
     run_root::join(run_root.path())?;

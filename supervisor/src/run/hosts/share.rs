@@ -26,7 +26,7 @@ use crate::run::helper_process::{HelperKind, HelperProcess};
 use crate::run::launch::make_run_root;
 use crate::run::processes::{RobotProcess, death_poll_fd, terminate_all, wait_until_readable};
 use crate::run::services::RobotServices;
-use crate::shm_capacity;
+use crate::shm_capacity::{self, RequiredSpace};
 use crate::spawn::Launcher;
 use experiment::briefs;
 use experiment::scenario::Scenario;
@@ -120,9 +120,11 @@ pub fn run(
     stop: &StopFlag,
 ) -> Result<HostEnd, RunError> {
     let mut left_behind = OrphanReaper::watch(&host_dir.logs_path());
-    let own = brief.robots.iter().filter(|robot| robot.host == brief.here);
-    let links = own.clone().map(|robot| robot.hears).sum();
-    let run_root = make_run_root(own.count(), links, ViewUse::Off)?;
+    let own = brief.robots.iter().enumerate().filter(|(_, robot)| robot.host == brief.here);
+    let links = own.clone().map(|(_, robot)| robot.hears).sum();
+    let own: Vec<usize> = own.map(|(place, _)| place).collect();
+    let need = RequiredSpace::for_robots(scenario, own.iter().copied(), links);
+    let run_root = make_run_root(own.len(), need, ViewUse::Off)?;
     let launcher = &launcher.clone().with_run_root(run_root.path());
     if scenario.process_programs().next().is_some() {
         left_behind.start_reaper_process(launcher, run_root.path())?;

@@ -35,7 +35,7 @@ use super::{AvoidanceRow, Sample};
 const ROBOT_CONSTRAINT_FRACTION: f64 = 0.5;
 const WALL_CONSTRAINT_FRACTION: f64 = 1.0;
 
-pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "cbf-qp",
         source: "Wang et al. 2017",

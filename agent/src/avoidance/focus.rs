@@ -17,7 +17,7 @@ use super::{Avoidance, AvoidanceRow, Sample};
 /// chapter).
 const EPSILON_TIMES_PERIOD_MAX: f64 = 0.1;
 
-pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "focus",
         source: "(11) (12) (19)",
@@ -126,7 +126,7 @@ mod tests {
         brief.avoidance.gains = [("epsilon_per_s".into(), 10.0)].into();
         let at =
             |period_s: f64| MethodConditions { period_s, ..MethodConditions::for_robot(&brief) };
-        assert!(((ROW.description.sensing_radius_m)(&at(0.01)) - 0.21).abs() < 1e-12);
+        assert!(((METHOD.description.sensing_radius_m)(&at(0.01)) - 0.21).abs() < 1e-12);
         assert_eq!((advise_period(&at(0.009)), advise_period(&at(0.01))), (None, None));
         let advice = advise_period(&at(0.02)).unwrap();
         assert!(advice.message.starts_with("epsilon T = 0.2: "), "{}", advice.message);

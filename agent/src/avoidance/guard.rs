@@ -110,7 +110,7 @@ use super::{Avoidance, AvoidanceRow, Sample, clip};
 /// Factor that keeps commands strictly within their bounds despite rounding.
 const STRICT_BOUND_FACTOR: f64 = 1.0 - 1e-12;
 
-pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "guard",
         source: "not in the chapter",

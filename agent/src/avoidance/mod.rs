@@ -188,7 +188,7 @@ impl AvoidanceRow {
 
 /// All methods. The first is the default.
 pub const METHODS: &[AvoidanceRow] =
-    &[guard::ROW, focus::ROW, none::ROW, orca::ROW, cbf_qp::ROW, rbl::ROW];
+    &[guard::METHOD, focus::METHOD, none::METHOD, orca::METHOD, cbf_qp::METHOD, rbl::METHOD];
 
 /// Creates the method named in the brief. Returns an error if the name is unknown or the brief does not suit
 /// the method.

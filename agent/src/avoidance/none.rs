@@ -8,7 +8,7 @@ use protocol::avoidance::AvoidanceDescription;
 use super::steering::Steering;
 use super::{Avoidance, AvoidanceRow, Sample};
 
-pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "none",
         source: "(17)",

@@ -31,7 +31,7 @@ use super::polygon::HalfPlane;
 use super::program::nearest_permitted_velocity;
 use super::{AvoidanceRow, Sample};
 
-pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "orca",
         source: "van den Berg et al. 2011",

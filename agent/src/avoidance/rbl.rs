@@ -59,7 +59,7 @@ const GOAL_ROTATION_RAD_S: f64 = 1.0;
 /// Number of grid points along r_s.
 const GRID_POINTS_PER_RADIUS: i32 = 12;
 
-pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "rbl",
         source: "arXiv 2310.19511",

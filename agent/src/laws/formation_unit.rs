@@ -7,7 +7,7 @@ use formation::Vec2;
 
 use super::{FORMATION_ROLE, Gains, Law, LawRow, Situation};
 
-pub(super) const ROW: LawRow = LawRow {
+pub(super) const LAW: LawRow = LawRow {
     name: "formation-unit",
     role: FORMATION_ROLE,
     source: "(18)",

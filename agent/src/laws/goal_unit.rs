@@ -7,7 +7,7 @@ use formation::Vec2;
 use super::formation_unit::constant_speed_velocity;
 use super::{GOAL_ROLE, Gains, Law, LawRow, Situation};
 
-pub(super) const ROW: LawRow = LawRow {
+pub(super) const LAW: LawRow = LawRow {
     name: "goal-unit",
     role: GOAL_ROLE,
     source: "(18) with a fixed goal",

@@ -122,12 +122,12 @@ impl LawRow {
 
 /// All control laws.
 pub const LAWS: &[LawRow] = &[
-    formation_unit::ROW,
+    formation_unit::LAW,
     tanh::LEADER_TANH,
     tanh::FORMATION_TANH,
     tanh::FORMATION_ROBUST,
     tanh::CONTAINMENT_TANH,
-    goal_unit::ROW,
+    goal_unit::LAW,
     tanh::GOAL_TANH,
 ];
 

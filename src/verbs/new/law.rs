@@ -1,13 +1,13 @@
 //! A control law to start from: it keeps a formation slot, with an integrator.
 //!
-//! To build it in: this file goes to `agent/src/laws/my_law.rs`; `mod my_law;` and `my_law::ROW` go
+//! To build it in: this file goes to `agent/src/laws/my_law.rs`; `mod my_law;` and `my_law::LAW` go
 //! into `agent/src/laws/mod.rs`. Scenarios may then say `law = "my-law"` with `k_per_s` and `reset_s`.
 
 use formation::Vec2;
 
 use super::{FORMATION_ROLE, Gains, Law, LawRow, Situation};
 
-pub(super) const ROW: LawRow = LawRow {
+pub(super) const LAW: LawRow = LawRow {
     name: "my-law",
     role: FORMATION_ROLE,               // the error is relative to a slot
     source: "PI, our own",              // reference, for documentation

@@ -11,19 +11,19 @@ use crate::oracle;
 
 mod brake;
 
-pub const METHODS: &[AvoidanceRow] = &[guard::ROW, brake::ROW /* and the others */];
+pub const METHODS: &[AvoidanceRow] = &[guard::METHOD, brake::METHOD /* and the others */];
 
 /// A built-in method, in its original file.
 mod guard {
     use agent::avoidance::{AvoidanceRow, METHODS};
 
-    pub(super) const ROW: AvoidanceRow = AvoidanceRow { ..METHODS[0] };
+    pub(super) const METHOD: AvoidanceRow = AvoidanceRow { ..METHODS[0] };
 }
 
 const PAGE: &str = include_str!("../../../docs/add-an-avoidance-method.md");
 
 fn build() -> Build {
-    Build { methods: vec![brake::ROW], ..Build::default() }
+    Build { methods: vec![brake::METHOD], ..Build::default() }
 }
 
 /// Reads the triangle with start distance d and these keys set, by a build with the page's method.

@@ -15,7 +15,7 @@ use crate::processes::{in_place_of, run_embedded};
 
 mod formation_linear;
 
-pub const LAWS: &[LawRow] = &[formation_linear::ROW, formation_unit::ROW /* and the others */];
+pub const LAWS: &[LawRow] = &[formation_linear::LAW, formation_unit::LAW /* and the others */];
 
 mod own;
 
@@ -23,13 +23,13 @@ mod own;
 mod formation_unit {
     use agent::laws::{LAWS, LawRow};
 
-    pub(super) const ROW: LawRow = LawRow { ..LAWS[0] };
+    pub(super) const LAW: LawRow = LawRow { ..LAWS[0] };
 }
 
 const PAGE: &str = include_str!("../../../docs/add-a-law.md");
 
 fn build() -> Build {
-    Build { laws: vec![formation_linear::ROW], ..Build::default() }
+    Build { laws: vec![formation_linear::LAW], ..Build::default() }
 }
 
 /// Reads the triangle with the page's law and these keys set.
@@ -62,7 +62,7 @@ fn page_law_forms_the_triangle_and_keeps_the_distance() {
 #[test]
 fn page_law_is_linear_up_to_its_limit() {
     let gains = [("k_per_s".to_owned(), 2.0), ("limit_m_s".to_owned(), 0.1)].into();
-    let mut law = formation_linear::ROW.make(&gains).unwrap();
+    let mut law = formation_linear::LAW.make(&gains).unwrap();
     let mut gamma = |x, y| {
         let desired_velocity = Vec2::new(5.0, 5.0);
         law.gamma(&Situation {

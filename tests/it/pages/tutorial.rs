@@ -9,13 +9,13 @@ use super::{Build, assert_row, blocks, expect_valid};
 #[path = "../../../src/verbs/new/law.rs"]
 mod my_law;
 
-pub const LAWS: &[LawRow] = &[my_law::ROW, formation_unit::ROW /* and the others */];
+pub const LAWS: &[LawRow] = &[my_law::LAW, formation_unit::LAW /* and the others */];
 
 /// A built-in law, in its original file.
 mod formation_unit {
     use agent::laws::{LAWS, LawRow};
 
-    pub(super) const ROW: LawRow = LawRow { ..LAWS[0] };
+    pub(super) const LAW: LawRow = LawRow { ..LAWS[0] };
 }
 
 const PAGE: &str = include_str!("../../../docs/tutorial/law.md");
@@ -36,7 +36,7 @@ fn both_laws_behave_as_documented() {
     let path = scratch.path().join("vee.toml");
     let (_, text) = SCENARIO.split_once("```toml\n").unwrap();
     std::fs::write(&path, text.split("```").next().unwrap()).unwrap();
-    let build = Build { laws: vec![my_law::ROW], ..Build::default() };
+    let build = Build { laws: vec![my_law::LAW], ..Build::default() };
     let commands = PAGE.lines().filter(|line| line.starts_with("phalanx run "));
     let errors: Vec<String> = commands
         .map(|command| {

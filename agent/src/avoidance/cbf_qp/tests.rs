@@ -84,8 +84,8 @@ fn sensing_radius_bounds_influence_and_long_period_is_advised() {
     };
     assert_eq!(towards(1.000_001 * needed), 0.5);
     assert!(towards(0.99 * needed) < 0.5);
-    assert!((ROW.description.find_warning)(&at).is_none());
+    assert!((METHOD.description.find_warning)(&at).is_none());
     let slow = MethodConditions { period_s: 0.6, ..at };
-    let advice = (ROW.description.find_warning)(&slow).unwrap();
+    let advice = (METHOD.description.find_warning)(&slow).unwrap();
     assert!(advice.message.starts_with("barrier_per_s T = 1.2: "), "{}", advice.message);
 }

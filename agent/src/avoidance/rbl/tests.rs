@@ -159,8 +159,8 @@ fn sensing_radius_covers_touching_cells_and_period_advised() {
     brief.avoidance.gains = gains.map(|(key, gain)| (key.to_owned(), gain)).into();
     let at = MethodConditions::for_robot(&brief);
     assert!((sensing_radius_m(&at) - 1.2).abs() < 1e-12);
-    assert!((ROW.description.find_warning)(&at).is_none());
+    assert!((METHOD.description.find_warning)(&at).is_none());
     let advice =
-        (ROW.description.find_warning)(&MethodConditions { period_s: 0.06, ..at }).unwrap();
+        (METHOD.description.find_warning)(&MethodConditions { period_s: 0.06, ..at }).unwrap();
     assert!(advice.message.starts_with("approach_per_s T = 0.6: "), "{}", advice.message);
 }

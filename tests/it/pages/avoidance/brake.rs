@@ -7,7 +7,7 @@ use protocol::avoidance::{AvoidanceDescription, Gain, RequiredSensing};
 
 use super::{Avoidance, AvoidanceRow, Sample};
 
-pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "brake",
         source: "an example",

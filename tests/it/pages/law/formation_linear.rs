@@ -4,7 +4,7 @@ use formation::Vec2;
 
 use super::{FORMATION_ROLE, Gains, Law, LawRow, Situation};
 
-pub(super) const ROW: LawRow = LawRow {
+pub(super) const LAW: LawRow = LawRow {
     name: "formation-linear",
     role: FORMATION_ROLE,
     source: "(16)",

@@ -554,11 +554,13 @@ class Track {
     Object.assign(this, { track: root.querySelector(".track"), scene, end_s: Math.max(end_s, 1e-3), path: "", bin: -1, least: null });
     this.top = 4 * (scene.distance_min_m || 1);
     const spark = root.querySelector(".spark");
-    svg(spark, "path", { class: "bound", d: `M0 ${this.height(scene.distance_min_m)}H1000` });
+    // Pairs of a team have different minimum distances, so that no line is a bound for all.
+    const team = scene.robots.some((robot) => robot.keep_m);
+    if (!team) svg(spark, "path", { class: "bound", d: `M0 ${this.height(scene.distance_min_m)}H1000` });
     this.spark = svg(spark, "path");
     const { faults, faults_in_all } = scene;
     const left_out = faults_in_all > faults.length ? `; the first ${faults.length} of ${faults_in_all} faults are marked` : "";
-    say(root.querySelector(".scale"), `smallest distance over time, 0 to ${+this.top.toPrecision(3)} m; dashed: d${left_out}`);
+    say(root.querySelector(".scale"), `smallest distance over time, 0 to ${+this.top.toPrecision(3)} m${team ? "" : "; dashed: d"}${left_out}`);
     this.marks = root.querySelector(".marks");
     this.lanes = [];
     this.marks.style.height = "0px";

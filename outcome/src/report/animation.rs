@@ -481,12 +481,10 @@ impl Animation<'_> {
         let distance = axis("smallest distance (m)", &distances, d);
         let mut distance = panel_over_time(self.run, distance).without_band_labels();
         distance.add_curve(distances, LineStyle::solid(BLUE));
-        distance.add_horizontal_line(
-            d,
-            (0.0, self.run.end_s()),
-            format!("d = {} m", format_short(d)),
-            BOUND_LINE,
-        );
+        if !self.run.scene.has_sizes() {
+            let label = format!("d = {} m", format_short(d));
+            distance.add_horizontal_line(d, (0.0, self.run.end_s()), label, BOUND_LINE);
+        }
         let below = Rect { y: UPPER_PANEL.y + UPPER_PANEL.height, ..UPPER_PANEL };
         let (top, bottom) = (UPPER_PANEL.plot_area(&error.bands), below.plot_area(&distance.bands));
         let (first_s, last_s) = (self.frames[0].t_s, self.frames[self.frames.len() - 1].t_s);
@@ -504,7 +502,7 @@ impl Animation<'_> {
 
 /// Returns the legend.
 fn draw_legend(run: &LoadedRun) -> Vec<SvgElement> {
-    let has_sizes = run.scene.robots.iter().any(|robot| robot.keep_m.is_some());
+    let has_sizes = run.scene.has_sizes();
     let mut lines = vec![
         "Arrows: from sender to receiver.".to_owned(),
         "Orange: stale. Dashed: no beacon arrives.".to_owned(),

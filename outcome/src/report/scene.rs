@@ -32,6 +32,13 @@ pub struct Scene {
     pub faults_in_all: usize,
 }
 
+impl Scene {
+    /// Returns whether the robots have different sizes, so that no distance is the minimum of all pairs.
+    pub fn has_sizes(&self) -> bool {
+        self.robots.iter().any(|robot| robot.keep_m.is_some())
+    }
+}
+
 /// A robot of the scene.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct SceneRobot {

@@ -19,15 +19,21 @@ const DRAWN_PAIRS_MAX: usize = 120;
 /// Range of the lower panel, in multiples of d.
 const LOWER_PANEL_RANGE: (f64, f64) = (0.9, 1.6);
 
-/// Distances of all pairs of robots.
+/// Distances of all pairs of robots, m; in a team each divided by the minimum distance of the pair.
 struct PairDistances {
     pairs: Vec<[usize; 2]>,
-    /// Smallest distance of each pair, m.
-    pair_minimum_m: Vec<f64>,
-    /// Smallest distance of all pairs at each instant, m.
-    instant_minimum_m: Vec<f64>,
-    /// Largest distance of all pairs and instants, m.
-    maximum_m: f64,
+    /// Smallest distance of each pair.
+    pair_minimum: Vec<f64>,
+    /// Smallest distance of all pairs at each instant.
+    instant_minimum: Vec<f64>,
+    /// Largest distance of all pairs and instants.
+    maximum: f64,
+}
+
+/// Returns the distance, m, by which the distance of a pair is divided: its minimum distance in a team, otherwise 1 m.
+fn divisor_m(run: &LoadedRun, pair: [usize; 2]) -> f64 {
+    let keep_m = pair.map(|robot| run.scene.robots[robot].keep_m);
+    keep_m[0].zip(keep_m[1]).map_or(1.0, |(first_m, second_m)| first_m + second_m)
 }
 
 impl PairDistances {
@@ -35,51 +41,57 @@ impl PairDistances {
         let robots = run.scene.robots.len();
         let pairs = (0..robots).flat_map(|i| (i + 1..robots).map(move |j| [i, j]));
         let pairs: Vec<[usize; 2]> = pairs.collect();
-        let (mut least_m, mut farthest_m) = (vec![f64::INFINITY; pairs.len()], 0.0);
-        let smallest_m = (0..run.times_s.len()).map(|instant| {
+        let divisors_m: Vec<f64> = pairs.iter().map(|&pair| divisor_m(run, pair)).collect();
+        let (mut least, mut farthest) = (vec![f64::INFINITY; pairs.len()], 0.0);
+        let smallest = (0..run.times_s.len()).map(|instant| {
             let alphas: Vec<Vec2> =
                 (0..robots).map(|robot| run.front_point(robot, instant)).collect();
             let mut now = f64::INFINITY;
-            for (&[i, j], least) in pairs.iter().zip(&mut least_m) {
-                let square = (alphas[i] - alphas[j]).norm_squared();
+            for ((&[i, j], divisor_m), least) in pairs.iter().zip(&divisors_m).zip(&mut least) {
+                let square = ((alphas[i] - alphas[j]) / *divisor_m).norm_squared();
                 *least = square.min(*least);
                 now = square.min(now);
-                farthest_m = square.max(farthest_m);
+                farthest = square.max(farthest);
             }
             now.sqrt()
         });
-        let smallest_m = smallest_m.collect();
-        least_m.iter_mut().for_each(|square| *square = square.sqrt());
+        let smallest = smallest.collect();
+        least.iter_mut().for_each(|square| *square = square.sqrt());
         PairDistances {
             pairs,
-            pair_minimum_m: least_m,
-            instant_minimum_m: smallest_m,
-            maximum_m: farthest_m.sqrt(),
+            pair_minimum: least,
+            instant_minimum: smallest,
+            maximum: farthest.sqrt(),
         }
     }
 }
 
 pub(super) fn draw_pair_distances(run: &LoadedRun) -> Option<Figure> {
-    let PairDistances {
-        pairs,
-        pair_minimum_m: least_m,
-        instant_minimum_m: smallest_m,
-        maximum_m: farthest_m,
-    } = PairDistances::compute(run);
+    let PairDistances { pairs, pair_minimum: least, instant_minimum: smallest, maximum: farthest } =
+        PairDistances::compute(run);
     if pairs.is_empty() {
         return None;
     }
-    let d = run.scene.distance_min_m;
-    let nearness: Vec<f64> = least_m.iter().map(|m| -m).collect();
+    let (is_team, d) = match run.scene.has_sizes() {
+        true => (true, 1.0),
+        false => (false, run.scene.distance_min_m),
+    };
+    let labels = match is_team {
+        true => ["distance / minimum of the pair", "near the minimum"],
+        false => ["distance (m)", "near d (m)"],
+    };
+    let nearness: Vec<f64> = least.iter().map(|m| -m).collect();
     let CurveSet { count, named_curves: named } = CurveSet::select_largest(&nearness);
     let envelope = count > DRAWN_PAIRS_MAX;
     let apart = |pair: usize| {
         let [i, j] = pairs[pair];
-        let distance = move |k: usize| (run.front_point(i, k) - run.front_point(j, k)).norm();
+        let divisor_m = divisor_m(run, [i, j]);
+        let distance =
+            move |k: usize| (run.front_point(i, k) - run.front_point(j, k)).norm() / divisor_m;
         (0..run.times_s.len()).map(move |k| (run.times_s[k], distance(k)))
     };
     let highest = match envelope {
-        false => farthest_m,
+        false => farthest,
         true => {
             let shown = named.iter().flat_map(|&pair| apart(pair)).map(|(_, m)| m);
             shown.filter(|m| m.is_finite()).fold(d, f64::max)
@@ -87,12 +99,12 @@ pub(super) fn draw_pair_distances(run: &LoadedRun) -> Option<Figure> {
     };
     let mut panels = vec![(
         full_width_row(0.0, 270.0),
-        panel_over_time(run, Axis::linear("distance (m)", 0.0, highest)),
+        panel_over_time(run, Axis::linear(labels[0], 0.0, highest)),
     )];
     // The lower panel is left out if no pair came near d.
-    let shown_near = least_m.iter().any(|least| *least < LOWER_PANEL_RANGE.1 * d);
+    let shown_near = least.iter().any(|least| *least < LOWER_PANEL_RANGE.1 * d);
     if shown_near {
-        let near = Axis::exact("near d (m)", LOWER_PANEL_RANGE.0 * d, LOWER_PANEL_RANGE.1 * d);
+        let near = Axis::exact(labels[1], LOWER_PANEL_RANGE.0 * d, LOWER_PANEL_RANGE.1 * d);
         panels
             .push((full_width_row(270.0, 200.0), panel_over_time(run, near).without_band_labels()));
     }
@@ -109,7 +121,7 @@ pub(super) fn draw_pair_distances(run: &LoadedRun) -> Option<Figure> {
             |pair| apart(pair).map(Some),
         );
         if envelope {
-            let smallest = run.times_s.iter().copied().zip(smallest_m.iter().copied());
+            let smallest = run.times_s.iter().copied().zip(smallest.iter().copied());
             panel.add_curve(smallest.map(Some), ALL_ROBOTS_LINE);
         }
         draw_minimum_distance(run, panel, d);
@@ -138,11 +150,18 @@ fn caption(run: &LoadedRun, pairs: usize, named: usize, shown_near: bool) -> Str
         ),
         _ => "All distances between front points.".to_owned(),
     };
+    let is_team = run.scene.has_sizes();
+    if is_team {
+        caption += " Each is divided by the minimum distance of its pair, the sum of two sizes.";
+    }
     if shown_near {
-        caption += " Below: detail near d.";
+        caption += if is_team { " Below: detail near 1." } else { " Below: detail near d." };
     }
     caption += &bands_caption(run);
-    let verdict = describe_expectation(run, "min_distance_m", "The smallest at any tick", "m");
+    let verdict = match is_team {
+        true => describe_expectation(run, "min_distance_over_d", "The smallest at any tick", ""),
+        false => describe_expectation(run, "min_distance_m", "The smallest at any tick", "m"),
+    };
     match (&run.summary, verdict.as_str()) {
         (Some(_), "") => caption + " The scenario expects no minimum distance.",
         (_, verdict) => caption + verdict,
@@ -151,13 +170,13 @@ fn caption(run: &LoadedRun, pairs: usize, named: usize, shown_near: bool) -> Str
 
 /// Draws the line d, and marks the smallest distance at any tick.
 fn draw_minimum_distance(run: &LoadedRun, panel: &mut Panel, d: f64) {
-    panel.add_horizontal_line(
-        d,
-        (0.0, run.end_s()),
-        format!("d = {} m", format_short(d)),
-        BOUND_LINE,
-    );
-    let Some(summary) = &run.summary else { return };
+    let is_team = run.scene.has_sizes();
+    let label = match is_team {
+        true => "minimum distance".to_owned(),
+        false => format!("d = {} m", format_short(d)),
+    };
+    panel.add_horizontal_line(d, (0.0, run.end_s()), label, BOUND_LINE);
+    let Some(summary) = run.summary.as_ref().filter(|_| !is_team) else { return };
     if let (Some(distance_m), Some([a, b]), Some(t_s)) =
         (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)
     {

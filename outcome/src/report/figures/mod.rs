@@ -164,16 +164,17 @@ fn find_expectation<'r>(run: &'r LoadedRun, name: &str) -> Option<&'r Expectatio
 /// none.
 fn describe_expectation(run: &LoadedRun, name: &str, of: &str, unit: &str) -> String {
     let Some(expectation) = find_expectation(run, name) else { return String::new() };
+    let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
     let (measured, bound) = match expectation.value {
         Some(value) => {
             let [value, bound] = format_distinct(value, expectation.bound);
-            (format!("{value} {unit}"), bound)
+            (format!("{value}{unit}"), bound)
         }
         None => ("never".to_owned(), format_short(expectation.bound)),
     };
     let verdict = expectation.verdict().display_text();
     let reason = expectation.reason.as_ref().map_or(String::new(), |why| format!(" ({why})"));
-    format!(" {of}: {measured}, required {bound} {unit}: {verdict}{reason}.")
+    format!(" {of}: {measured}, required {bound}{unit}: {verdict}{reason}.")
 }
 
 /// Draws the bound of an expectation over the final part of the run, and describes the expectation in one sentence.

@@ -151,14 +151,19 @@ fn run_with_broken_program(pentagon: &Pentagon, program: &str, pace: &str) -> Fi
     run.args(["--pace", pace]).set("duration_s=6").faults(faults).finish()
 }
 
+/// Returns how often a run is repeated: once, or as often as the environment variable PHALANX_REPETITIONS says.
+fn repetitions() -> usize {
+    std::env::var("PHALANX_REPETITIONS").map_or(1, |number| number.parse().expect("a number"))
+}
+
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn wrapped_law_equals_bare_law_in_20_runs_of_each_wrapper() {
+fn wrapped_law_equals_bare_law_with_each_wrapper() {
     let pentagon = tanh();
     let bare = run_with_broken_program(&pentagon, "", "lockstep");
     bare.exits_with(0).assert_leaves_nothing();
     for program in wrappers(&pentagon) {
-        for _ in 0..20 {
+        for _ in 0..repetitions() {
             let ended = run_with_broken_program(&pentagon, &program, "lockstep");
             ended.exits_with(0).assert_leaves_nothing();
             ended.assert_holds(
@@ -173,8 +178,9 @@ fn wrapped_law_equals_bare_law_in_20_runs_of_each_wrapper() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn realtime_wrapped_law_returns_with_each_wrapper() {
     let pentagon = tanh();
-    for program in wrappers(&pentagon) {
-        let ended = run_with_broken_program(&pentagon, &program, "realtime");
+    let programs = wrappers(&pentagon);
+    for program in (0..repetitions()).flat_map(|_| &programs) {
+        let ended = run_with_broken_program(&pentagon, program, "realtime");
         ended.exits_with(0).assert_leaves_nothing();
         assert_keeps_distance(&ended);
         let events = ended.file("events.csv");

@@ -91,15 +91,16 @@ fn may_run(pid: u32) -> bool {
 fn real_time_death_event_follows_death_of_all_processes() {
     for (name, wrapper) in WRAPPERS {
         let (_folder, run) = wrapped(wrapper, "");
-        let mut running = run.set("duration_s=4").fault("kill r2 @1").start();
+        let mut running = run.set("duration_s=1000").fault("kill r2 @4").start();
         running.wait_for_event("contact");
         let before = processes_of_r2(&running);
         assert!(!before.is_empty(), "{name}");
         running.wait_for_event("died");
         let left: Vec<u32> = before.into_iter().filter(|&pid| may_run(pid)).collect();
         assert!(left.is_empty() && processes_of_r2(&running).is_empty(), "{name}: {left:?}");
+        running.signal(Signal::INT);
         let ended = running.finish();
-        ended.exits_with(0).assert_leaves_nothing();
+        ended.exits_with(130).assert_leaves_nothing();
         let died = ended.file("events.csv").contains("died,r2,signal 9");
         ended.assert_holds(died, format!("{name}: by the kill"));
     }
@@ -109,7 +110,7 @@ fn real_time_death_event_follows_death_of_all_processes() {
 fn real_time_freeze_stops_all_processes_and_thaw_resumes_them() {
     for (name, wrapper) in WRAPPERS {
         let (_folder, run) = wrapped(wrapper, "");
-        let mut running = run.set("duration_s=6").fault("freeze r2 @1 for 2").start();
+        let mut running = run.set("duration_s=1000").fault("freeze r2 @1 for 4").start();
         running.wait_for_event("freeze");
         let frozen = processes_of_r2(&running);
         let run: Vec<u32> = frozen.iter().copied().filter(|&pid| may_run(pid)).collect();
@@ -120,14 +121,16 @@ fn real_time_freeze_stops_all_processes_and_thaw_resumes_them() {
             assert!(began.elapsed() < WAIT_TIMEOUT, "{name}: they stand");
             std::thread::sleep(Duration::from_millis(2));
         }
-        running.finish().exits_with(0).assert_leaves_nothing();
+        running.signal(Signal::INT);
+        running.finish().exits_with(130).assert_leaves_nothing();
     }
 }
 
 #[test]
 fn robot_with_killed_keeper_dies_with_all_its_processes() {
     let (_folder, run) = wrapped(WRAPPERS[4].1, "");
-    let mut running = run.set("duration_s=4").set("robot_defaults.restart_policy=never").start();
+    let never = "robot_defaults.restart_policy=never";
+    let mut running = run.set("duration_s=1000").set(never).start();
     running.wait_for_event("contact");
     let before = processes_of_r2(&running);
     let keepers = crate::failures::keepers_of(running.pid());
@@ -135,7 +138,8 @@ fn robot_with_killed_keeper_dies_with_all_its_processes() {
     signal_pid(keepers[0], Signal::KILL);
     running.wait_for_event("died");
     assert!(!before.is_empty() && !before.iter().any(|&pid| may_run(pid)), "{before:?}");
-    running.finish().exits_with(1).assert_leaves_nothing();
+    running.signal(Signal::INT);
+    running.finish().exits_with(130).assert_leaves_nothing();
 }
 
 #[test]

@@ -224,21 +224,15 @@ impl Lifecycles {
                 out.push_order(DriverOrder::KillPlant);
             }
             LifecycleEvent::PlantStopped { fault, initiator } => {
-                out.push_note(
-                    "freeze",
-                    None,
-                    format!("SIGSTOP of the plant, {}", initiator.keyword()),
-                );
+                let detail = format!("SIGSTOP of the plant, {}", initiator.keyword());
+                out.push_note("freeze", None, detail);
                 self.begin_fault(out, fault);
                 // Unless it is resumed.
                 self.end_fault(out, fault, FaultEnd::Permanent, now_ns);
             }
             LifecycleEvent::PlantResumed { fault, initiator } => {
-                out.push_note(
-                    "thaw",
-                    None,
-                    format!("SIGCONT of the plant, {}", initiator.keyword()),
-                );
+                let detail = format!("SIGCONT of the plant, {}", initiator.keyword());
+                out.push_note("thaw", None, detail);
                 self.end_fault(out, fault, FaultEnd::Repaired, now_ns);
             }
             LifecycleEvent::StartLoad { fault, processes } => {

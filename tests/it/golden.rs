@@ -16,16 +16,19 @@ use crate::campaigns::{CampaignDir, run_to_exit_code};
 use crate::harness::ROOT;
 
 /// Scenarios that are also run with a process for each robot.
-const AS_PROCESSES: [&str; 10] = [
+const AS_PROCESSES: [&str; 13] = [
     "bodies/drones-8",
     "bodies/parking-8",
     "bodies/team-9",
     "bodies/triangle-axle",
     "containment",
+    "containment-chaos",
     "corridor",
     "liar-10",
     "pentagon",
+    "pentagon-cut",
     "swap-8",
+    "triangle",
     "triangle-inertia",
 ];
 
@@ -135,7 +138,7 @@ fn shipped_scenarios_in_process_match_stored_results() {
 }
 
 #[test]
-fn ten_scenarios_as_processes_match_stored_results() {
+fn scenarios_as_processes_match_stored_results() {
     let stored = read_golden_file();
     for (run, line) in fingerprints(&AS_PROCESSES, &[]) {
         let line = format!("{run}: {line}");

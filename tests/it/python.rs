@@ -13,8 +13,10 @@ mod sweep;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use rustix::process::Signal;
+
 use crate::elsewhere::{Pentagon, assert_keeps_distance, stderr_contains};
-use crate::harness::{ExitsWith as _, FinishedRun};
+use crate::harness::{ExitsWith as _, FinishedRun, RunInProgress};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -144,11 +146,11 @@ fn wrappers(pentagon: &Pentagon) -> Vec<String> {
     ]
 }
 
-/// Runs the pentagon with this program of r3, which is killed, restarted and frozen.
-fn run_with_broken_program(pentagon: &Pentagon, program: &str, pace: &str) -> FinishedRun {
+/// Runs the pentagon in lockstep with this program of r3, which is killed, restarted and frozen.
+fn run_with_broken_program(pentagon: &Pentagon, program: &str) -> FinishedRun {
     let run = pentagon.with_r3().sets(program.lines().filter(|line| !line.is_empty()));
     let faults = ["kill r3 @1 restart 1", "freeze r3 @3 for 0.5"];
-    run.args(["--pace", pace]).set("duration_s=6").faults(faults).finish()
+    run.lockstep().set("duration_s=6").faults(faults).finish()
 }
 
 /// Returns how often a run is repeated: once, or as often as the environment variable PHALANX_REPETITIONS says.
@@ -160,11 +162,11 @@ fn repetitions() -> usize {
 #[ignore = "needs the package that tests/python/install installs"]
 fn wrapped_law_equals_bare_law_with_each_wrapper() {
     let pentagon = tanh();
-    let bare = run_with_broken_program(&pentagon, "", "lockstep");
+    let bare = run_with_broken_program(&pentagon, "");
     bare.exits_with(0).assert_leaves_nothing();
     for program in wrappers(&pentagon) {
         for _ in 0..repetitions() {
-            let ended = run_with_broken_program(&pentagon, &program, "lockstep");
+            let ended = run_with_broken_program(&pentagon, &program);
             ended.exits_with(0).assert_leaves_nothing();
             ended.assert_holds(
                 ended.hash() == bare.hash(),
@@ -180,15 +182,19 @@ fn realtime_wrapped_law_returns_with_each_wrapper() {
     let pentagon = tanh();
     let programs = wrappers(&pentagon);
     for program in (0..repetitions()).flat_map(|_| &programs) {
-        let ended = run_with_broken_program(&pentagon, program, "realtime");
-        ended.exits_with(0).assert_leaves_nothing();
+        let run = pentagon.with_r3().sets(program.lines().filter(|line| !line.is_empty()));
+        let faults = ["freeze r3 @1 for 0.5", "kill r3 @3 restart 1"];
+        let mut running =
+            run.args(["--pace", "realtime"]).set("duration_s=1000").faults(faults).start();
+        let is_back = |run: &RunInProgress| run.events().contains(",ready,r3,incarnation 1");
+        running.wait_for("return of r3", |run| is_back(run).then_some(()));
+        running.signal(Signal::INT);
+        let ended = running.finish();
+        ended.exits_with(130).assert_leaves_nothing();
         assert_keeps_distance(&ended);
         let events = ended.file("events.csv");
-        ended.assert_holds(events.contains("died,r3,signal 9"), format!("{program}: it is killed"));
-        ended.assert_holds(
-            events.contains(",ready,r3,incarnation 1"),
-            format!("{program}: it is back"),
-        );
+        let killed = events.contains("died,r3,signal 9") && events.contains(",thaw,r3,");
+        ended.assert_holds(killed, format!("{program}: it is frozen, thawed and killed"));
     }
 }
 

@@ -13,9 +13,12 @@ const place = mkdtempSync(join(tmpdir(), "phalanx-web-"));
 const BUILT = "target/web/page";
 const HANG_MS = 120_000;
 
-/** Returns the results of the same engine, built for this machine. */
+// The same engine, which bindings/web/build has built for this machine.
+const RUN_HASH = `target/web/${execFileSync("bindings/web/native", { encoding: "utf8" }).trim()}/targets/run-hash`;
+
+/** Returns the results of the same engine. */
 function native(path) {
-  return execFileSync("target/web/release/run-hash", [path], { encoding: "utf8" }).trim().split(" ").slice(1).join(" ");
+  return execFileSync(RUN_HASH, [path], { encoding: "utf8" }).trim().split(" ").slice(1).join(" ");
 }
 
 const shipped = (name) => readFileSync(`scenarios/${name}.toml`, "utf8");
@@ -108,7 +111,7 @@ async function bad_input(browser) {
     await page.click(button);
     const path = join(place, "mistaken.toml");
     writeFileSync(path, mistaken);
-    const shown = spawnSync("target/web/release/run-hash", [path], { encoding: "utf8" }).stderr;
+    const shown = spawnSync(RUN_HASH, [path], { encoding: "utf8" }).stderr;
     assert.equal(await complains(page), shown.replaceAll(path, "scenarios/pentagon.toml"));
   }
   const file = await page.$("#upload");

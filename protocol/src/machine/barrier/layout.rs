@@ -11,8 +11,8 @@ pub(super) const VERSION: u32 = 8;
 pub(super) const NEVER_TICK: u64 = u64::MAX;
 /// Flag in the arrivals word: the set of members has changed, so every arrival wakes the plant.
 pub(super) const MEMBERS_CHANGED_FLAG: u32 = 1 << 15;
-/// Mask in the arrivals word: the number of members that have not arrived. The bits above [`NUDGE`] are the low
-/// bits of the tick.
+/// Mask in the arrivals word: the number of members that have not arrived. The bits above [`MEMBERS_CHANGED_FLAG`] are
+/// the low bits of the tick.
 pub(super) const REMAINING_MEMBERS_MASK: u32 = MEMBERS_CHANGED_FLAG - 1;
 
 /// Flag in a mute word: only the beacon was withheld, and a command was sent.
@@ -51,7 +51,7 @@ pub(super) struct BarrierHeader {
     pub(super) lead_waiting: CacheLinePair<AtomicU32>,
     /// Tick from which on the plant pauses.
     pub(super) pause_at: CacheLinePair<AtomicU64>,
-    /// Tick at which the plant is paused, or [`NEVER`].
+    /// Tick at which the plant is paused, or [`NEVER_TICK`].
     pub(super) paused: CacheLinePair<AtomicU64>,
     /// Number of resumptions. The paused plant sleeps on this word.
     pub(super) resumes: CacheLinePair<AtomicU32>,
@@ -69,11 +69,10 @@ pub(super) struct BarrierHeader {
 /// that change at each tick, one arrival word for each slot, follow behind all slots.
 #[repr(C, align(32))]
 pub(super) struct Slot {
-    /// First tick at which the slot is a member, or [`NEVER`].
+    /// First tick at which the slot is a member, or [`NEVER_TICK`].
     pub(super) since: AtomicU64,
-    /// The last even and the last odd tick at which the robot sent nothing, plus 1, or with the bit [`WITHHELD`] only
-    /// a command. There are two because a
-    /// neighbor may be one tick behind.
+    /// The last even and the last odd tick at which the robot sent nothing, plus 1, or with the bit
+    /// [`BEACON_WITHHELD_FLAG`] only a command. There are two because a neighbor may be one tick behind.
     pub(super) mute: [AtomicU64; 2],
 }
 

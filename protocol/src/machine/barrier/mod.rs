@@ -106,18 +106,18 @@ impl Barrier {
     }
 
     fn is_expected(&self, slot: &Slot, tick: u64) -> bool {
-        // NEVER is later than any tick.
+        // `NEVER_TICK` is later than any tick.
         slot.since.load(SeqCst) <= tick
     }
 
     fn header(&self) -> &BarrierHeader {
-        // SAFETY: the mapping begins with a `Head`, is page-aligned and lives as long as `self`;
+        // SAFETY: the mapping begins with a `BarrierHeader`, is page-aligned and lives as long as `self`;
         // everything in it that changes is atomic.
         unsafe { self.memory.cast::<BarrierHeader>().as_ref() }
     }
 
     fn all_slots(&self) -> &[Slot] {
-        // SAFETY: `bytes` was checked to hold `slots` slots behind the head, whose size is a
+        // SAFETY: `bytes` was checked to hold `slots` slots behind the header, whose size is a
         // multiple of their alignment; everything in them is atomic.
         unsafe {
             let first = self.memory.byte_add(size_of::<BarrierHeader>()).cast::<Slot>();

@@ -3,7 +3,7 @@
 //!
 //! In lockstep all processes wait for the slowest at each tick. A wake-up of a process on another core, or
 //! of an idle core, takes longer than a control cycle. Each robot is therefore pinned to a core, and a
-//! process with idle priority keeps that core awake. This applies only while the machine has no other work,
+//! process with idle priority keeps that core awake, unless many robots share it. This applies only while the machine has no other work,
 //! because under other load the kernel balances better than a fixed assignment. The supervisor works while
 //! the robots on its core wait for the plant, and requests long time slices so that it does not delay them.
 //! Not used in real time, where processes wake at different times.
@@ -31,6 +31,10 @@ use outcome::results::usage::Usage;
 const LOAD_SAMPLE_INTERVAL: Duration = Duration::from_millis(100);
 /// Processor usage by other processes, in cores, above which the assignment is released.
 const OTHER_LOAD_CORES_MAX: f64 = 0.3;
+/// Maximum number of robots per core with which cores are kept awake. With more, a core is seldom idle, and the
+/// robots that wake at a death wait for their share of a core behind the process that keeps it awake: 1,024 robots
+/// on two cores took minutes instead of seconds.
+const AWAKE_ROBOTS_PER_CORE_MAX: usize = 32;
 /// Maximum delay before a released assignment is tried again. The delay doubles up to this value.
 const RETRY_DELAY_MAX: Duration = Duration::from_secs(5);
 
@@ -97,7 +101,9 @@ pub(crate) struct Placement {
 impl Placement {
     /// Creates a placement without pinned processes. `launcher` starts the processes that keep cores awake.
     pub(crate) fn new(cores: Cores, launcher: Launcher) -> Placement {
-        let without_awake = cores.is_cpu_time_limited || !launcher.keeps_cores_awake();
+        let without_awake = cores.is_cpu_time_limited
+            || !launcher.keeps_cores_awake()
+            || cores.robots > AWAKE_ROBOTS_PER_CORE_MAX * cores.groups();
         Placement {
             tuner: CoreCountTuner::new(cores.robots, cores.groups()),
             trial_start: None,
@@ -363,6 +369,20 @@ mod tests {
         let placed = sched_getaffinity(Pid::from_raw(plant.pid() as i32)).unwrap();
         assert_eq!((placed.count(), placed.is_set(plants_core)), (1, true));
         placement.end_placement();
+    }
+
+    #[test]
+    fn cores_with_many_robots_are_not_kept_awake() {
+        let skips = |robots| {
+            let cores = Cores::assign(robots, 0)?;
+            let is_limited = cores.is_cpu_time_limited;
+            let placement = Placement::new(cores, Launcher::new("/no/such/executable"));
+            Some((is_limited, placement.skips_awake_processes))
+        };
+        let Some((is_limited, one_robot)) = skips(1) else { return };
+        assert_eq!(one_robot, is_limited);
+        let processors = std::thread::available_parallelism().unwrap().get();
+        assert!(skips(32 * processors + 1).unwrap().1);
     }
 
     #[test]

@@ -13,6 +13,7 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -72,6 +73,8 @@ pub struct Cleaner {
     results: Receiver<DeadProcessOwner>,
     /// Event descriptor, readable while there may be results in `done`.
     results_event: Arc<OwnedFd>,
+    /// Whether the run has ended, so that its run root is removed and no clean-up is needed.
+    has_ended: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -85,6 +88,8 @@ impl Cleaner {
         let news = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
         let news = Arc::new(news.map_err(|error| refused(error.into()))?);
         let told = news.clone();
+        let has_ended = Arc::new(AtomicBool::new(false));
+        let ended = has_ended.clone();
         let run_root = run_root.path().to_path_buf();
         let thread = std::thread::Builder::new().name("cleanup".into());
         let thread = thread.spawn(move || {
@@ -107,9 +112,14 @@ impl Cleaner {
                 // One clean-up, which searches the whole run root, is for all that died meanwhile.
                 let dead: Vec<DeadProcessOwner> = std::iter::once(dead).chain(incoming.try_iter()).collect();
                 let cleaned = match &node {
-                    Ok(node) => clean_without_hanging(node, &run_root).map_err(|e| e.to_string()),
+                    Ok(node) => {
+                        clean_without_hanging(node, &run_root, &ended).map_err(|e| e.to_string())
+                    }
                     Err(error) => Err(error.to_string()),
                 };
+                if ended.load(Ordering::Relaxed) {
+                    break;
+                }
                 if let Err(error) = cleaned {
                     tracing::warn!(?dead, error, "clean-up failed");
                 }
@@ -125,6 +135,7 @@ impl Cleaner {
             requests: Some(requests),
             results: done,
             results_event: news,
+            has_ended,
             thread: Some(thread),
         })
     }
@@ -149,9 +160,10 @@ impl Cleaner {
 
 impl Drop for Cleaner {
     fn drop(&mut self) {
+        self.has_ended.store(true, Ordering::Relaxed);
         self.requests = None;
         let Some(thread) = self.thread.take() else { return };
-        // The thread ends after the current clean-up.
+        // The thread ends after the dead process that it is cleaning up after.
         let asked = Instant::now();
         while !thread.is_finished() {
             if asked.elapsed() > LAST_CLEANUP_TIMEOUT {
@@ -175,7 +187,11 @@ enum CleanupError {
 }
 
 /// Calls [`clean`] while another thread removes half-made connections.
-fn clean_without_hanging(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
+fn clean_without_hanging(
+    node: &Node,
+    run_root: &Path,
+    has_ended: &AtomicBool,
+) -> Result<(), CleanupError> {
     let (at_work, done) = channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
@@ -188,14 +204,18 @@ fn clean_without_hanging(node: &Node, run_root: &Path) -> Result<(), CleanupErro
                 wait = POLL_INTERVAL_MIN.max(POLL_INTERVAL_FACTOR * began.elapsed());
             }
         });
-        let cleaned = remove_stale_resources(node, run_root);
+        let cleaned = remove_stale_resources(node, run_root, has_ended);
         drop(at_work);
         cleaned
     })
 }
 
-/// Removes the stale resources of dead processes in this run.
-fn remove_stale_resources(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
+/// Removes the stale resources of dead processes in this run, or part of them if the run ends meanwhile.
+fn remove_stale_resources(
+    node: &Node,
+    run_root: &Path,
+    has_ended: &AtomicBool,
+) -> Result<(), CleanupError> {
     let mut census = DeathCache::default();
     // Processes that die from here on are left to the next clean-up, because iceoryx2 has not processed their ports.
     let files = list_nodes(run_root)?;
@@ -211,8 +231,12 @@ fn remove_stale_resources(node: &Node, run_root: &Path) -> Result<(), CleanupErr
             tracing::debug!(?error, "removed by hand");
         }
         // Checking a living process costs as much as removing a port of a dead one.
-        if unseen.is_empty() { CallbackProgression::Stop } else { CallbackProgression::Continue }
+        let is_done = unseen.is_empty() || has_ended.load(Ordering::Relaxed);
+        if is_done { CallbackProgression::Stop } else { CallbackProgression::Continue }
     });
+    if has_ended.load(Ordering::Relaxed) {
+        return Ok(());
+    }
     if let Err(error) = listed {
         tracing::warn!(%error, "cannot list nodes");
     }
@@ -339,7 +363,7 @@ mod tests {
         };
         let known = connection(ids[0], ids[1]);
         fs::write(&known, "whole").unwrap();
-        clean_without_hanging(&living, run_root.path()).unwrap();
+        clean_without_hanging(&living, run_root.path(), &AtomicBool::new(false)).unwrap();
         assert_eq!(files(), before);
         assert!(!known.exists(), "a connection between the dead");
         // A half-made connection between living processes is left to them.

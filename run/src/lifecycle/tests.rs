@@ -236,10 +236,7 @@ impl LifecycleHarness {
         }
         let pending = self.robots.iter().any(|robot| match robot.process {
             Some(process) => !process.has_reported || process.kill_count > 0,
-            None => {
-                robot.pending_cleanups > 0
-                    || robot.restart_due_ns.is_some_and(|at_ns| at_ns <= now_ns)
-            }
+            None => robot.restart_due_ns.is_some_and(|at_ns| at_ns <= now_ns),
         });
         assert_eq!(self.lifecycles.is_idle(now_ns), !pending, "{:?}", self.robots);
         let due = self.robots.iter().filter_map(|robot| robot.restart_due_ns).min();

@@ -3,9 +3,9 @@
 //!
 //! In lockstep all processes wait for the slowest at each tick. A wake-up of a process on another core, or
 //! of an idle core, takes longer than a control cycle. Each robot is therefore pinned to a core, and a
-//! process with idle priority keeps that core awake, unless many robots share it. This applies only while the machine has no other work,
-//! because under other load the kernel balances better than a fixed assignment. The supervisor works while
-//! the robots on its core wait for the plant, and requests long time slices so that it does not delay them.
+//! process with idle priority keeps that core awake, unless many robots share it. This applies only while
+//! the machine has no other work, because under other load the kernel balances better than a fixed
+//! assignment. The supervisor works while the robots on its core wait for the plant, and requests long time slices so that it does not delay them.
 //! Not used in real time, where processes wake at different times.
 
 mod assignment;
@@ -31,9 +31,8 @@ use outcome::results::usage::Usage;
 const LOAD_SAMPLE_INTERVAL: Duration = Duration::from_millis(100);
 /// Processor usage by other processes, in cores, above which the assignment is released.
 const OTHER_LOAD_CORES_MAX: f64 = 0.3;
-/// Maximum number of robots per core with which cores are kept awake. With more, a core is seldom idle, and the
-/// robots that wake at a death wait for their share of a core behind the process that keeps it awake: 1,024 robots
-/// on two cores took minutes instead of seconds.
+/// Maximum number of robots per core with which cores are kept awake. With more, ticks are no faster, and with
+/// 1,024 robots on two cores ticks after a death were measured to take seconds while cores are kept awake.
 const AWAKE_ROBOTS_PER_CORE_MAX: usize = 32;
 /// Maximum delay before a released assignment is tried again. The delay doubles up to this value.
 const RETRY_DELAY_MAX: Duration = Duration::from_secs(5);
@@ -382,7 +381,7 @@ mod tests {
         let Some((is_limited, one_robot)) = skips(1) else { return };
         assert_eq!(one_robot, is_limited);
         let processors = std::thread::available_parallelism().unwrap().get();
-        assert!(skips(32 * processors + 1).unwrap().1);
+        assert!(skips(AWAKE_ROBOTS_PER_CORE_MAX * processors + 1).unwrap().1);
     }
 
     #[test]

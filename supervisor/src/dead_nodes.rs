@@ -186,7 +186,7 @@ enum CleanupError {
     Remove { path: PathBuf, source: io::Error },
 }
 
-/// Calls [`clean`] while another thread removes half-made connections.
+/// Calls [`remove_stale_resources`] while another thread removes half-made connections.
 fn clean_without_hanging(
     node: &Node,
     run_root: &Path,

@@ -1,4 +1,8 @@
-"""Writes thousand.json, and the faults of thousand.toml to standard output: `python3 thousand.py > faults.txt`.
+"""Writes thousand.json. With the `samples.csv` of a run without faults, it also prints the faults of thousand.toml:
+
+    python3 thousand.py
+    phalanx run thousand.toml --set fault=[] --out calm
+    python3 thousand.py calm/samples.csv
 
 1,024 robots form a five-pointed star. The slots are the points of a triangular lattice that lie deepest in the star. The
 start of each robot is on the ray from the center to its slot, so that together they begin as a disc, with seeded random
@@ -7,8 +11,10 @@ it. Times and robots of the kills are random; a robot is not killed near the slo
 for the rest of the run.
 """
 
+import csv
 import json
 import random
+import sys
 from math import cos, dist, hypot, pi, sin
 from pathlib import Path
 
@@ -19,8 +25,8 @@ JITTER_M = 0.04
 ROUNDNESS = 0.8  # of the start: 1 is a disc, 0 is the star
 KILLS = 51  # 5 %
 KILLED_S = (4.0, 24.0)
-SPEED_M_S = 0.2  # as in thousand.toml
-CLEAR_M = 0.3  # between a killed robot and the slots of others
+CLEAR_M = 0.45  # between a killed robot and the slots of others
+LATE_S = 2.0  # difference between the times at which a robot passes a point in two runs
 NOTCH = 0.5  # distance of the star's inner corners from its center, if that of its tips is 1
 HEADINGS = 3.14
 OFFSET_M = 0.1  # of the front point
@@ -85,24 +91,23 @@ for name, slot, (x, y) in zip(names, slots, starts):
     edges += [{"source": names[other], "target": name} for other in near[:2]]
 
 
-def killed_at(robot, time_s):
-    """Returns where a robot is that has moved straight to its slot since the start."""
-    way = dist(starts[robot], slots[robot])
-    share = min(1, SPEED_M_S * time_s / max(way, 1e-9))
-    return tuple(a + share * (b - a) for a, b in zip(starts[robot], slots[robot]))
-
-
-kills = {}
-while len(kills) < KILLS:
-    robot, time_s = draw.randrange(1, ROBOTS), round(draw.uniform(*KILLED_S), 1)
-    at = killed_at(robot, time_s)
-    others = (slot for other, slot in enumerate(slots) if other != robot)
-    if robot not in kills and min(dist(at, slot) for slot in others) > CLEAR_M:
-        kills[robot] = time_s
-
 listed = [",\n".join(map(json.dumps, part)) for part in (nodes, edges)]
 head = '{"directed": true, "multigraph": false, "graph": {}'
 text = f'{head}, "nodes": [\n{listed[0]}\n], "edges": [\n{listed[1]}\n]}}\n'
 Path(__file__).with_suffix(".json").write_text(text)
-for robot, time_s in sorted(kills.items(), key=lambda kill: kill[1]):
-    print(f'    {{ kind = "kill", robot = "{names[robot]}", at_s = {time_s} }},')
+
+if len(sys.argv) > 1:
+    ways = {name: [] for name in names}
+    with open(sys.argv[1], newline="") as samples:
+        for row in csv.DictReader(samples):
+            t_s, *at = (float(row[key]) for key in ("t_s", "front_x_m", "front_y_m"))
+            ways[row["robot"]].append((t_s, at))
+    kills = {}
+    while len(kills) < KILLS:
+        robot, time_s = draw.randrange(1, ROBOTS), round(draw.uniform(*KILLED_S), 1)
+        places = [at for t_s, at in ways[names[robot]] if abs(t_s - time_s) <= LATE_S]
+        others = [slot for other, slot in enumerate(slots) if other != robot]
+        if robot not in kills and min(dist(at, slot) for at in places for slot in others) > CLEAR_M:
+            kills[robot] = time_s
+    for robot, time_s in sorted(kills.items(), key=lambda kill: kill[1]):
+        print(f'    {{ kind = "kill", robot = "{names[robot]}", at_s = {time_s} }},')

@@ -374,7 +374,8 @@ keys! {
 
     plant_tick_s: Time(Positive) as plant_tick_ns: u64 =>
         .default("0.001", "T_p: simulation step of the plant (the simulated robots and sensors) in real \
-            time. A smaller step reduces latency and takes more CPU time")
+            time. A smaller step reduces latency and takes more CPU time. With more than 128 robots the default is their \
+            number divided by 128,000 Hz, at most the control period")
         .with_synonyms("tick plant_period t_p");
     latency_allowed_s: Time(NotNegative) as latency_allowed_ns: u64 =>
         .default("0.002", "L: maximum latency from an odometry sample to the command that answers it, a part \

@@ -49,6 +49,9 @@ const TICKS_MAX: u64 = 100_000_000;
 /// Maximum number of samples of all robots in a second of run time that are recorded by default.
 pub const RECORDED_SAMPLES_PER_S_MAX: f64 = 12_800.0;
 
+/// Maximum number of odometry samples that the plant sends by default to all robots in a second of real time.
+const ODOMETRY_SAMPLES_PER_S_MAX: u64 = 128_000;
+
 /// Minimum of `hung_after_s`, ns.
 const HUNG_AFTER_NS_MIN: u64 = 100_000_000;
 /// Minimum and maximum of `ready_after_s`, ns. The plant and the other robots wait for a robot up to the maximum.
@@ -225,7 +228,8 @@ fn parse_scenario(
     let avoidance_table = root.required_value(keys::Root::avoidance)?.table()?;
     let method = parse_method(&avoidance_table, &catalog.methods)?;
     let speed_max_m_s = parse_speed_max_m_s(&avoidance_table, &method)?;
-    let realtime = RealtimeSettings::read(&root.table(keys::Root::realtime)?)?;
+    let realtime_table = root.table(keys::Root::realtime)?;
+    let mut realtime = RealtimeSettings::read(&realtime_table)?;
     let defaults = DefaultRobotParameters {
         keep_m: 0.5 * avoidance_table.number(keys::Avoidance::distance_min_m)?,
         speed_max_m_s,
@@ -236,6 +240,10 @@ fn parse_scenario(
     if root.get(keys::Root::record_hz).is_none() {
         settings.record_hz =
             settings.record_hz.min(RECORDED_SAMPLES_PER_S_MAX / robots.len() as f64);
+    }
+    if realtime_table.get(keys::Realtime::plant_tick_s).is_none() {
+        let tick_ns = robots.len() as u64 * 1_000_000_000 / ODOMETRY_SAMPLES_PER_S_MAX;
+        realtime.plant_tick_ns = realtime.plant_tick_ns.max(tick_ns.min(period_ns));
     }
     check_recorded_messages(root, &settings, &robots)?;
     let (graph, disk, edge_params) = parse_graph(root, &robots, &ties)?;

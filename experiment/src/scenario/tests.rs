@@ -553,3 +553,16 @@ fn the_default_recording_rate_falls_with_many_robots() {
     assert_eq!([hz(3, &[]), hz(128, &[]), hz(256, &[])], [100.0, 100.0, 50.0]);
     assert_eq!(hz(256, &["record_hz=80"]), 80.0);
 }
+
+#[test]
+fn the_default_simulation_step_grows_with_many_robots_up_to_the_period() {
+    let step_ns = |robots, arguments: &[&str]| {
+        let overrides = set_overrides(arguments);
+        parse(&row_scenario_text(robots), &overrides).unwrap().0.realtime.plant_tick_ns
+    };
+    assert_eq!([step_ns(3, &[]), step_ns(128, &[])], [1_000_000, 1_000_000]);
+    assert_eq!([step_ns(256, &[]), step_ns(1024, &[])], [2_000_000, 8_000_000]);
+    assert_eq!(step_ns(1024, &["period_s=0.004"]), 4_000_000, "the control period");
+    assert_eq!(step_ns(1024, &["realtime.plant_tick_s=0.001"]), 1_000_000);
+    assert_eq!(step_ns(1024, &["period_s=0.0005"]), 1_000_000);
+}

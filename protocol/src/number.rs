@@ -16,18 +16,23 @@ pub fn format_distinct(a: f64, b: f64) -> [String; 2] {
     shown.next().unwrap_or_else(|| [a, b].map(|number| number.to_string()))
 }
 
-/// Formats a number with `digits` significant digits, without trailing zeros.
+/// Formats a number with `digits` significant digits, without trailing zeros. A magnitude below 1e-6 has an exponent.
 fn format_significant(number: f64, digits: i32) -> String {
     if number == 0.0 || !number.is_finite() {
         return number.to_string();
     }
-    let decimals = digits - 1 - (portable_math::log10(number.abs()).floor() as i32);
-    let rounded = format!("{number:.*}", decimals.clamp(0, digits + 9) as usize);
-    if rounded.contains('.') {
-        rounded.trim_end_matches('0').trim_end_matches('.').to_owned()
-    } else {
-        rounded
+    if number.abs() < 1e-6 {
+        let rounded = format!("{number:.*e}", digits as usize - 1);
+        let (mantissa, exponent) = rounded.split_once('e').expect("in scientific notation");
+        return format!("{}e{exponent}", trim_zeros(mantissa));
     }
+    let decimals = digits - 1 - (portable_math::log10(number.abs()).floor() as i32);
+    trim_zeros(&format!("{number:.*}", decimals.max(0) as usize)).to_owned()
+}
+
+/// Removes the trailing zeros after a decimal point, and a point without digits after it.
+fn trim_zeros(text: &str) -> &str {
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { text }
 }
 
 /// Returns whether a bound is 0, its value if a file does not set it.
@@ -44,6 +49,11 @@ mod tests {
         assert_eq!(format_short(0.123_456_789), "0.123457");
         assert_eq!(format_short(1_234_567.8), "1234568");
         assert_eq!(format_short(-2.5e-5), "-0.000025");
+        assert_eq!([format_short(1e-6), format_short(9e-7)], ["0.000001", "9e-7"]);
+        assert_eq!(
+            [format_short(-9.739_314e-9), format_short(1e-320)],
+            ["-9.73931e-9", "9.99989e-321"]
+        );
         assert_eq!([format_short(0.0), format_short(f64::INFINITY)], ["0", "inf"]);
         assert_eq!(format_distinct(0.2, 0.3), ["0.2", "0.3"]);
         assert_eq!(format_distinct(0.2, 0.2), ["0.2", "0.2"]);

@@ -555,7 +555,7 @@ fn the_default_recording_rate_falls_with_many_robots() {
 }
 
 #[test]
-fn the_default_simulation_step_grows_with_many_robots_up_to_the_period() {
+fn the_default_simulation_step_grows_with_many_robots() {
     let step_ns = |robots, arguments: &[&str]| {
         let overrides = set_overrides(arguments);
         parse(&row_scenario_text(robots), &overrides).unwrap().0.realtime.plant_tick_ns

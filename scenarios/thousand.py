@@ -1,7 +1,7 @@
 """Writes thousand.json. With the `samples.csv` of a run without faults, it also prints the faults of thousand.toml:
 
     python3 thousand.py
-    phalanx run thousand.toml --set fault=[] --out calm
+    phalanx run thousand.toml --pace lockstep --set 'fault=[]' --out calm
     python3 thousand.py calm/samples.csv
 
 1,024 robots form a five-pointed star. The slots are the points of a triangular lattice that lie deepest in the star. The

@@ -209,6 +209,23 @@ fn toml_syntax_error(source: &SourceText, span: Option<Range<usize>>, message: &
     source.error_at(&span.unwrap_or(0..0), format!("this is not TOML: {what}"), expected)
 }
 
+/// Lowers those rates that the file does not set to what so many robots permit.
+fn lower_default_rates(
+    root: &TableReader<'_, keys::Root>,
+    robots: usize,
+    settings: &mut Settings,
+    realtime: &mut RealtimeSettings,
+) -> Result<(), Diagnostic> {
+    if root.get(keys::Root::record_hz).is_none() {
+        settings.record_hz = settings.record_hz.min(RECORDED_SAMPLES_PER_S_MAX / robots as f64);
+    }
+    if root.table(keys::Root::realtime)?.get(keys::Realtime::plant_tick_s).is_none() {
+        let tick_ns = robots as u64 * 1_000_000_000 / ODOMETRY_SAMPLES_PER_S_MAX;
+        realtime.plant_tick_ns = realtime.plant_tick_ns.max(tick_ns.min(settings.period_ns));
+    }
+    Ok(())
+}
+
 /// Parses the whole scenario.
 fn parse_scenario(
     root: &TableReader<'_, keys::Root>,
@@ -228,8 +245,7 @@ fn parse_scenario(
     let avoidance_table = root.required_value(keys::Root::avoidance)?.table()?;
     let method = parse_method(&avoidance_table, &catalog.methods)?;
     let speed_max_m_s = parse_speed_max_m_s(&avoidance_table, &method)?;
-    let realtime_table = root.table(keys::Root::realtime)?;
-    let mut realtime = RealtimeSettings::read(&realtime_table)?;
+    let mut realtime = RealtimeSettings::read(&root.table(keys::Root::realtime)?)?;
     let defaults = DefaultRobotParameters {
         keep_m: 0.5 * avoidance_table.number(keys::Avoidance::distance_min_m)?,
         speed_max_m_s,
@@ -237,14 +253,7 @@ fn parse_scenario(
     };
     let ParsedRobots { robots, neighbor_keys: ties, mut warnings } =
         parse_robots(root, &catalog.laws, defaults, document)?;
-    if root.get(keys::Root::record_hz).is_none() {
-        settings.record_hz =
-            settings.record_hz.min(RECORDED_SAMPLES_PER_S_MAX / robots.len() as f64);
-    }
-    if realtime_table.get(keys::Realtime::plant_tick_s).is_none() {
-        let tick_ns = robots.len() as u64 * 1_000_000_000 / ODOMETRY_SAMPLES_PER_S_MAX;
-        realtime.plant_tick_ns = realtime.plant_tick_ns.max(tick_ns.min(period_ns));
-    }
+    lower_default_rates(root, robots.len(), &mut settings, &mut realtime)?;
     check_recorded_messages(root, &settings, &robots)?;
     let (graph, disk, edge_params) = parse_graph(root, &robots, &ties)?;
     let lead = parse_trajectory(root, &robots)?;

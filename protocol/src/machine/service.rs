@@ -544,9 +544,9 @@ mod tests {
         let wrong: Topic<MismatchedCommand> = Topic::new(command_topic("r1").name().into());
         let error = wrong.open(&child).unwrap_err().to_string();
         assert!(error.contains("robot/r1/command") && error.contains("another layout"), "{error}");
-        let error = command_topic("nobody").open(&child).unwrap_err().to_string();
+        let error = command_topic("absent").open(&child).unwrap_err().to_string();
         assert!(
-            error.contains("robot/nobody/command") && error.contains("DoesNotExist"),
+            error.contains("robot/absent/command") && error.contains("DoesNotExist"),
             "{error}"
         );
 

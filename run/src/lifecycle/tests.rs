@@ -411,15 +411,15 @@ fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
 fn external_stop_is_a_freeze_without_a_signal() {
     let mut world = LifecycleHarness::new(true);
     world.apply_action(Action::ReportStatus { robot: 1, takes_part: true });
-    let (robot, fault, who) = (1, 7, Initiator::OtherProcess);
-    let stopped = LifecycleEvent::Freeze { robot, fault, has_planned_thaw: false, initiator: who };
+    let (robot, fault, initiator) = (1, 7, Initiator::OtherProcess);
+    let stopped = LifecycleEvent::Freeze { robot, fault, has_planned_thaw: false, initiator };
     let effects = world.lifecycles.handle_event(1, stopped);
     assert_eq!(
         (event_kinds(&effects), world.lifecycles.process_state(1)),
         (vec!["freeze"], ProcessState::Frozen)
     );
     let effects_of_end =
-        world.lifecycles.handle_event(2, LifecycleEvent::Thaw { robot, fault, initiator: who });
+        world.lifecycles.handle_event(2, LifecycleEvent::Thaw { robot, fault, initiator });
     assert!(effects_of_end.contains(&Effect::Record(RunRecord::FaultEnded {
         fault,
         end: FaultEnd::Repaired,

@@ -78,26 +78,27 @@ impl<'a> InteractiveActions<'a> {
     ) -> Result<LifecycleEvent, Refusal> {
         self.check_possible(act, scenario, course)?;
         self.executed_action_count += 1;
-        let who = Initiator::LiveViewClient;
+        let initiator = Initiator::LiveViewClient;
         Ok(match act {
             RequestedAction::Kill(robot) => {
                 let kill = FaultKind::Kill { robot, restart_after_ns: None };
-                let fault = course.register_fault(scenario, &kill, who);
-                LifecycleEvent::Kill { robot, fault, restart_at_ns: None, initiator: who }
+                let fault = course.register_fault(scenario, &kill, initiator);
+                LifecycleEvent::Kill { robot, fault, restart_at_ns: None, initiator }
             }
             RequestedAction::Freeze(robot) => {
-                let fault = course.register_fault(scenario, &FaultKind::Freeze { robot }, who);
-                LifecycleEvent::Freeze { robot, fault, has_planned_thaw: false, initiator: who }
+                let fault =
+                    course.register_fault(scenario, &FaultKind::Freeze { robot }, initiator);
+                LifecycleEvent::Freeze { robot, fault, has_planned_thaw: false, initiator }
             }
             RequestedAction::Thaw(robot) => {
                 let fault = course.lifecycles().freezing_fault(robot).expect("it is frozen");
-                LifecycleEvent::Thaw { robot, fault, initiator: who }
+                LifecycleEvent::Thaw { robot, fault, initiator }
             }
             RequestedAction::Restart(robot) => LifecycleEvent::Restart { robot },
             RequestedAction::Cut(edge) => {
                 record_link_change(course, now_ns, "cut", scenario, edge);
                 let cut = FaultKind::Link { edge, kind: LinkFaultKind::Cut };
-                let fault = course.register_fault(scenario, &cut, who);
+                let fault = course.register_fault(scenario, &cut, initiator);
                 LifecycleEvent::CutLink { edge, fault }
             }
             RequestedAction::RepairEdge(edge) => {

@@ -42,15 +42,15 @@ pub enum RunError {
     #[error(transparent)]
     Space(#[from] SpaceError),
     /// A process died while the file system of the run root was full.
-    #[error("{room}\n{who} died for this reason ({how}); the last lines of its log:\n{log}")]
-    DiedOfFullMemory { room: Box<SpaceError>, who: String, how: String, log: String },
+    #[error("{room}\n{process} died for this reason ({how}); the last lines of its log:\n{log}")]
+    DiedOfFullMemory { room: Box<SpaceError>, process: String, how: String, log: String },
     /// The run root was removed during the run.
     #[error(
-        "{who} died ({how}), and cannot be replaced: the run root {} was removed during the run; do not remove run \
+        "{process} died ({how}), and cannot be replaced: the run root {} was removed during the run; do not remove run \
          roots manually, because `phalanx clean` keeps those that are in use",
         run_root.display()
     )]
-    RunRootGone { run_root: PathBuf, who: String, how: String },
+    RunRootGone { run_root: PathBuf, process: String, how: String },
     /// This number of robots needs more open files than the process may have.
     #[error(transparent)]
     Descriptors(#[from] descriptors::TooFewDescriptors),
@@ -88,11 +88,11 @@ pub enum RunError {
     )]
     RobotHung { robot: String, tick: u64, limit: Duration, instead: Activity, log: String },
     /// A process could not be killed, frozen or resumed.
-    #[error("{who} could not be {done}: {source}")]
-    NotSignaled { who: String, done: &'static str, source: SignalError },
+    #[error("{process} could not be {done}: {source}")]
+    NotSignaled { process: String, done: &'static str, source: SignalError },
     /// Another process stopped a process of the run and did not resume it, in lockstep.
-    #[error("{who} was stopped by another process {} s ago, and has not been resumed (stopped_after_s)", limit.as_secs_f64())]
-    ProcessStopped { who: String, limit: Duration },
+    #[error("{process} was stopped by another process {} s ago, and has not been resumed (stopped_after_s)", limit.as_secs_f64())]
+    ProcessStopped { process: String, limit: Duration },
     /// The plant is alive and waits for no process, but does not advance, in lockstep.
     #[error(
         "the plant has not advanced for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
@@ -145,10 +145,12 @@ impl RunError {
             RunError::NotReady { robot, .. }
             | RunError::AgentDied { robot, .. }
             | RunError::RobotHung { robot, .. } => robot,
-            RunError::ProcessStopped { who, .. }
-            | RunError::NotSignaled { who, .. }
-            | RunError::DiedOfFullMemory { who, .. }
-            | RunError::RunRootGone { who, .. } => who.strip_prefix("the ").unwrap_or(who),
+            RunError::ProcessStopped { process, .. }
+            | RunError::NotSignaled { process, .. }
+            | RunError::DiedOfFullMemory { process, .. }
+            | RunError::RunRootGone { process, .. } => {
+                process.strip_prefix("the ").unwrap_or(process)
+            }
             RunError::PlantDied { .. }
             | RunError::PlantHung { .. }
             | RunError::PlantSilent { .. } => "plant",
@@ -162,8 +164,8 @@ impl RunError {
     }
 
     /// Returns the error for a process that a signal did not reach.
-    pub(crate) fn signal_failure(who: &str, source: SignalError) -> RunError {
-        RunError::NotSignaled { who: who.into(), done: source.action_text(), source }
+    pub(crate) fn signal_failure(process: &str, source: SignalError) -> RunError {
+        RunError::NotSignaled { process: process.into(), done: source.action_text(), source }
     }
 
     /// Returns how the bridge died, or an error if it will not be restarted.

@@ -213,8 +213,8 @@ fn report_timeout(limit: Duration) -> Duration {
 /// Reports the processes that block the run.
 fn warn_of_late_processes(late: &[String], after: Duration) {
     let after_s = after.as_secs_f64();
-    for who in late.iter().take(REPORTED_PROCESSES_MAX) {
-        tracing::warn!("{who}, for {after_s} s of wall time; all other processes wait");
+    for message in late.iter().take(REPORTED_PROCESSES_MAX) {
+        tracing::warn!("{message}, for {after_s} s of wall time; all other processes wait");
     }
     if let Some(more) = late.len().checked_sub(REPORTED_PROCESSES_MAX).filter(|&more| more > 0) {
         tracing::warn!("so have {more} more");

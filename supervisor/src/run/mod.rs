@@ -426,13 +426,13 @@ impl<'a> Run<'a> {
             intake.last_truth_arrival = Instant::now();
         }
         let ready_after = Duration::from_nanos(self.scenario.ready_after_ns);
-        let nobody_moves = intake.newest_truth.is_none();
+        let no_robot_moves = intake.newest_truth.is_none();
         if let Some(hosts) = &helpers.hosts {
             // The timeout of an unreachable robot is not checked, unless no robot has moved yet: then the
             // plant waits for it.
             let starting = (0..self.scenario.robots.len()).filter(|&robot| {
                 let host = processes.remote_host(robot);
-                host.is_some_and(|host| nobody_moves || hosts.is_reachable(host))
+                host.is_some_and(|host| no_robot_moves || hosts.is_reachable(host))
                     && lifecycles.process_state(robot) == ProcessState::Starting
             });
             let starting: Vec<usize> = starting.collect();

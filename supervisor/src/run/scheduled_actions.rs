@@ -235,7 +235,12 @@ impl Run<'_> {
 
     /// Returns an error if a process gave up or was killed by SIGBUS while shared memory is full, because a
     /// replacement would fail too.
-    fn check_full_memory(&self, who: &str, status: ExitStatus, log: &str) -> Result<(), RunError> {
+    fn check_full_memory(
+        &self,
+        process: &str,
+        status: ExitStatus,
+        log: &str,
+    ) -> Result<(), RunError> {
         let may_be = match status.signal() {
             Some(signal) => signal == libc::SIGBUS,
             None => !status.success(),
@@ -246,18 +251,19 @@ impl Run<'_> {
         else {
             return Ok(());
         };
-        let (who, how, log) = (who.into(), child::describe_exit(status), log.into());
-        Err(RunError::DiedOfFullMemory { room: room.into(), who, how, log })
+        let (process, how, log) = (process.into(), child::describe_exit(status), log.into());
+        Err(RunError::DiedOfFullMemory { room: room.into(), process, how, log })
     }
 
     /// Returns an error if a process gave up after the run root was removed: no replacement can start without it.
-    fn check_run_root_exists(&self, who: &str, status: ExitStatus) -> Result<(), RunError> {
+    fn check_run_root_exists(&self, process: &str, status: ExitStatus) -> Result<(), RunError> {
         let run_root = self.shared_resources.run_root.path();
         if status.code().unwrap_or(0) == 0 || run_root.exists() {
             return Ok(());
         }
-        let (run_root, who, how) = (run_root.into(), who.into(), child::describe_exit(status));
-        Err(RunError::RunRootGone { run_root, who, how })
+        let (run_root, process, how) =
+            (run_root.into(), process.into(), child::describe_exit(status));
+        Err(RunError::RunRootGone { run_root, process, how })
     }
 
     /// Returns the run time at which a robot whose death was just found was last known to live, ns.
@@ -291,10 +297,10 @@ impl Run<'_> {
             self.handle_event(self.receivers.now_ns(), LifecycleEvent::ProcessDied(death));
         // In lockstep the plant no longer waits for its command.
         self.processes.incarnations.retire(robot, dead);
-        let (who, log) =
+        let (process, log) =
             (self.state_machine.journal.robot_name(robot), self.processes.last_lines(robot));
-        self.check_full_memory(who, status, &log)?;
-        self.check_run_root_exists(who, status)?;
+        self.check_full_memory(process, status, &log)?;
+        self.check_run_root_exists(process, status)?;
         happened?;
         self.set_next_pause();
         Ok(())

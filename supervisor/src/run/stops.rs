@@ -111,7 +111,7 @@ impl ExternalStops {
         let robot = self.robot_stops.iter().position(long);
         let robot = robot.map(|robot| scenario.robots[robot].name.as_str());
         match robot.or(long(&self.plant_stop).then_some("the plant")) {
-            Some(who) => Err(RunError::ProcessStopped { who: who.into(), limit }),
+            Some(process) => Err(RunError::ProcessStopped { process: process.into(), limit }),
             None => Ok(()),
         }
     }
@@ -122,13 +122,13 @@ impl ExternalStops {
         goes_on: bool,
     ) -> Option<LifecycleEvent> {
         warn_stopped("the plant", "no robot moves until it is resumed (SIGCONT)");
-        let who = Initiator::OtherProcess;
+        let initiator = Initiator::OtherProcess;
         let fault = goes_on.then(|| {
-            let what = format!("freeze plant, {}", who.keyword());
+            let what = format!("freeze plant, {}", initiator.keyword());
             course.journal.metrics.register_fault(what, AffectedComponent::default())
         });
         self.plant_stop = Some(ProcessStop { start_time: Instant::now(), fault_index: fault });
-        fault.map(|fault| LifecycleEvent::PlantStopped { fault, initiator: who })
+        fault.map(|fault| LifecycleEvent::PlantStopped { fault, initiator })
     }
 
     fn handle_plant_resume(&mut self, stopped: ProcessStop) -> Option<LifecycleEvent> {
@@ -151,16 +151,16 @@ impl ExternalStops {
             false => "the run waits for it (SIGCONT)",
         };
         warn_stopped(course.journal.robot_name(robot), what_follows);
-        let who = Initiator::OtherProcess;
-        let fault =
-            goes_on.then(|| course.register_fault(scenario, &FaultKind::Freeze { robot }, who));
+        let initiator = Initiator::OtherProcess;
+        let fault = goes_on
+            .then(|| course.register_fault(scenario, &FaultKind::Freeze { robot }, initiator));
         self.robot_stops[robot] =
             Some(ProcessStop { start_time: Instant::now(), fault_index: fault });
         fault.map(|fault| LifecycleEvent::Freeze {
             robot,
             fault,
             has_planned_thaw: false,
-            initiator: who,
+            initiator,
         })
     }
 

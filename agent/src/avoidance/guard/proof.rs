@@ -107,13 +107,12 @@ proptest! {
             let at_once = say(if a_wall { "wall_bound" } else { "bound" }, &[h, rho, reach]);
             prop_assert!((at_once - b).abs() < 1e-9);
         }
-        let VicinityParameters { known_robots_radius, known_walls_radius, .. } = guard.vicinity;
-        let radius = if a_wall { known_walls_radius } else { known_robots_radius };
-        // At the limits rounding decides whether a neighbor matters.
+        let near = &guard.vicinity;
+        let radius = if a_wall { near.known_walls_radius } else { near.known_robots_radius };
+        // At the limits rounding decides whether a neighbor matters. The radii are for H; the longer horizon only makes
+        // it likely that a twist can be certified again.
         prop_assume!((b - v_own).abs() >= 1e-9 && (r - radius).abs() >= 1e-9);
-        // The radii are for H. The longer horizon only makes it likely that a twist can be certified again.
-        let is_in_range = r < radius || h == guard.command_lifetime_s;
-        prop_assert_eq!(guard.cones.len(), usize::from(b < v_own && is_in_range));
+        prop_assert_eq!(guard.cones.len(), usize::from(b < v_own && (r < radius || h == guard.command_lifetime_s)));
         let swept = say("swept", &[v_own, its_speed, h, tau_o, eps]);
         for cone in &guard.cones {
             prop_assert!((cone.approach_speed_max - b).abs() < 1e-9);
@@ -132,11 +131,11 @@ proptest! {
         }
 
         // The radii cover the distance that the proof requires.
-        let mut far =
-            say("far_braking", &[distance_min, share, rate, guard.command_lifetime_s, tau_max, v_max, its_speed]);
+        let lifetime = guard.command_lifetime_s;
+        let mut far = say("far_braking", &[distance_min, share, rate, lifetime, tau_max, v_max, its_speed]);
         if tau == 0.0 {
             let name = if a_wall { "far_wall" } else { "far" };
-            far = far.max(say(name, &[distance_min, v_max, guard.command_lifetime_s]));
+            far = far.max(say(name, &[distance_min, v_max, lifetime]));
         }
         prop_assert!(radius - 2.0 * eps >= far - 1e-12);
     }

@@ -209,7 +209,7 @@ fn toml_syntax_error(source: &SourceText, span: Option<Range<usize>>, message: &
     source.error_at(&span.unwrap_or(0..0), format!("this is not TOML: {what}"), expected)
 }
 
-/// Lowers those rates that the file does not set to what so many robots permit.
+/// Lowers the recording rate and increases the simulation step for many robots, unless the file sets them.
 fn lower_default_rates(
     root: &TableReader<'_, keys::Root>,
     robots: usize,

@@ -97,15 +97,15 @@ text = f'{head}, "nodes": [\n{listed[0]}\n], "edges": [\n{listed[1]}\n]}}\n'
 Path(__file__).with_suffix(".json").write_text(text)
 
 if len(sys.argv) > 1:
-    ways = {name: [] for name in names}
+    paths = {name: [] for name in names}
     with open(sys.argv[1], newline="") as samples:
         for row in csv.DictReader(samples):
             t_s, *at = (float(row[key]) for key in ("t_s", "front_x_m", "front_y_m"))
-            ways[row["robot"]].append((t_s, at))
+            paths[row["robot"]].append((t_s, at))
     kills = {}
     while len(kills) < KILLS:
         robot, time_s = draw.randrange(1, ROBOTS), round(draw.uniform(*KILLED_S), 1)
-        places = [at for t_s, at in ways[names[robot]] if abs(t_s - time_s) <= LATE_S]
+        places = [at for t_s, at in paths[names[robot]] if abs(t_s - time_s) <= LATE_S]
         others = [slot for other, slot in enumerate(slots) if other != robot]
         if robot not in kills and min(dist(at, slot) for at in places for slot in others) > CLEAR_M:
             kills[robot] = time_s

@@ -5,8 +5,8 @@
 //! of an idle core, takes longer than a control cycle. Each robot is therefore pinned to a core, and a
 //! process with idle priority keeps that core awake, unless many robots share it. This applies only while
 //! the machine has no other work, because under other load the kernel balances better than a fixed
-//! assignment. The supervisor works while the robots on its core wait for the plant, and requests long time slices so that it does not delay them.
-//! Not used in real time, where processes wake at different times.
+//! assignment. The supervisor works while the robots on its core wait for the plant, and requests long time
+//! slices so that it does not delay them. Not used in real time, where processes wake at different times.
 
 mod assignment;
 mod core_count_tuner;

@@ -215,7 +215,7 @@ impl<'a> Run<'a> {
         self.receivers.now_ns() >= self.end_ns() || self.state_machine.journal.metrics.ends_early()
     }
 
-    /// Returns the run time of the last ground truth sample, ns: in lockstep at a whole tick.
+    /// Returns the run time of the last ground truth sample, ns: in lockstep a multiple of the control period.
     fn end_ns(&self) -> u64 {
         let &Settings { duration_ns, period_ns, .. } = &self.scenario.settings;
         match self.time_mode.continues_despite_stopped_process() {

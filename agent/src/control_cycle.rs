@@ -190,8 +190,13 @@ impl ControlCycle {
         inbox: Inbox<'_, impl IntoIterator<Item = Result<ReceivedBeacon<B>, E>>>,
     ) -> Result<Outbox, E> {
         self.sense(inbox)?;
+        Ok(self.answer())
+    }
+
+    /// Runs the second half of a cycle with the output of the control law.
+    pub fn answer(&mut self) -> Outbox {
         let output = self.law_output();
-        Ok(self.act(output))
+        self.act(output)
     }
 
     /// Runs the first half of a cycle: processes the received messages. Returns the first error of `beacons`.
@@ -226,8 +231,13 @@ impl ControlCycle {
         let joins = odometry.is_some_and(|odometry| odometry.tick <= member_since);
         if self.controller.has_started() && !joins {
             for delivery in beacons {
-                let ReceivedBeacon { sender_index, broadcast, received_ns } = delivery?;
-                self.receive_broadcast(sender_index, broadcast.borrow(), received_ns);
+                match delivery {
+                    // By reference, because a beacon is large.
+                    Ok(ReceivedBeacon { sender_index, ref broadcast, received_ns }) => {
+                        self.receive_broadcast(sender_index, broadcast.borrow(), received_ns);
+                    }
+                    Err(error) => return Err(error),
+                }
             }
         }
         let Some(odometry) = odometry else {
@@ -264,10 +274,11 @@ impl ControlCycle {
     /// Runs the second half of a cycle: returns the messages to be sent, given the output of the control law.
     pub fn act(&mut self, output: LawOutput) -> Outbox {
         let is_realtime = self.brief.pace == Pace::Realtime;
-        let answer = self.controller.act(output, self.answer_reference_ns);
+        let mut answer = self.controller.act(output, self.answer_reference_ns);
         // In lockstep an answer delayed by a period or more expires before it is sent.
-        let mut answer =
-            answer.filter(|answer| is_realtime || answer.delay_ns < self.brief.period_ns);
+        if !is_realtime && (answer.as_ref()).is_some_and(|it| it.delay_ns >= self.brief.period_ns) {
+            answer = None;
+        }
         self.answer_delay_ns = answer.as_ref().map_or(0, |answer| answer.delay_ns);
         if let Some(answer) = &mut answer {
             self.sent_counts.count_sent(answer.beacon.tick, &answer.send_decision);

@@ -13,7 +13,7 @@ use protocol::barrier::Barrier;
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::clock::{self, Timer};
 use protocol::lateness::LatenessDiagnosis;
-use protocol::law_message::{Broadcast, SendDecision};
+use protocol::law_message::SendDecision;
 use protocol::message::Odometry;
 use protocol::process::{self, Alarm, Failure, StopFlag, ThawListener, TimeSlice};
 use protocol::run_root;
@@ -95,9 +95,8 @@ impl Agent {
             let Some(member_since) = since else { continue };
             let odometry = receive_odometry_of_tick(&self.ports, tick)?;
             let ports = &self.ports;
-            let beacon =
-                |place| receive_beacon_of_previous_tick(ports, barrier, place, tick).transpose();
-            let outbox = self.cycle.run(Inbox {
+            let beacon = |place| receive_beacon_of_previous_tick(ports, barrier, place, tick);
+            self.cycle.sense(Inbox {
                 received_ns: clock::now_ns(),
                 odometry: Some(&odometry),
                 participant_since_tick: member_since,
@@ -106,7 +105,8 @@ impl Agent {
                 goal: None,
             })?;
             drop(odometry);
-            if let Some(answer) = &outbox.answer {
+            let mut outbox = self.cycle.answer();
+            if let Some(answer) = &mut outbox.answer {
                 let sent_ns = clock::now_ns();
                 self.ports.send_answer(answer, sent_ns)?;
                 self.cycle.record_sent(sent_ns);
@@ -170,7 +170,7 @@ impl Agent {
         let odometry = self.ports.receive_odometry()?;
         let cuts = self.ports.receive_link_faults()?;
         let taken_ns = clock::now_ns();
-        let outbox = self.cycle.run(Inbox {
+        self.cycle.sense(Inbox {
             received_ns: taken_ns,
             odometry: odometry.as_deref(),
             participant_since_tick: 0,
@@ -179,8 +179,9 @@ impl Agent {
             goal: self.ports.receive_goal()?,
         })?;
         drop(odometry);
+        let mut outbox = self.cycle.answer();
         let mut rested_ns = taken_ns;
-        if let Some(answer) = &outbox.answer {
+        if let Some(answer) = &mut outbox.answer {
             self.sleep_until_stop(answer.delay_ns);
             rested_ns = clock::now_ns();
             self.ports.send_answer(answer, rested_ns)?;
@@ -243,7 +244,7 @@ fn receive_beacon_of_previous_tick(
     barrier: &Barrier,
     place: usize,
     tick: u64,
-) -> Result<Option<ReceivedBeacon>, Failure> {
+) -> Option<Result<ReceivedBeacon, Failure>> {
     let before = tick - 1;
     let (name, slot) = ports.sender_name_and_slot(place);
     let takes_part = || barrier.first_member_tick(slot).is_some_and(|since| since <= before);
@@ -251,25 +252,24 @@ fn receive_beacon_of_previous_tick(
         || !takes_part()
         || barrier.has_no_beacon(slot, before)
     {
-        return Ok(None);
+        return None;
     }
     loop {
-        match ports.receive_beacon(place)? {
-            Some((beacon, _)) if beacon.tick < before => {}
-            Some((beacon, message)) if beacon.tick == before => {
-                return Ok(Some(ReceivedBeacon {
-                    sender_index: place,
-                    broadcast: Broadcast { beacon, message },
-                    received_ns: 0,
-                }));
+        let sample = match ports.receive_beacon(place) {
+            Ok(sample) => sample,
+            Err(failure) => return Some(Err(failure)),
+        };
+        match sample {
+            Some(sample) if sample.user_header().tick < before => {}
+            // Lockstep does not use the time of reception.
+            Some(sample) if sample.user_header().tick == before => {
+                return Some(Ok(ports::copy_beacon(place, &sample, 0)));
             }
             // The sender was killed in this very tick, not by a plan.
-            None if !takes_part() => return Ok(None),
+            None if !takes_part() => return None,
             _ => {
-                return Err(missing_sample_failure(
-                    tick,
-                    &format!("beacon of {name} from tick {before}"),
-                ));
+                let what = format!("beacon of {name} from tick {before}");
+                return Some(Err(missing_sample_failure(tick, &what)));
             }
         }
     }

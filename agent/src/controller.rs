@@ -391,7 +391,7 @@ impl Controller {
     /// Returns the distance within which the robot is on its path, m: one front-point distance, or d/2 if it is
     /// controlled at its axle midpoint.
     fn arrival_radius_m(&self) -> f64 {
-        match self.brief.drive().turns_freely() {
+        match self.brief.front_point_m == 0.0 {
             true => 0.5 * self.brief.avoidance.distance_min_m,
             false => self.brief.front_point_m,
         }
@@ -410,15 +410,20 @@ impl Controller {
     /// Returns the output of the control law for the current sample. Must be called once per sample, because
     /// laws have state.
     pub fn law_output(&mut self) -> LawOutput {
-        self.signals = SignalValues::NONE;
+        let has_signals = !self.brief.signals.is_empty();
+        if has_signals {
+            self.signals = SignalValues::NONE;
+        }
         let Some(situation) = self.cycle_state.situation() else { return STOP_OUTPUT };
         let output = self.law.output(&situation);
         self.send_decision = self.law.send_decision();
-        if !self.brief.signals.is_empty() {
+        if has_signals {
             self.signals = self.law.signals();
         }
-        let target = self.law.target();
-        self.set_own_target(target);
+        if self.role.asks_law_for_target() {
+            let target = self.law.target();
+            self.set_own_target(target);
+        }
         output
     }
 

@@ -524,9 +524,9 @@ impl Neighborhood {
     /// Once the leader's frame is lost, velocities count as 0. They would only feed back among the robots, and
     /// without a path from the leader this feedback never decays.
     pub fn desired_target(&self, heard: &[NeighborEstimate]) -> Option<Target> {
-        self.desired_target_with(heard, |said| {
-            mean_target(said.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji)))
-        })
+        let said = self.counted_references(heard)?;
+        let mean = mean_target(said.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji)))?;
+        Some(self.without_velocity_of_lost_frame(mean))
     }
 
     /// Returns the desired position and velocity by W-MSR in place of the mean. `own` is the position of the
@@ -536,25 +536,24 @@ impl Neighborhood {
         heard: &[NeighborEstimate],
         own: Target,
     ) -> Option<Target> {
-        self.desired_target_with(heard, |said| {
-            let place = |(alpha_j, c_ji, trusted): (Target, Target, bool)| ReceivedValue {
-                value: Target {
-                    position: alpha_j.position + c_ji.position,
-                    velocity: alpha_j.velocity + c_ji.velocity,
-                },
-                is_trusted: trusted,
-            };
-            let said: Vec<ReceivedValue<Target>> = said.map(place).collect();
-            (!said.is_empty()).then(|| resilient_target(own, &said, self.liars_max))
-        })
+        let place = |(alpha_j, c_ji, trusted): (Target, Target, bool)| ReceivedValue {
+            value: Target {
+                position: alpha_j.position + c_ji.position,
+                velocity: alpha_j.velocity + c_ji.velocity,
+            },
+            is_trusted: trusted,
+        };
+        let said: Vec<ReceivedValue<Target>> = self.counted_references(heard)?.map(place).collect();
+        let target = (!said.is_empty()).then(|| resilient_target(own, &said, self.liars_max))?;
+        Some(self.without_velocity_of_lost_frame(target))
     }
 
-    /// Returns alpha* as computed by `mean` from alpha_j, C_ji and whether R_j is a trusted node.
-    fn desired_target_with(
+    /// Returns alpha_j, C_ji and whether R_j is a trusted node, for each reference that counts, or `None` if the robot
+    /// has to stop because one is lost.
+    fn counted_references(
         &self,
         heard: &[NeighborEstimate],
-        mean: impl FnOnce(&mut dyn Iterator<Item = (Target, Target, bool)>) -> Option<Target>,
-    ) -> Option<Target> {
+    ) -> Option<impl Iterator<Item = (Target, Target, bool)>> {
         let lost = |neighbor: &Neighbor| neighbor.reception.state == ReceptionState::Lost;
         let mut used_references =
             self.neighbors.iter().filter(|neighbor| neighbor.reference_use.is_used);
@@ -565,25 +564,30 @@ impl Neighborhood {
         let places = self.neighbors.iter().enumerate();
         let known = places.filter(|(_, neighbor)| neighbor.newest_beacon.is_some());
         let used_references =
-            || heard.iter().zip(known.clone()).filter(|(_, (_, one))| one.reference_use.is_used);
+            heard.iter().zip(known).filter(|(_, (_, one))| one.reference_use.is_used);
         let all_lost =
-            || used_references().all(|(one, _)| one.reception_state == ReceptionState::Lost);
+            || used_references.clone().all(|(one, _)| one.reception_state == ReceptionState::Lost);
         let keep = match self.silence.policy {
             SilencePolicy::Keep => true,
             SilencePolicy::Last => all_lost(),
             SilencePolicy::Ignore | SilencePolicy::Stop => false,
         };
-        let counted = used_references()
-            .filter(|(one, _)| keep || one.reception_state != ReceptionState::Lost);
-        let mut said = counted.flat_map(
+        let counted = used_references
+            .filter(move |(one, _)| keep || one.reception_state != ReceptionState::Lost);
+        Some(counted.flat_map(
             |(&NeighborEstimate { position, velocity, offset, .. }, (k, known))| {
                 let weight = self.references.weights[k];
                 repeat_n((Target { position, velocity }, offset, known.is_trusted), weight)
             },
-        );
-        let target = mean(&mut said)?;
-        let echo = self.leader_frame_reception.state == ReceptionState::Lost;
-        Some(if echo { Target::at_rest(target.position) } else { target })
+        ))
+    }
+
+    /// Returns `target`, at rest once the leader's frame is lost: see [`Neighborhood::desired_target`].
+    fn without_velocity_of_lost_frame(&self, target: Target) -> Target {
+        match self.leader_frame_reception.state {
+            ReceptionState::Lost => Target::at_rest(target.position),
+            _ => target,
+        }
     }
 
     /// Returns the age at `now_ns` of the newest beacon of each in-neighbor, ns, with the sender's index in the

@@ -31,11 +31,11 @@ impl Target {
 pub fn mean_target(heard: impl IntoIterator<Item = (Target, Target)>) -> Option<Target> {
     let mut sum = Target::at_rest(Vec2::zeros());
     let mut count = 0u32;
-    for (alpha_j, c_ji) in heard {
+    heard.into_iter().for_each(|(alpha_j, c_ji)| {
         sum.position += alpha_j.position + c_ji.position;
         sum.velocity += alpha_j.velocity + c_ji.velocity;
         count += 1;
-    }
+    });
     let g = f64::from(count);
     (count > 0).then(|| Target { position: sum.position / g, velocity: sum.velocity / g })
 }

@@ -2,8 +2,6 @@
 //! external clients, and the beacons of its in-neighbors. Beacons of spares are open only while they replace a
 //! neighbor.
 
-use std::sync::Arc;
-
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::AgentBrief;
 use protocol::clock;
@@ -38,8 +36,22 @@ pub struct Ports {
     node: Node,
 }
 
-/// A beacon, and the message of the sender's law that came with it.
-type BeaconAndMessage = (Beacon, Option<Arc<[u8]>>);
+/// A received beacon in shared memory. The payload is the message of the sender's law, or empty.
+pub type BeaconSample = Sample<[u8], Beacon>;
+
+/// Returns a copy of a beacon of the sender with index `place`, received at `received_ns`.
+#[inline]
+pub fn copy_beacon(place: usize, sample: &BeaconSample, received_ns: u64) -> ReceivedBeacon {
+    let message = sample.payload();
+    ReceivedBeacon {
+        sender_index: place,
+        broadcast: Broadcast {
+            beacon: *sample.user_header(),
+            message: (!message.is_empty()).then(|| message.into()),
+        },
+        received_ns,
+    }
+}
 
 /// A sender whose beacons can be received.
 struct Sender {
@@ -143,32 +155,24 @@ impl Ports {
         port.is_some() && opened_at.is_none_or(|opened_at| tick > opened_at)
     }
 
-    /// Returns the next beacon in the queue of the sender with index `place`, with its message if it carries one, or
-    /// `None` if there is none or the port is closed.
-    pub fn receive_beacon(&self, place: usize) -> Result<Option<BeaconAndMessage>, Failure> {
+    /// Returns the next beacon in the queue of the sender with index `place`, with its message, or `None` if there is
+    /// none or the port is closed.
+    pub fn receive_beacon(&self, place: usize) -> Result<Option<BeaconSample>, Failure> {
         let Some(port) = &self.senders[place].beacon_port else { return Ok(None) };
-        let sample = port.receive().map_err(|cause| port_error("receive beacon", cause))?;
-        Ok(sample.map(|sample| {
-            let message = sample.payload();
-            (*sample.user_header(), (!message.is_empty()).then(|| message.into()))
-        }))
+        port.receive().map_err(|cause| port_error("receive beacon", cause))
     }
 
     /// Returns the newest beacon of each sender (real time only), and the queued ones before it if they may carry
     /// messages. Each one is received when the iterator reaches it.
     pub fn receive_newest_beacons(&self) -> impl Iterator<Item = Result<ReceivedBeacon, Failure>> {
-        let delivery = |place, (beacon, message)| ReceivedBeacon {
-            sender_index: place,
-            broadcast: Broadcast { beacon, message },
-            received_ns: clock::now_ns(),
-        };
         (0..self.senders.len()).flat_map(move |place| {
             let next = move || self.receive_beacon(place).transpose();
             let behind = std::iter::from_fn(move || {
                 let has_messages = self.senders[place].has_messages;
                 if has_messages { next() } else { None }
             });
-            next().into_iter().chain(behind).map(move |taken| Ok(delivery(place, taken?)))
+            let copy = move |sample: BeaconSample| copy_beacon(place, &sample, clock::now_ns());
+            next().into_iter().chain(behind).map(move |sample| sample.map(copy))
         })
     }
 
@@ -189,20 +193,22 @@ impl Ports {
         self.goal.as_ref().map_or(Ok(None), |goal| receive_message(goal, "receive goal"))
     }
 
-    /// Sends an answer, the beacon first because other robots wait for it.
-    pub fn send_answer(&self, answer: &Answer, sent_ns: u64) -> Result<(), Failure> {
-        let beacon = Beacon { sent_ns, ..answer.beacon };
-        let command = Command { sent_ns, ..answer.command };
+    /// Sends an answer with the time `sent_ns`, the beacon first because other robots wait for it.
+    pub fn send_answer(&self, answer: &mut Answer, sent_ns: u64) -> Result<(), Failure> {
+        answer.beacon.sent_ns = sent_ns;
+        answer.command.sent_ns = sent_ns;
         let message: Option<&[u8]> = match &answer.send_decision {
             SendDecision::Beacon => Some(&[]),
             SendDecision::Message(bytes) => Some(bytes),
             SendDecision::Withheld => None,
         };
         if let Some(message) = message {
-            send_bytes(&self.beacon, beacon, message)
+            send_bytes(&self.beacon, &answer.beacon, message)
                 .map_err(|cause| port_error("send beacon", cause))?;
         }
-        self.command.send_copy(command).map_err(|cause| port_error("send command", cause))?;
+        self.command
+            .send_copy(answer.command)
+            .map_err(|cause| port_error("send command", cause))?;
         Ok(())
     }
 
@@ -215,7 +221,7 @@ impl Ports {
         message: &[u8],
     ) -> Result<(), Failure> {
         let payload = StatusHeader::encode_payload(neighbors, message);
-        let sent = send_bytes(&self.status, header, &payload);
+        let sent = send_bytes(&self.status, &header, &payload);
         sent.map(drop).map_err(|cause| port_error("send status", cause))
     }
 }

@@ -477,16 +477,16 @@ where
 /// Sends a header and bytes, copied as one piece. Returns the number of receivers.
 pub fn send_bytes<H>(
     publisher: &Publisher<[u8], H>,
-    header: H,
+    header: &H,
     bytes: &[u8],
 ) -> Result<usize, SendError>
 where
-    H: Debug + Default + ZeroCopySend,
+    H: Copy + Debug + Default + ZeroCopySend,
 {
     let length = bytes.len();
     let loan = publisher.loan_slice_uninit(length);
     let mut sample = loan.map_err(|cause| SendError::Loan { length, cause })?;
-    *sample.user_header_mut() = header;
+    *sample.user_header_mut() = *header;
     sample.write_from_slice(bytes).send().map_err(|cause| SendError::Send { cause })
 }
 
@@ -578,11 +578,11 @@ mod tests {
         let publisher = beacon_topic("r1").open(child).unwrap().publisher(3).unwrap();
         let header = Beacon { tick: 1, x_m: 1.0, frame_scale: 2.0, ..Beacon::default() };
         for message in [&[7, 8, 9][..], &[]] {
-            send_bytes(&publisher, header, message).unwrap();
+            send_bytes(&publisher, &header, message).unwrap();
             let sample = subscriber.receive().unwrap().unwrap();
             assert_eq!((*sample.user_header(), sample.payload()), (header, message));
         }
-        assert!(send_bytes(&publisher, header, &[0; 4]).is_err());
+        assert!(send_bytes(&publisher, &header, &[0; 4]).is_err());
     }
 
     fn check_statuses_and_faults(supervisor: &Node, child: &Node) {
@@ -590,9 +590,9 @@ mod tests {
         let subscriber = held.subscriber().unwrap();
         let publisher = status_topic("r1").open(child).unwrap().publisher(2).unwrap();
         let header = StatusHeader { tick: 5, ..StatusHeader::default() };
-        send_bytes(&publisher, header, &[1, 2]).unwrap();
-        send_bytes(&publisher, header, &[]).unwrap();
-        assert!(send_bytes(&publisher, header, &[1, 2, 3]).is_err());
+        send_bytes(&publisher, &header, &[1, 2]).unwrap();
+        send_bytes(&publisher, &header, &[]).unwrap();
+        assert!(send_bytes(&publisher, &header, &[1, 2, 3]).is_err());
         let sample = subscriber.receive().unwrap().unwrap();
         assert_eq!((*sample.user_header(), sample.payload()), (header, &[1, 2][..]));
         assert_eq!(subscriber.receive().unwrap().unwrap().len(), 0);

@@ -41,10 +41,11 @@ pub struct AccelerationLimits {
 #[serde(rename_all = "lowercase")]
 pub enum Ramp {
     /// Both components change at constant rates and arrive simultaneously, so the twist follows a straight
-    /// segment. The guarantee of the guard (safety filter) assumes this.
+    /// segment.
     #[default]
     Together,
-    /// Each component changes at its maximum rate. The guard gives no guarantee in this case.
+    /// Each component changes at its maximum rate. For a front point, the guard (safety filter) then certifies all twists
+    /// between the components of its commands.
     Independent,
 }
 

@@ -1,7 +1,8 @@
 //! The guard's guarantee for robots that are controlled at their axle midpoints, for omnidirectional ones, for drones,
-//! for cars, and for teams of robots with different sizes, speed limits and command timeouts: adversarial runs as in
-//! `hostile`, with and without inertia and walls, and mixed with robots that have front points. The chapter's cases and
-//! swaps with the same bodies. `tests/fuzz/bodies` makes 10,000 adversarial runs for each body.
+//! for cars, for front points whose speed and turn rate change independently, and for teams of robots with different
+//! sizes, speed limits and command timeouts: adversarial runs as in `hostile`, with and without inertia and walls, and
+//! mixed with robots that have front points. The chapter's cases and swaps with the same bodies. `tests/fuzz/bodies`
+//! makes 10,000 adversarial runs for each body.
 
 use crate::harness::{map_in_parallel, repetition_factor, run};
 use crate::hostile::{
@@ -60,6 +61,12 @@ fn in_960_adversarial_runs_teams_keep_the_distance_of_each_pair() {
     // Every fourth round without sensing classes.
     let into_team = |fleet: Fleet, round: usize| fleet.into_team(round % 4 != 3);
     keeps_distances(|fleet| fleet, Fleet::of_all_bodies, into_team);
+}
+
+#[test]
+fn in_960_adversarial_runs_independent_ramps_keep_d() {
+    let change = |fleet: Fleet, _| fleet.with_independent_ramps();
+    keeps_distances(|fleet| fleet, Fleet::at_axle_in_turn, change);
 }
 
 /// Function that gives the robots of a fleet another body.

@@ -49,6 +49,9 @@
 //! - *Far neighbors.* From d + Z on, Z = v_max/(Lambda mu) min(e^(2 Lambda H), 1 + 2 Lambda H mu), b is at
 //!   least v_max for any state of the robot. Next to a wall this holds from the clearance + Z/2 on.
 //!
+//! *Independent ramps.* If speed and turn rate of a robot with a front point change independently, y stays in a
+//! rectangle around K instead of its convex hull; see [`independent_ramps`].
+//!
 //! *Axle midpoint.* With ell = 0, y = (v, 0) and the turn rate is independent of y: v and w may reach their targets
 //! separately, ||y|| = |v|/a_v, and the heading may turn at the full rate until the robot is at rest. The half-planes
 //! limit v alone, on the line of the heading. A command that only turns, y = 0, is a command like any other: it may
@@ -200,6 +203,8 @@ struct Guard {
     any_robot_has_inertia: bool,
     /// Inertia of this robot, or `None` if it stops at once.
     inertia_limits: Option<AccelerationLimitsBrief>,
+    /// `true` for a front point whose speed and turn rate change independently of each other.
+    has_independent_ramps: bool,
     braking_terms: BrakingTerms,
     /// Horizon of a command that is certified once, and of a command that has to be certified again.
     horizons: [Horizon; 2],
@@ -311,6 +316,8 @@ impl Guard {
             slack_decrease_rate_per_s: rate,
             any_robot_has_inertia: gradual,
             inertia_limits: brief.limits,
+            has_independent_ramps: !drive.turns_freely()
+                && brief.limits.is_some_and(|limits| !limits.ramp.is_coupled()),
             braking_terms: BrakingTerms::new(drive),
             horizons: [at.command_timeout_s, again].map(|h| Horizon::new(rate, h)),
             distance_error_max_m: at.distance_error_max_m(),
@@ -396,6 +403,9 @@ impl Guard {
     /// The bounds hold for every command that may be executed, or has been executed since the sample:
     /// `proof/Time.v::wheels_since_the_sample`, `proof/Inertia.v::fits`.
     fn grant_twist(&mut self, sample: &Sample<'_>, now: Twist, tried: Twist) -> Option<Twist> {
+        if self.has_independent_ramps {
+            return self.grant_within_rectangle(sample, now, tried);
+        }
         let mut bounds = match self.has_predecessor(sample.stamp_ns) {
             true => MotionBounds::without_inertia(self.v_max, self.drive),
             false => MotionBounds::default(),
@@ -449,6 +459,9 @@ impl Guard {
         bounds: MotionBounds,
     ) -> bool {
         let mid = self.collect_cones(sample, self.horizons[0], bounds);
+        if self.cones.is_empty() {
+            return true;
+        }
         let mut certified = self.unexpired_commands.iter().map(|(_, twist)| *twist).chain([now]);
         certified.all(|twist| {
             let u = rotate(mid, self.drive.velocity_of_twist(twist));
@@ -466,12 +479,14 @@ impl Guard {
         bounds: MotionBounds,
     ) -> Twist {
         let mid = self.collect_cones(sample, self.horizons[1], bounds);
+        if self.cones.is_empty() {
+            return tried;
+        }
         let u = rotate(mid, self.drive.velocity_of_twist(tried));
         if self.any_robot_has_inertia && self.cones.iter().all(|cone| cone.permits(u)) {
             return tried;
         }
-        self.half_planes.clear();
-        self.half_planes.extend(self.cones.iter().flat_map(Cone::half_planes));
+        self.collect_half_planes();
         if self.drive.moves_along_heading() {
             // y is on the line of the heading. The turn rate stays, and the curvature of a car.
             let factor = scale_factor_on_ray(u, &self.half_planes);
@@ -482,6 +497,14 @@ impl Guard {
         }
         let Some(u) = nearest_point(u, &self.half_planes) else { return tried };
         self.scale_into_twist_set(self.drive.twist_for_velocity(rotate(-mid, u), tried.w_rad_s))
+    }
+
+    /// Collects the half-planes of all cones.
+    fn collect_half_planes(&mut self) {
+        self.half_planes.clear();
+        for cone in &self.cones {
+            self.half_planes.extend(cone.half_planes());
+        }
     }
 
     /// Collects a cone for each neighbor in range: the directions possible until all robots are at rest, and
@@ -540,6 +563,8 @@ impl Guard {
         mid
     }
 }
+
+mod independent_ramps;
 
 #[cfg(test)]
 mod formulas;

@@ -50,7 +50,7 @@ pub fn check_scenario(scenario: &Scenario) -> Vec<Finding> {
 
 /// Runs the checks that do not need the settled formation.
 pub(super) fn findings_without_settled_formation(scenario: &Scenario) -> Vec<Finding> {
-    let checks: [fn(&Scenario) -> Vec<Finding>; 15] = [
+    let checks: [fn(&Scenario) -> Vec<Finding>; 14] = [
         check_in_neighbors_of_leaders,
         check_references,
         check_velocity_feedback,
@@ -58,7 +58,6 @@ pub(super) fn findings_without_settled_formation(scenario: &Scenario) -> Vec<Fin
         check_liar_tolerance,
         check_offsets,
         check_speeds,
-        check_ramps,
         check_start_distances,
         check_wall_support,
         check_start_clearances,
@@ -367,26 +366,6 @@ fn check_axle_turns(scenario: &Scenario) -> Vec<Finding> {
 
 /// Maximum turn within a command lifetime that does not widen the guard's cones much, rad.
 const TURN_RAD_MAX: f64 = 0.5;
-
-/// Warns about independent ramps of speed and turn rate, with which a robot leaves the segment that the guard
-/// certifies.
-fn check_ramps(scenario: &Scenario) -> Vec<Finding> {
-    let name = scenario.first_robot_without_guarantee();
-    let name = name.filter(|_| {
-        scenario.avoidance_method.distance_guarantee == DistanceGuarantee::Unconditional
-    });
-    let finding = |name: &str| {
-        let method = scenario.avoidance_method.name;
-        warning_finding(
-            format!("robot.{name}.limits"),
-            format!(
-                "speed and turn rate of {name} change independently: the {method} guarantees nothing then"
-            ),
-            "expected `ramp = \"together\"`: both arrive at the same time",
-        )
-    };
-    name.map(finding).into_iter().collect()
-}
 
 /// Checks that all front points start at least d apart (Assumption 1).
 fn check_start_distances(scenario: &Scenario) -> Vec<Finding> {

@@ -613,14 +613,6 @@ fn write_inertia_and_walls(page: &mut ReportPage, scenario: &Scenario, theory: &
         let ([robot, wall], start_m) = (walls.start, walls.start_m);
         page.write_line("", format!("{start_m:.4} m at the start ({robot} and {wall})"));
     }
-    if let Some(name) = scenario.first_robot_without_guarantee() {
-        page.write_line(
-            "",
-            format!(
-                "speed and turn rate of {name} change independently: distances are not guaranteed"
-            ),
-        );
-    }
     if let Some(plant) = &scenario.plant_program {
         let words = plant.command_line.join(" ");
         page.write_line("plant", format!("{words}: distances are measured, but not guaranteed"));

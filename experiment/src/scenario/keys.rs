@@ -755,8 +755,8 @@ keys! {
                 ("together", "speed and turn rate reach their targets at the same time"),
                 (
                     "independent",
-                    "each changes at its own maximum acceleration, and the guard guarantees no distance unless \
-                    `front_point_m` is 0, where no other value is allowed",
+                    "each changes at its own maximum acceleration, as with the `diff_drive_controller` of ROS 2; where \
+                    `front_point_m` is 0, no other value is allowed",
                 ),
             ]) =>
         .rule("'together', or 'independent' where `front_point_m` is 0", "whether speed and turn rate change together or independently of each other");

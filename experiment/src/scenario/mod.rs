@@ -81,7 +81,6 @@ use formation::graph::{Edge, FormationGraph};
 use formation::ns_to_seconds;
 use formation::obstacle::{Obstacle, Obstacles};
 use formation::pose::Pose;
-use formation::ramp::Ramp;
 use formation::reachability::Reachability;
 use formation::rewiring::{RepairPlan, Rewiring};
 use formation::scale::Scale;
@@ -726,31 +725,17 @@ impl Scenario {
         Obstacles::new(&shapes)
     }
 
-    /// Returns the name of the first robot whose front point has a speed and turn rate that change independently, or
-    /// `None`. The guard with inertia guarantees nothing for such a robot. At the axle midpoint they may.
-    pub fn first_robot_without_guarantee(&self) -> Option<&str> {
-        let independent = |robot: &&Robot| {
-            robot.acceleration_limits.is_some_and(|limits| limits.ramp == Ramp::Independent)
-        };
-        let independent = |robot: &&Robot| !robot.drive().turns_freely() && independent(robot);
-        self.robots.iter().find(independent).map(|robot| robot.name.as_str())
-    }
-
     /// Returns the reason why the guarantee of the avoidance method does not hold for these robots, or `None` if it
     /// holds.
     pub fn missing_guarantee_reason(&self) -> Option<String> {
         if self.avoidance_method.distance_guarantee != DistanceGuarantee::Unconditional {
             return None;
         }
-        if let Some(plant) = &self.plant_program {
-            let words = plant.command_line.join(" ");
-            return Some(format!(
-                "`{words}` moves the robots, and the {} is proven for another plant",
-                self.avoidance_method.name
-            ));
-        }
-        let name = self.first_robot_without_guarantee()?;
-        Some(format!("speed and turn rate of {name} change independently"))
+        let words = self.plant_program.as_ref()?.command_line.join(" ");
+        Some(format!(
+            "`{words}` moves the robots, and the {} is proven for another plant",
+            self.avoidance_method.name
+        ))
     }
 
     /// Returns the yield priority of robot `i`.

@@ -292,7 +292,6 @@ fn axle_midpoint_takes_its_turn_rate_limit_from_the_wheels() {
     assert_eq!(limits.ramp, Ramp::Independent);
     assert_eq!(limits.braking_time_s, scenario.avoidance.speed_max_m_s / 2.5);
     assert_eq!(r3.acceleration_limits.unwrap().ramp, Ramp::Together);
-    assert_eq!(scenario.first_robot_without_guarantee(), None);
     // The distance of the smallest front point counts, not that of the axle.
     assert_eq!(scenario.avoidance_conditions().front_point_m, 0.1);
 }
@@ -321,7 +320,8 @@ fn robot_model_supplies_missing_keys() {
     let found = [limits.acceleration_m_s2, limits.turn_acceleration_rad_s2, limits.braking_time_s];
     assert_eq!(found, [1.0, 3.2, 3.0]);
     assert_eq!(scenario.avoidance.braking_time_max_s, 3.0);
-    assert_eq!(scenario.first_robot_without_guarantee(), Some("r2"));
+    assert_eq!(limits.ramp, Ramp::Independent);
+    assert_eq!(scenario.missing_guarantee_reason(), None);
     let robot = &scenario.robots[2];
     assert_eq!(robot.wheels.map(|own| [own.speed_max_m_s, own.track_m]), Some([0.1, 0.16]));
     assert_eq!(robot.body_radius_m, Some(0.2));

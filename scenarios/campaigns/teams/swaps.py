@@ -21,6 +21,8 @@ KEEPS_M = [0.07, 0.10, 0.14]
 SPEEDS_M_S = [0.39, 0.30, 0.18]
 # Area for each robot, m^2.
 AREA_M2 = 0.36
+# Minimum distance of two starts, and so of two goals, m: closer than d_f = 0.295 m, two robots of the largest size do not both come to rest.
+APART_M = 0.3
 
 SCENARIO = """# {count} robots with three sizes and speed limits swap positions, controlled at their axle midpoints. Two robots keep the sum of
 # their sizes. Written by swaps.py.
@@ -104,7 +106,7 @@ def sweep(args, count, kind, folder):
     sets = "".join(f"{key.split('=')[0]} = {key.split('=')[1]}\n" for key in sizes)
     (folder / "campaign.toml").write_text(
         f'name = "teams"\nscenario = "{HERE}/swap-{count}.toml"\nseeds = {args.seeds}\n'
-        f'starts = {{ box_m = [{side_m:.4f}, {side_m:.4f}], apart_m = 0.29, goals = "swaps" }}\n' + ("[set]\n" + sets if sets else ""))
+        f'starts = {{ box_m = [{side_m:.4f}, {side_m:.4f}], apart_m = {APART_M}, goals = "swaps" }}\n' + ("[set]\n" + sets if sets else ""))
     command = [args.run, "sweep", folder / "campaign.toml", "--in-process", "--jobs", str(args.jobs), "--out", folder / "out"]
     ended = subprocess.run(command, capture_output=True, text=True)
     table = folder / "out" / "runs.csv"

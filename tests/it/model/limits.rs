@@ -49,6 +49,17 @@ impl Fleet {
         self.sees_as_far_as_needed()
     }
 
+    /// Returns the fleet with speeds and turn rates that change independently of each other.
+    pub fn with_independent_ramps(mut self) -> Fleet {
+        for (body, agent) in self.plant.robots.iter_mut().zip(&mut self.agents) {
+            let limits = body
+                .limits
+                .map(|limits| AccelerationLimitsBrief { ramp: Ramp::Independent, ..limits });
+            (body.limits, agent.limits) = (limits, limits);
+        }
+        self
+    }
+
     /// Returns the fleet with inertia, and a guard that does not account for it.
     pub fn without_knowing_its_inertia(mut self) -> Fleet {
         for agent in &mut self.agents {

@@ -44,6 +44,8 @@ enum DisabledCertificatePart {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ControlledPoint {
     FrontPoint,
+    /// Front point of a robot whose speed and turn rate change independently of each other.
+    FrontPointIndependentRamps,
     AxleMidpoint,
     Omnidirectional,
     /// Omnidirectional, with a constant heading.
@@ -52,17 +54,19 @@ enum ControlledPoint {
     RearAxle,
 }
 
-const CONTROLLED_POINTS: [ControlledPoint; 5] = [
+const CONTROLLED_POINTS: [ControlledPoint; 6] = [
     ControlledPoint::FrontPoint,
+    ControlledPoint::FrontPointIndependentRamps,
     ControlledPoint::AxleMidpoint,
     ControlledPoint::Omnidirectional,
     ControlledPoint::Drone,
     ControlledPoint::RearAxle,
 ];
-/// Controlled points of robots that can turn in place.
+/// Controlled points of robots that can turn in place. Ramps do not matter in these cases.
 const TURNING_POINTS: [ControlledPoint; 3] =
     [ControlledPoint::FrontPoint, ControlledPoint::AxleMidpoint, ControlledPoint::Omnidirectional];
-/// Controlled points of robots whose heading changes.
+/// Controlled points of robots whose heading changes. With independent ramps, the corners of the certificate leave a
+/// margin in these cases.
 const HEADING_POINTS: [ControlledPoint; 4] = [
     ControlledPoint::FrontPoint,
     ControlledPoint::AxleMidpoint,
@@ -129,6 +133,9 @@ impl GuardCase {
         let (kind, ell, turn_rate_max, ramp) = match body {
             ControlledPoint::FrontPoint => {
                 (DriveKind::Differential, ell, f64::INFINITY, Ramp::Together)
+            }
+            ControlledPoint::FrontPointIndependentRamps => {
+                (DriveKind::Differential, ell, f64::INFINITY, Ramp::Independent)
             }
             ControlledPoint::AxleMidpoint => {
                 (DriveKind::Differential, 0.0, draw_uniform(dice, 0.5, 12.0), Ramp::Independent)
@@ -198,13 +205,14 @@ impl GuardCase {
 
     /// Sets the accelerations of the robot, with a maximum braking time of 1 s.
     fn set_accelerations(&mut self, acceleration_m_s2: f64, turn_acceleration_rad_s2: f64) {
+        let ramp = self.limits.map_or(Ramp::Together, |limits| limits.ramp);
         self.braking_time_max = 1.0;
         self.limits = Some(AccelerationLimitsBrief {
             acceleration_m_s2,
             // Above 0 also for a drone, which does not turn.
             turn_acceleration_rad_s2: turn_acceleration_rad_s2.max(f64::MIN_POSITIVE),
             braking_time_s: 1.0,
-            ramp: if self.ell > 0.0 { Ramp::Together } else { Ramp::Independent },
+            ramp,
         });
     }
 
@@ -397,8 +405,8 @@ impl GuardCase {
     fn draw_path(&self, granted: Twist, ramp: Ramp, dice: &mut SplitMix64) -> Vec<PathState> {
         let part = if dice.draw_bool(0.2) { draw_uniform(dice, 0.2, 1.0) } else { 1.0 };
         let gradual = self.braking_time_max > 0.0;
-        // Where ell = 0, velocity and turn rate may change independently.
-        let ramp = if self.ell > 0.0 { ramp } else { Ramp::Independent };
+        let independent = self.limits.is_some_and(|limits| !limits.ramp.is_coupled());
+        let ramp = if independent { Ramp::Independent } else { ramp };
         let mut acting: Vec<(Twist, bool)> =
             self.unexpired_commands.iter().map(|twist| (*twist, gradual)).collect();
         acting.extend([(granted, true), (granted, true), (Twist::ZERO, true)]);

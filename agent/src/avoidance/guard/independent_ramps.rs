@@ -1,0 +1,155 @@
+//! Certificate of a front point whose speed and turn rate change independently of each other (`ramp = "independent"`),
+//! as with the `diff_drive_controller` of ROS 2.
+//!
+//! P2 and P3 are weaker than in [`super`]: v stays between its values in K, and so does w, but y = (v, ell w) may leave
+//! the segment towards the target. It stays in the smallest rectangle, with sides along and across the heading, that
+//! contains K. A half-plane that contains the four corners contains the rectangle, so the certificate is about the
+//! corners instead of the members of K.
+//!
+//! From s + H on each component decreases to 0 within its own braking time, which is at most tau_o. After x seconds, y
+//! is in the rectangle scaled by 1 - x/tau_o, so that mu applies as in [`super`], and the heading turns by at most half
+//! of the turn at the full rate. Other robots rely on the speed limit, so no corner is faster than v_max.
+
+use formation::Vec2;
+use formation::front_point::rotate;
+use formation::pose::Twist;
+
+use super::super::Sample;
+use super::super::polygon::{HalfPlane, nearest_point};
+use super::{Guard, MotionBounds};
+
+/// Shares of the nearest twist that are tried. Zero leaves the rectangle as it is.
+const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
+/// Factor that permits rounding errors of a corner's speed.
+const ROUNDING_FACTOR: f64 = 1.0 + 1e-12;
+
+/// Rectangle of velocities y in the robot's frame, m/s, with sides along and across the heading. It contains 0.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct VelocityRectangle {
+    low: Vec2,
+    high: Vec2,
+}
+
+impl VelocityRectangle {
+    /// Returns the smallest rectangle that contains this one and `y`.
+    fn including(self, y: Vec2) -> VelocityRectangle {
+        VelocityRectangle { low: self.low.inf(&y), high: self.high.sup(&y) }
+    }
+
+    fn corners(self) -> [Vec2; 4] {
+        let VelocityRectangle { low, high } = self;
+        [low, Vec2::new(high.x, low.y), high, Vec2::new(low.x, high.y)]
+    }
+
+    /// Returns the maximum of |y_1|, and of |y_2|, m/s.
+    fn extent(self) -> Vec2 {
+        self.low.abs().sup(&self.high.abs())
+    }
+
+    /// Returns the part of this rectangle in which a corner of the smallest rectangle that contains `held` and the new
+    /// y is at most as fast as `speed_max`, m/s.
+    fn within_speed(self, held: VelocityRectangle, speed_max: f64) -> VelocityRectangle {
+        let rest = held.extent().map(|part| (speed_max * speed_max - part * part).max(0.0).sqrt());
+        let most = Vec2::new(rest.y, rest.x);
+        VelocityRectangle { low: self.low.sup(&-most), high: self.high.inf(&most) }
+    }
+
+    /// Returns the part of this rectangle in which a new y satisfies the half-plane `side`, in the robot's frame,
+    /// together with one component of any y in `held`.
+    fn within_side(self, held: VelocityRectangle, side: HalfPlane) -> VelocityRectangle {
+        let lowest = |k: usize| (side.normal[k] * held.low[k]).min(side.normal[k] * held.high[k]);
+        let mut part = self;
+        for (k, other) in [(0, 1), (1, 0)] {
+            let slope = side.normal[k];
+            let limit = (side.boundary_distance + lowest(other)).max(0.0) / -slope;
+            if slope > 0.0 {
+                part.low[k] = part.low[k].max(limit);
+            } else if slope < 0.0 {
+                part.high[k] = part.high[k].min(limit);
+            }
+        }
+        part
+    }
+
+    /// Returns the four sides, with the frame of the robot turned by `angle`, rad.
+    fn half_planes(self, angle: f64) -> [HalfPlane; 4] {
+        [
+            (Vec2::x(), -self.low.x),
+            (-Vec2::x(), self.high.x),
+            (Vec2::y(), -self.low.y),
+            (-Vec2::y(), self.high.y),
+        ]
+        .map(|(normal, boundary_distance)| HalfPlane {
+            normal: rotate(angle, normal),
+            boundary_distance,
+        })
+    }
+}
+
+impl Guard {
+    /// Returns the twist nearest to `tried` with which the corners have a certificate, or `None` if the corners of the
+    /// twist in force and the unexpired commands have none.
+    pub(super) fn grant_within_rectangle(
+        &mut self,
+        sample: &Sample<'_>,
+        now: Twist,
+        tried: Twist,
+    ) -> Option<Twist> {
+        let drive = self.drive;
+        let held = (self.unexpired_commands.iter().map(|(_, twist)| *twist).chain([now]))
+            .fold(VelocityRectangle::default(), |rectangle, twist| {
+                rectangle.including(drive.velocity_of_twist(twist))
+            });
+        let with = |twist: Twist| held.including(drive.velocity_of_twist(twist));
+        let widest = with(tried);
+        let fastest = widest.extent();
+        let bounds = MotionBounds {
+            own_speed_max: fastest.norm(),
+            braking_time_max: self.braking_time(drive.twist_for_velocity(fastest, 0.0)),
+            turn_rate_range: [widest.low.y, widest.high.y].map(|across| across / drive.ell_m),
+        };
+        let nearest = self.nearest_in_rectangle(sample, held, tried, bounds);
+        let mid = self.collect_cones(sample, self.horizons[0], bounds);
+        if !self.permits_corners(mid, held) {
+            return None;
+        }
+        let shares = SHARES.into_iter().map(|share| nearest.scale_by(share));
+        shares.into_iter().find(|&twist| self.permits_corners(mid, with(twist)))
+    }
+
+    /// Returns the twist nearest to `tried` with which no corner approaches a neighbor faster than b, as far as the
+    /// half-planes for H + T say so. The corners of `held` may violate them, because they need a certificate for H only.
+    fn nearest_in_rectangle(
+        &mut self,
+        sample: &Sample<'_>,
+        held: VelocityRectangle,
+        tried: Twist,
+        bounds: MotionBounds,
+    ) -> Twist {
+        let mid = self.collect_cones(sample, self.horizons[1], bounds);
+        let wanted = self.drive.velocity_of_twist(tried);
+        let mut free = held.including(wanted);
+        if self.permits_corners(mid, free) {
+            return tried;
+        }
+        self.collect_half_planes();
+        free = free.within_speed(held, self.v_max);
+        for side in &self.half_planes {
+            let normal = rotate(-mid, side.normal);
+            free = free.within_side(held, HalfPlane { normal, ..*side });
+        }
+        self.half_planes.extend(free.half_planes(mid));
+        let Some(u) = nearest_point(rotate(mid, wanted), &self.half_planes) else { return tried };
+        self.scale_into_twist_set(self.drive.twist_for_velocity(rotate(-mid, u), 0.0))
+    }
+
+    /// Returns `true` if no corner is faster than v_max or approaches a neighbor faster than b. `mid` is the center of
+    /// the range of headings, rad.
+    fn permits_corners(&self, mid: f64, rectangle: VelocityRectangle) -> bool {
+        rectangle.extent().norm() <= self.v_max * ROUNDING_FACTOR
+            && rectangle.corners().into_iter().all(|corner| {
+                let u = rotate(mid, corner);
+                self.cones.iter().all(|cone| cone.permits(u))
+            })
+    }
+}

@@ -118,25 +118,38 @@ Proof.
   - rewrite Rmin_right by lra. apply cos_decr_1; lra.
 Qed.
 
-(** Command k is zero, or the certificate covers 0, the twist at the sample, the unexpired commands, and the
-    command itself. *)
+(** 0, the twist at the sample, the unexpired commands, and command k itself. *)
 Definition on_the_way (S : braking_setting) (r : robot) (k : nat) (y : vec) : Prop :=
   let s := stamp (computed r k) in
   y = zero \/ y = state r s \/ y = twist_of r (computed r k) \/
   (exists l, (l < k)%nat /\ s < stamp (computed r l) + lifetime S /\ y = twist_of r (computed r l)).
 
-Definition certified (S : braking_setting) (N : vec -> R) (tau : R) (r : robot) (all : near -> Prop) (k : nat)
-  : Prop :=
-  stands (computed r k) \/
+(** The certificate of command k, for the twists in [K]. *)
+Definition certificate (S : braking_setting) (N : vec -> R) (tau : R) (r : robot) (all : near -> Prop) (k : nat)
+    (K : vec -> Prop) : Prop :=
   exists v_own tau_o w_low w_high,
     0 <= v_own <= v_max S /\ 0 < tau_o <= tau /\ w_low <= 0 <= w_high /\
-    (forall y, on_the_way S r k y -> fits N v_own tau_o y) /\
+    (forall y, K y -> fits N v_own tau_o y) /\
     (w_low <= w r (stamp (computed r k)) <= w_high /\ w_low <= turn (computed r k) <= w_high /\
      forall l, (l < k)%nat -> stamp (computed r k) < stamp (computed r l) + lifetime S ->
        w_low <= turn (computed r l) <= w_high) /\
     forall x, all x ->
       certified_against S tau v_own tau_o w_low w_high (heading r (stamp (computed r k)))
-        (on_the_way S r k) x (stamp (computed r k)).
+        K x (stamp (computed r k)).
+
+(** Command k is zero, or the certificate covers 0, the twist at the sample, the unexpired commands, and the
+    command itself. *)
+Definition certified (S : braking_setting) (N : vec -> R) (tau : R) (r : robot) (all : near -> Prop) (k : nat)
+  : Prop :=
+  stands (computed r k) \/ certificate S N tau r all k (on_the_way S r k).
+
+(** Command k is zero, or the certificate covers the four corners of a rectangle that contains these twists, for
+    instance of the smallest one. *)
+Definition certified_by_corners (S : braking_setting) (N : vec -> R) (tau : R) (r : robot) (all : near -> Prop)
+    (k : nat) : Prop :=
+  stands (computed r k) \/
+  exists low high, (forall y, on_the_way S r k y -> in_rectangle low high y) /\
+    certificate S N tau r all k (corner low high).
 
 (** While a robot brakes, its turn rate may be anything between its value and 0; or it decreases in proportion to the
     speed across of a front point, and then turns the heading half as far. *)
@@ -144,14 +157,123 @@ Definition turns_while_braking (S : braking_setting) (r : robot) : Prop :=
   turn_part S = 1 \/
   turn_part S = 1 / 2 /\ exists ell, 0 < ell /\ forall t, side r t = ell * w r t.
 
+(** The twist moves on segments, and the certificates are about their ends; or its components change independently,
+    and the certificates are about the corners of rectangles. *)
+Definition approaches_as_certified (S : braking_setting) (N : vec -> R) (tau : R) (all : near -> Prop) (r : robot)
+  : Prop :=
+  approaches (lifetime S) N r /\ (forall k, certified S N tau r all k) \/
+  approaches_on_each_axis (lifetime S) N r /\ (forall k, certified_by_corners S N tau r all k).
+
 (** Requirements on one robot. P1 is the plant's rule for commands, as without inertia. *)
 Definition brakes (S : braking_setting) (N : vec -> R) (tau : R) (all : near -> Prop) (r : robot) : Prop :=
-  moves r /\ (approaches (lifetime S) N r /\ turns_between (lifetime S) r /\ turns_while_braking S r) /\
+  moves r /\ (approaches_as_certified S N tau all r /\ turns_between (lifetime S) r /\ turns_while_braking S r) /\
   state r 0 = zero /\
   never_faster_than (v_max S) r /\
   chronological (mail r) /\ one_living_incarnation (computed r) /\
   sent_by (computed r) (mail r) /\
-  forall k, 0 <= stamp (computed r k) /\ certified S N tau r all k.
+  forall k, 0 <= stamp (computed r k).
+
+(** ** The twists since the sample are certified. *)
+
+(** If the four corners of a rectangle are within the bounds, all its twists are; and if the corners do not approach an
+    object faster than b, for all of its directions, none of its twists does. *)
+Theorem four_corners_suffice (N : vec -> R) (low high n : vec) (v_own tau_o b Psi mid : R) :
+  gauge N ->
+  ((forall y, corner low high y -> fits N v_own tau_o y) ->
+   forall y, in_rectangle low high y -> fits N v_own tau_o y) /\
+  ((forall y a, corner low high y -> - Psi <= a <= Psi -> - b <= dot (rotate a n) (rotate mid y)) ->
+   forall y a, in_rectangle low high y -> - Psi <= a <= Psi -> - b <= dot (rotate a n) (rotate mid y)).
+Proof.
+  intros [Gpos [_ Ghull]]. split.
+  - intros HK y Hy.
+    assert (Hh : within_hull (corner low high) y).
+    { intros L b' _ Hb. apply (corners_bound_the_rectangle low high); assumption. }
+    assert (Hlow : corner low high low) by (split; left; reflexivity).
+    destruct (HK low Hlow) as [Nv Nt]. pose proof (norm_pos low). pose proof (Gpos low). split.
+    + apply (norm_within_hull (corner low high)); [lra| |exact Hh]. intros k Hk. apply (HK k Hk).
+    + apply (Ghull (corner low high)); [lra| |exact Hh]. intros k Hk. apply (HK k Hk).
+  - intros HK y a Hy Ha. rewrite dot_comm, dot_rotate, dot_comm.
+    apply (corners_bound_the_rectangle low high); [|exact Hy]. intros k Hk.
+    rewrite dot_comm, <- dot_rotate, dot_comm. apply HK; assumption.
+Qed.
+
+Lemma certificate_of_the_rectangle S N tau r all k low high :
+  gauge N -> certificate S N tau r all k (corner low high) ->
+  certificate S N tau r all k (in_rectangle low high).
+Proof.
+  intros HG [v_own [tau_o [lo [hi [Hown [Htau [Hlh [HK [HW Hnear]]]]]]]]].
+  exists v_own, tau_o, lo, hi. repeat (split; [assumption|]). split; [|split; [exact HW|]].
+  - apply (four_corners_suffice N low high zero v_own tau_o 0 0 0 HG). exact HK.
+  - intros x Hx. destruct (Hnear x Hx) as [Hfar|[r' [n [theta [Hr [Hn [Hsensed [Htheta Hkeeps]]]]]]]];
+      [left; exact Hfar|right].
+    exists r', n, theta. repeat (split; [assumption|]). cbv zeta in *.
+    destruct Hkeeps as [Hskip|Hcone]; [left; exact Hskip|right].
+    apply (four_corners_suffice N low high n v_own tau_o); [exact HG|exact Hcone].
+Qed.
+
+Lemma gauge_of S N tau all r : approaches_as_certified S N tau all r -> gauge N.
+Proof. intros [[[HG _] _]|[[HG _] _]]; exact HG. Qed.
+
+Lemma rests_until_it_moves S N tau all r t :
+  approaches_as_certified S N tau all r -> state r 0 = zero -> 0 <= t ->
+  (forall x, 0 <= x < t -> target (lifetime S) r x = zero) -> state r t = zero.
+Proof.
+  intros Happ Hrest Ht Hzero. destruct Happ as [[[_ [_ [_ [_ Hray]]]] _]|[[_ [_ Hray]] _]].
+  - destruct (Hray 0 t ltac:(lra) Hzero) as [lam [_ [E _]]]. rewrite E, Hrest. apply scale_zero.
+  - destruct (Hray 0 t ltac:(lra) Hzero) as [l1 [l2 [_ [_ [E _]]]]]. rewrite E.
+    unfold state, zero in Hrest. injection Hrest as -> ->. unfold zero. f_equal; ring.
+Qed.
+
+(** All twists since the sample of command k are in the hull of certified ones. From its expiry on, the twist is a
+    fraction of one in the hull whose speed across is a fraction of that at the expiry. *)
+Theorem twists_since_the_sample (S : braking_setting) (N : vec -> R) (tau : R) (all : near -> Prop) (r : robot)
+    (k : nat) (t : R) :
+  approaches_as_certified S N tau all r -> 0 < lifetime S ->
+  0 <= stamp (computed r k) -> ~ stands (computed r k) ->
+  let s := stamp (computed r k) in
+  let t1 := s + lifetime S in
+  (forall x, s <= x <= t -> on_the_way S r k (target (lifetime S) r x)) ->
+  (forall x, t1 <= x <= t -> target (lifetime S) r x = zero) ->
+  exists K, certificate S N tau r all k K /\
+    (forall x, s <= x <= t -> within_hull K (state r x)) /\
+    (forall x tau_o, t1 <= x <= t -> 0 < tau_o -> N (state r t1) <= tau_o ->
+       exists lam y part, 0 <= lam <= Rmax 0 (1 - (x - t1) / tau_o) /\ within_hull K y /\
+         0 <= part <= 1 /\ snd y = part * side r t1 /\ state r x = scale lam y).
+Proof.
+  intros Happ HH Hs0 Hmov s t1 Htarget Hlater. subst t1.
+  assert (Hin0 : on_the_way S r k zero) by (left; reflexivity).
+  assert (Hins : on_the_way S r k (state r s)) by (right; left; reflexivity).
+  destruct Happ as [[Happ Hall]|[Happ Hall]].
+  - destruct (Hall k) as [Hstands|Hcert]; [contradiction|].
+    assert (Hinv : forall x, s <= x <= t -> within_hull (on_the_way S r k) (state r x)).
+    { intros x Hx M b Hb HM.
+      apply (stays_in_half_plane (lifetime S) N r M b s x Happ); [unfold s in *; lra|exact Hb| |].
+      - apply HM. exact Hins.
+      - intros x' Hx'. apply HM. apply Htarget. lra. }
+    exists (on_the_way S r k). split; [exact Hcert|]. split; [exact Hinv|].
+    intros x tau_o Hx Htau HN.
+    destruct (shrinks_on_its_ray (lifetime S) N r (s + lifetime S) x tau_o) as [lam [Hlam E]];
+      try assumption; [unfold s in *; lra|intros x' Hx'; apply Hlater; lra|].
+    exists lam, (state r (s + lifetime S)), 1. split; [exact Hlam|]. split; [apply Hinv; lra|].
+    split; [lra|]. split; [simpl; ring|exact E].
+  - destruct (Hall k) as [Hstands|[low [high [Hin Hcert]]]]; [contradiction|].
+    pose proof Happ as [HG [Hstay _]].
+    assert (Hinv : forall x, s <= x <= t -> in_rectangle low high (state r x)).
+    { intros x Hx. apply (Hstay s x); [unfold s in *; lra|apply Hin; exact Hin0|apply Hin; exact Hins|].
+      intros x' Hx'. apply Hin. apply Htarget. lra. }
+    assert (Hhull : forall y, in_rectangle low high y -> within_hull (in_rectangle low high) y).
+    { intros y Hy M b _ HM. apply HM. exact Hy. }
+    exists (in_rectangle low high).
+    split; [apply certificate_of_the_rectangle; assumption|].
+    split; [intros x Hx; apply Hhull; apply Hinv; exact Hx|].
+    intros x tau_o Hx Htau HN.
+    destruct (shrinks_on_each_axis (lifetime S) N r (s + lifetime S) x tau_o) as [lam [m1 [m2 [Hlam [M1 [M2 E]]]]]];
+      try assumption; [unfold s in *; lra|intros x' Hx'; apply Hlater; lra|].
+    exists lam, (m1 * v r (s + lifetime S), m2 * side r (s + lifetime S)), m2.
+    split; [exact Hlam|]. split; [|split; [exact M2|]; split; [reflexivity|exact E]].
+    apply Hhull. destruct (Hin _ Hin0) as [Z1 Z2]. destruct (Hinv (s + lifetime S) ltac:(lra)) as [Y1 Y2].
+    unfold in_rectangle, state, zero in *. simpl in *. split; split; nra.
+Qed.
 
 (** ** Objects that are not sensed are too far away to matter. *)
 
@@ -189,6 +311,19 @@ Qed.
 
 (** ** At every instant at most the share is used up. *)
 
+Lemma turns_at_most_in_part (lo hi q lam part x : R) :
+  0 <= lam <= q -> 0 <= part <= 1 -> lo <= 0 <= hi -> lo <= x <= hi -> lo * q <= lam * part * x <= hi * q.
+Proof.
+  intros Hl Hp H0 Hx.
+  assert (Hq : 0 <= lam * part <= q).
+  { split; [apply Rmult_le_pos; lra|]. assert (lam * part <= lam * 1) by (apply Rmult_le_compat_l; lra). lra. }
+  set (z := lam * part) in *. split.
+  - apply Rle_trans with (lo * z); [apply Rmult_le_compat_neg_l; lra|].
+    rewrite (Rmult_comm lo). apply Rmult_le_compat_l; lra.
+  - apply Rle_trans with (z * hi); [apply Rmult_le_compat_l; lra|].
+    rewrite (Rmult_comm z). apply Rmult_le_compat_l; lra.
+Qed.
+
 Theorem share_of_the_slack_with_inertia (S : braking_setting) (N : vec -> R) (tau : R) (r : robot)
     (all : near -> Prop) (p : near) :
   sensible S -> brakes S N tau all r -> all p -> moves_beside r p -> 0 <= its_slack p 0 ->
@@ -213,52 +348,43 @@ Proof.
   destruct (what_acts_since_the_last_sample (lifetime S) r t Hchron Hone Hsent HH)
     as [Hnone|[k [Hmov [Hst [Hmay Hlater]]]]].
   { (* no command has moved it yet *)
-    pose proof Happ as [_ [_ [_ [_ Hray]]]].
-    destruct (Hray 0 t ltac:(lra)) as [lam [_ [E _]]].
-    { intros x Hx. apply target_of_none_that_moves. intros c Hc. apply (Hnone x c); [lra|exact Hc]. }
-    apply Hstill. rewrite E, Hrest. apply scale_zero. }
-  destruct (Hall k) as [Hs0 [Hstands|[v_own [tau_o [lo [hi [Hown [[Htau Htau'] [Hlh [HK [HW Hnear]]]]]]]]]]];
-    [contradiction|].
+    apply Hstill. apply (rests_until_it_moves S N tau all r t Happ Hrest Ht).
+    intros x Hx. apply target_of_none_that_moves. intros c Hc. apply (Hnone x c); [lra|exact Hc]. }
+  pose proof (Hall k) as Hs0.
   set (c := computed r k) in *. set (s := stamp c) in *.
-  set (K := on_the_way S r k) in *.
   pose proof Mr as [Hell [Ch [_ [_ Hdr]]]].
-  pose proof Happ as [HG _].
+  pose proof (gauge_of S N tau all r Happ) as HG.
   (* targets and twists since the sample *)
-  assert (Htarget : forall x, s <= x <= t -> K (target (lifetime S) r x)).
+  set (t1 := s + lifetime S) in *.
+  assert (Et1 : t1 = s + lifetime S) by reflexivity.
+  destruct (twists_since_the_sample S N tau all r k t Happ HH Hs0 Hmov)
+    as [K [[v_own [tau_o [lo [hi [Hown [[Htau Htau'] [Hlh [HK [HW Hnear]]]]]]]]] [Hinv Hbrake]]].
   { intros x Hx. unfold target.
     destruct (in_force (lifetime S) (mail r) x) as [c'|] eqn:E; [|left; reflexivity].
     destruct (Hmay x c' Hx E) as [[S1 [S2 _]]|[->|[l [Hlk [-> Hal]]]]].
     - left. unfold twist_of, zero. rewrite S1, S2. reflexivity.
     - right. right. left. reflexivity.
     - right. right. right. exists l. auto. }
-  assert (Hinv : forall x, s <= x <= t -> forall M b, 0 <= b ->
-            (forall y, K y -> - b <= dot M y) -> - b <= dot M (state r x)).
-  { intros x Hx M b Hb HM.
-    apply (stays_in_half_plane (lifetime S) N r M b s x Happ); [lra|exact Hb| |].
-    - apply HM. right. left. reflexivity.
-    - intros x' Hx'. apply HM. apply Htarget. lra. }
+  { intros x Hx. apply target_of_none_that_moves. intros c' Hc'. apply (Hlater x c'); [exact Hx|exact Hc']. }
+  fold c in HW, Hnear, Hinv, Hbrake. fold s in HW, Hnear, Hinv, Hbrake. fold t1 in Hbrake.
+  assert (Hfit : forall y, within_hull K y -> fits N v_own tau_o y).
+  { intros y Hy. apply (fits_on_the_way N v_own tau_o K); try assumption; lra. }
   assert (Hfits : forall x, s <= x <= t -> fits N v_own tau_o (state r x)).
-  { intros x Hx. apply (fits_on_the_way N v_own tau_o K); try assumption; try lra.
-    exact (Hinv x Hx). }
+  { intros x Hx. apply Hfit. apply Hinv. exact Hx. }
   assert (Hw : forall x, s <= x <= t -> lo <= w r x <= hi).
   { intros x Hx. destruct HW as [W1 [W2 W3]].
-    apply (Hturns s x lo hi); [fold s in Hs0; lra|exact Hlh|exact W1|].
+    apply (Hturns s x lo hi); [lra|exact Hlh|exact W1|].
     intros x' c' Hx' E. destruct (Hmay x' c' ltac:(lra) E) as [[_ [_ S3]]|[->|[l [Hlk [-> Hal]]]]].
     - rewrite S3. exact Hlh.
     - exact W2.
     - apply (W3 l Hlk). exact Hal. }
-  set (t1 := s + lifetime S) in *.
-  assert (Et1 : t1 = s + lifetime S) by reflexivity.
   assert (Hshrink : forall x, t1 <= x <= t ->
-            exists lam, 0 <= lam <= Rmax 0 (1 - (x - t1) / tau_o) /\
-                        state r x = scale lam (state r t1)).
-  { intros x Hx. apply (shrinks_on_its_ray (lifetime S) N); [exact Happ|lra|exact Htau| |].
-    - intros x' Hx'. apply target_of_none_that_moves. intros c' Hc'.
-      apply (Hlater x' c'); [lra|exact Hc'].
-    - apply (Hfits t1). lra. }
+            exists lam y part, 0 <= lam <= Rmax 0 (1 - (x - t1) / tau_o) /\ within_hull K y /\
+              0 <= part <= 1 /\ snd y = part * side r t1 /\ state r x = scale lam y).
+  { intros x Hx. apply Hbrake; [exact Hx|exact Htau|]. apply (Hfits t1). lra. }
   (* permanently at rest *)
   destruct (Rle_lt_dec t (t1 + tau_o)) as [Hsoon|Hlate].
-  2: { destruct (Hshrink t ltac:(lra)) as [lam [Hlam E]].
+  2: { destruct (Hshrink t ltac:(lra)) as [lam [y [_ [Hlam [_ [_ [_ E]]]]]]].
        assert (1 < (t - t1) / tau_o).
        { apply Rmult_lt_reg_r with tau_o; [exact Htau|]. unfold Rdiv.
          rewrite Rmult_assoc, Rinv_l; lra. }
@@ -284,9 +410,9 @@ Proof.
     - pose proof (Hown_early t1 ltac:(lra) ltac:(lra)) as B.
       assert (C : norm (minus (front r t) (front r t1)) <= v_own * tau_o / 2).
       { apply front_moves_while_braking; [exact Mr|lra|exact Htau|lra|].
-        intros x Hx. destruct (Hshrink x ltac:(lra)) as [lam [Hlam E]].
-        rewrite E, norm_scale by lra. destruct (Hfits t1 ltac:(lra)) as [Ny _].
-        pose proof (norm_pos (state r t1)). rewrite Rmult_comm.
+        intros x Hx. destruct (Hshrink x ltac:(lra)) as [lam [y [_ [Hlam [Hy [_ [_ E]]]]]]].
+        rewrite E, norm_scale by lra. destruct (Hfit y Hy) as [Ny _].
+        pose proof (norm_pos y). rewrite Rmult_comm.
         apply Rmult_le_compat; lra. }
       assert (T : norm (minus (front r t) (front r s))
                   <= norm (minus (front r t) (front r t1)) + norm (minus (front r t1) (front r s))).
@@ -319,12 +445,11 @@ Proof.
     - pose proof (Hearly t1 ltac:(lra) ltac:(lra)) as B.
       assert (Hlam : forall x, t1 <= x < t ->
                 lo * Rmax 0 (1 - (x - t1) / tau_o) <= w r x <= hi * Rmax 0 (1 - (x - t1) / tau_o)).
-      { intros x Hx. destruct (Hshrink x ltac:(lra)) as [lam [Hl E]].
-        assert (Ew : w r x = lam * w r t1).
-        { unfold state, scale in E. simpl in E. injection E as _ E. rewrite (Hside x), (Hside t1) in E.
+      { intros x Hx. destruct (Hshrink x ltac:(lra)) as [lam [y [part [Hl [_ [Hpart' [Ey E]]]]]]].
+        assert (Ew : w r x = lam * part * w r t1).
+        { unfold state, scale in E. simpl in E. injection E as _ E. rewrite Ey, (Hside x), (Hside t1) in E.
           apply Rmult_eq_reg_l with ell; lra. }
-        pose proof (Hw t1 ltac:(lra)) as W. rewrite Ew.
-        set (q := Rmax 0 (1 - (x - t1) / tau_o)) in *. split; nra. }
+        rewrite Ew. apply turns_at_most_in_part; [exact Hl|exact Hpart'|exact Hlh|]. apply Hw. lra. }
       assert (C1 : heading r t - heading r t1 <= hi * tau_o / 2).
       { apply (goes_at_most_while_braking _ (w r)); [exact Ch|lra|exact Htau|lra|].
         intros x Hx. split; [apply Hdr; lra|apply Hlam; exact Hx]. }
@@ -433,18 +558,18 @@ Proof.
   destruct Hcert as [beta [[Hbeta0 Hbeta] Hcert]].
   set (b := share p * mu (2 * L * tau_o) * beta) in *.
   assert (Hb0 : 0 <= b) by (apply Rmult_le_pos; [apply Rmult_le_pos; lra|exact Hbeta0]).
-  assert (Hfun : forall x, s <= x <= t -> - b <= dot n (rotate (heading r t) (state r x))).
-  { intros x Hx. rewrite dot_comm, dot_rotate, dot_comm.
-    apply (Hinv x Hx); [exact Hb0|].
+  assert (Hfun : forall y0, within_hull K y0 -> - b <= dot n (rotate (heading r t) y0)).
+  { intros y0 Hy0. rewrite dot_comm, dot_rotate, dot_comm.
+    apply Hy0; [exact Hb0|].
     intros y Hy. rewrite dot_comm. rewrite <- (dot_rotate (heading r t) y n), dot_comm.
     apply Hcert. exact Hy. }
   destruct (Rle_lt_dec t t1) as [Hearly|Hbraking].
-  - apply (Henough b); [|apply Hfun; lra].
+  - apply (Henough b); [|apply Hfun; apply Hinv; lra].
     pose proof (Hworth t ltac:(lra) Hearly) as B. unfold b.
     assert (mu (2 * L * tau_o) * beta <= 1 * beta) by (apply Rmult_le_compat_r; lra).
     rewrite Rmult_assoc. apply Rmult_le_compat_l; lra.
-  - destruct (Hshrink t ltac:(lra)) as [lam [Hlam E]].
-    pose proof (Hfun t1 ltac:(lra)) as B.
+  - destruct (Hshrink t ltac:(lra)) as [lam [y [_ [Hlam [Hy [_ [_ E]]]]]]].
+    pose proof (Hfun y Hy) as B.
     set (q := Rmax 0 (1 - (t - t1) / tau_o)) in *.
     apply (Henough (q * b)).
     + pose proof (Hworth t1 ltac:(lra) ltac:(lra)) as W.
@@ -458,7 +583,7 @@ Proof.
         apply Rmult_le_pos; [apply Rmax_l|unfold k2; lra].
       * right. rewrite <- Rmult_assoc, <- exp_plus. f_equal. f_equal. ring.
     + rewrite E, rotate_scale, dot_scale.
-      assert (lam * - b <= lam * dot n (rotate (heading r t) (state r t1)))
+      assert (lam * - b <= lam * dot n (rotate (heading r t) y))
         by (apply Rmult_le_compat_l; lra).
       assert (lam * b <= q * b) by (apply Rmult_le_compat_r; lra). lra.
 Qed.

@@ -2,7 +2,7 @@
     how far a robot moves while it brakes.
 
     The twist moves on the straight segment towards the command in force, and towards 0 on its ray, which takes
-    at most its braking time. *)
+    at most its braking time. Or its two components change independently, each towards its target. *)
 
 Require Import Reals Lra Psatz Lia.
 From Coquelicot Require Import Coquelicot.
@@ -94,6 +94,24 @@ Definition approaches (H : R) (N : vec -> R) (r : robot) : Prop :=
   (forall t1 t2, 0 <= t1 <= t2 -> (forall x, t1 <= x < t2 -> target H r x = zero) ->
      exists lam, 0 <= lam <= 1 /\ state r t2 = scale lam (state r t1) /\
      lam * N (state r t1) <= Rmax 0 (N (state r t1) - (t2 - t1))).
+
+(** The twist is in the rectangle, with sides along and across the heading, from [low] to [high]; it is one of its four
+    corners. *)
+Definition in_rectangle (low high y : vec) : Prop :=
+  fst low <= fst y <= fst high /\ snd low <= snd y <= snd high.
+Definition corner (low high y : vec) : Prop :=
+  (fst y = fst low \/ fst y = fst high) /\ (snd y = snd low \/ snd y = snd high).
+
+(** The components of the twist change independently. P2: each stays between 0, its value and its targets, that is, the
+    twist stays in every rectangle that contains 0, the twist and all targets. P3: while the target is 0, each
+    component shrinks, at least in proportion to the braking time that is left: [each_in_its_own_time]. *)
+Definition approaches_on_each_axis (H : R) (N : vec -> R) (r : robot) : Prop :=
+  gauge N /\
+  (forall s t low high, 0 <= s <= t -> in_rectangle low high zero -> in_rectangle low high (state r s) ->
+     (forall x, s <= x <= t -> in_rectangle low high (target H r x)) -> in_rectangle low high (state r t)) /\
+  (forall t1 t2, 0 <= t1 <= t2 -> (forall x, t1 <= x < t2 -> target H r x = zero) ->
+     exists l1 l2, 0 <= l1 <= 1 /\ 0 <= l2 <= 1 /\ state r t2 = (l1 * v r t1, l2 * side r t1) /\
+     Rmax l1 l2 * N (state r t1) <= Rmax 0 (N (state r t1) - (t2 - t1))).
 
 Lemma min_continuous f c : continuous_from_0 f -> continuous_from_0 (fun t => Rmin (f t) c).
 Proof.
@@ -329,6 +347,20 @@ Qed.
 Lemma scale_zero k : scale k zero = zero.
 Proof. unfold scale, zero; simpl. f_equal; ring. Qed.
 
+(** A half-plane that contains the four corners contains the rectangle. *)
+Lemma corners_bound_the_rectangle (low high y L : vec) (b : R) :
+  (forall k, corner low high k -> - b <= dot L k) -> in_rectangle low high y -> - b <= dot L y.
+Proof.
+  intros Hk [[X1 X2] [Y1 Y2]].
+  assert (Hend : forall p l h x, l <= x <= h -> exists e, (e = l \/ e = h) /\ p * e <= p * x).
+  { intros p l h x Hx. destruct (Rle_lt_dec 0 p).
+    - exists l. split; [left; reflexivity|]. apply Rmult_le_compat_l; lra.
+    - exists h. split; [right; reflexivity|]. apply Rmult_le_compat_neg_l; lra. }
+  destruct (Hend (fst L) _ _ _ (conj X1 X2)) as [e1 [E1 B1]].
+  destruct (Hend (snd L) _ _ _ (conj Y1 Y2)) as [e2 [E2 B2]].
+  specialize (Hk (e1, e2) (conj E1 E2)). unfold dot in *. simpl in Hk. lra.
+Qed.
+
 (** The set of twists within the bounds is closed under the plant's motion between commands. *)
 Lemma norm_within_hull (K : vec -> Prop) y v_own :
   0 <= v_own -> (forall k, K k -> norm k <= v_own) -> within_hull K y -> norm y <= v_own.
@@ -404,6 +436,51 @@ Proof.
     apply Rmax_lub; apply Hquot; lra.
 Qed.
 
+(** Components that are at rest after their own braking times, or earlier, satisfy P3 of [approaches_on_each_axis]. *)
+Lemma each_in_its_own_time (a aw T l1 l2 : R) (y : vec) :
+  0 < a -> 0 < aw -> 0 <= T -> 0 <= l1 <= 1 -> 0 <= l2 <= 1 ->
+  l1 * (Rabs (fst y) / a) <= Rmax 0 (Rabs (fst y) / a - T) ->
+  l2 * (Rabs (snd y) / aw) <= Rmax 0 (Rabs (snd y) / aw - T) ->
+  exists m1 m2, 0 <= m1 <= 1 /\ 0 <= m2 <= 1 /\
+    (l1 * fst y, l2 * snd y) = (m1 * fst y, m2 * snd y) /\
+    Rmax m1 m2 * braking_time a aw y <= Rmax 0 (braking_time a aw y - T).
+Proof.
+  intros Ha Haw HT H1 H2 B1 B2. set (n := braking_time a aw y).
+  assert (Hone : forall c z l, 0 < c -> 0 <= l <= 1 -> Rabs z / c <= n ->
+            l * (Rabs z / c) <= Rmax 0 (Rabs z / c - T) ->
+            exists m, 0 <= m <= 1 /\ l * z = m * z /\ m * n <= Rmax 0 (n - T)).
+  { intros c z l Hc Hl Hn B. destruct (Req_dec z 0) as [->|Hz].
+    - exists 0. split; [lra|]. split; [ring|]. rewrite Rmult_0_l. apply Rmax_l.
+    - exists l. split; [exact Hl|]. split; [reflexivity|].
+      assert (Hpos : 0 < Rabs z / c) by (apply Rdiv_lt_0_compat; [apply Rabs_pos_lt; exact Hz|exact Hc]).
+      set (x := Rabs z / c) in *. pose proof (Rmax_r 0 (n - T)).
+      destruct (Rle_lt_dec x T) as [Hrest|Hmoves].
+      + rewrite Rmax_left in B by lra. assert (l = 0) by nra. subst l. rewrite Rmult_0_l. apply Rmax_l.
+      + rewrite Rmax_right in B by lra. assert (l * (n - x) <= 1 * (n - x)) by (apply Rmult_le_compat_r; lra). lra. }
+  destruct (Hone a (fst y) l1 Ha H1 (Rmax_l _ _) B1) as [m1 [M1 [E1 C1]]].
+  destruct (Hone aw (snd y) l2 Haw H2 (Rmax_r _ _) B2) as [m2 [M2 [E2 C2]]].
+  exists m1, m2. split; [exact M1|]. split; [exact M2|]. split; [rewrite E1, E2; reflexivity|].
+  unfold Rmax at 1. destruct (Rle_dec m1 m2); assumption.
+Qed.
+
+(** The part that is left, after the time T, of a twist with the braking time n. *)
+Lemma part_that_is_left (n lam T tau_o : R) :
+  0 < n <= tau_o -> 0 <= lam -> 0 <= T -> lam * n <= Rmax 0 (n - T) -> lam <= Rmax 0 (1 - T / tau_o).
+Proof.
+  intros Hn Hlam HT B.
+  set (y := T / tau_o).
+  assert (Hy : T = y * tau_o) by (unfold y; field; lra).
+  assert (Hy0 : 0 <= y) by (unfold y; apply Rdiv_le_0_compat; lra).
+  destruct (Rle_lt_dec n T) as [Hlong|Hshort].
+  - rewrite (Rmax_left 0 (n - T)) in B by lra.
+    assert (lam = 0) by nra. subst lam. apply Rmax_l.
+  - rewrite (Rmax_right 0 (n - T)) in B by lra.
+    eapply Rle_trans; [|apply Rmax_r].
+    (* lam <= 1 - T / n <= 1 - T / tau_o *)
+    rewrite Hy in B. apply Rmult_le_reg_r with n; [lra|].
+    assert (y * n <= y * tau_o) by (apply Rmult_le_compat_l; lra). lra.
+Qed.
+
 (** After the last moving target, the twist shrinks at least as fast as the certificate assumes. *)
 Lemma shrinks_on_its_ray H N r t1 t2 tau_o :
   approaches H N r -> 0 <= t1 <= t2 -> 0 < tau_o ->
@@ -414,24 +491,43 @@ Proof.
   intros Happ Ht Htau Hzero HN.
   pose proof Happ as [[Gpos [Gzero _]] [_ [_ [_ Hray]]]].
   destruct (Hray t1 t2 Ht Hzero) as [lam [Hlam [E B]]].
-  set (n := N (state r t1)) in *.
-  assert (HN0 : 0 <= n) by apply Gpos.
-  set (y := (t2 - t1) / tau_o).
-  assert (Hy : t2 - t1 = y * tau_o) by (unfold y; field; lra).
-  assert (Hy0 : 0 <= y) by (unfold y; apply Rdiv_le_0_compat; lra).
-  destruct (Rle_lt_or_eq_dec 0 n HN0) as [Hpos|H0].
+  destruct (Rle_lt_or_eq_dec 0 (N (state r t1)) (Gpos _)) as [Hpos|H0].
   - exists lam. split; [|exact E]. split; [lra|].
-    destruct (Rle_lt_dec n (t2 - t1)) as [Hlong|Hshort].
-    + rewrite (Rmax_left 0 (n - (t2 - t1))) in B by lra.
-      assert (lam = 0) by nra. subst lam. apply Rmax_l.
-    + rewrite (Rmax_right 0 (n - (t2 - t1))) in B by lra.
-      eapply Rle_trans; [|apply Rmax_r].
-      (* lam <= 1 - (t2 - t1) / n <= 1 - (t2 - t1) / tau_o *)
-      rewrite Hy in B. apply Rmult_le_reg_r with n; [exact Hpos|].
-      assert (y * n <= y * tau_o) by (apply Rmult_le_compat_l; assumption). lra.
+    apply (part_that_is_left (N (state r t1))); lra.
   - exists 0. split; [split; [lra|apply Rmax_l]|].
     assert (Hst : state r t1 = zero) by (apply Gzero; symmetry; exact H0).
     rewrite E, Hst, !scale_zero. reflexivity.
+Qed.
+
+(** The same for components that change independently: the twist is a fraction of one whose components are between 0
+    and those at the start. *)
+Lemma shrinks_on_each_axis H N r t1 t2 tau_o :
+  approaches_on_each_axis H N r -> 0 <= t1 <= t2 -> 0 < tau_o ->
+  (forall x, t1 <= x < t2 -> target H r x = zero) ->
+  N (state r t1) <= tau_o ->
+  exists lam m1 m2, 0 <= lam <= Rmax 0 (1 - (t2 - t1) / tau_o) /\ 0 <= m1 <= 1 /\ 0 <= m2 <= 1 /\
+    state r t2 = scale lam (m1 * v r t1, m2 * side r t1).
+Proof.
+  intros [[Gpos [Gzero _]] [_ Hray]] Ht Htau Hzero HN.
+  destruct (Hray t1 t2 Ht Hzero) as [l1 [l2 [H1 [H2 [E B]]]]].
+  assert (Hrest : (l1 * v r t1, l2 * side r t1) = zero ->
+            exists lam m1 m2, 0 <= lam <= Rmax 0 (1 - (t2 - t1) / tau_o) /\ 0 <= m1 <= 1 /\ 0 <= m2 <= 1 /\
+              state r t2 = scale lam (m1 * v r t1, m2 * side r t1)).
+  { intros Hz. exists 0, 0, 0. split; [split; [lra|apply Rmax_l]|]. split; [lra|]. split; [lra|].
+    rewrite E, Hz. unfold scale, zero; simpl. f_equal; ring. }
+  set (lam := Rmax l1 l2) in *.
+  assert (L1 : l1 <= lam) by apply Rmax_l. assert (L2 : l2 <= lam) by apply Rmax_r.
+  destruct (Rle_lt_or_eq_dec 0 (N (state r t1)) (Gpos _)) as [Hpos|H0].
+  - destruct (Rle_lt_dec lam 0) as [Hnone|Hlam].
+    { apply Hrest. replace l1 with 0 by lra. replace l2 with 0 by lra. unfold zero. f_equal; ring. }
+    assert (Hpart : forall l, 0 <= l <= lam -> 0 <= l / lam <= 1).
+    { intros l Hl. split; [apply Rdiv_le_0_compat; lra|]. apply Rmult_le_reg_r with lam; [exact Hlam|].
+      unfold Rdiv. rewrite Rmult_assoc, Rinv_l; lra. }
+    exists lam, (l1 / lam), (l2 / lam). split; [|split; [apply Hpart; lra|split; [apply Hpart; lra|]]].
+    + split; [lra|]. apply (part_that_is_left (N (state r t1))); lra.
+    + rewrite E. unfold scale; simpl. f_equal; field; lra.
+  - apply Hrest. symmetry in H0. apply Gzero in H0. unfold state, zero in H0. injection H0 as -> ->.
+    unfold zero. f_equal; ring.
 Qed.
 
 (** ** Without mu the argument fails. *)

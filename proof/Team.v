@@ -1,5 +1,6 @@
 (** Teams of different robots: each has its own body, speed limit, command timeout, braking time and sensor errors, and
-    each pair its own distance and shares. Only Lambda is common. *)
+    each pair its own distance and shares. Only Lambda is common. The twist of each moves on segments, or its components
+    change independently. *)
 Require Import Reals Lra Psatz Lia.
 From Coquelicot Require Import Coquelicot.
 From Phalanx Require Import Vectors Core Plant Geometry Motion Pair Guard Inertia Braking.

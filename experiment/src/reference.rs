@@ -8,7 +8,7 @@ use toml::de::DeValue;
 
 use crate::scenario::fault::FAULT_SYNTAXES;
 use crate::scenario::keys::{FileFormat, IfMissing, KeySpec, NumberRange, Section, ValueType};
-use crate::scenario::models::MODELS;
+use crate::scenario::models::{MODELS, ModelDrive};
 use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX, format_as_toml};
 
 const PAGE_HEAD: &str = "\
@@ -160,22 +160,36 @@ fn format_description(key: &KeySpec) -> String {
 fn write_models(page: &mut String) {
     page.push_str(
         "\n## Models\n\nValues that a robot takes from its `model` for keys that are not given. The front point is a choice of \
-         this project.\n\n| `model` | front point (m) | body radius (m) | wheel speed (m/s) | track width (m) | a_v (m/s²) | a_w (rad/s²) | source \
-         |\n|---|---|---|---|---|---|---|---|\n",
+         this project.\n\n| `model` | drive | body radius (m) | a_v (m/s²) | a_w (rad/s²) | source \
+         |\n|---|---|---|---|---|---|\n",
     );
     for model in MODELS {
         let _ = writeln!(
             page,
-            "| `{}` | {} | {} | {} | {} | {} | {} | {} |",
+            "| `{}` | {} | {} | {} | {} | {} |",
             model.name,
-            model.front_point_m,
+            describe_drive(&model.drive),
             model.body_radius_m,
-            model.wheels.speed_max_m_s,
-            model.wheels.track_m,
             model.acceleration_max_m_s2,
             model.turn_acceleration_max_rad_s2,
             model.source
         );
+    }
+}
+
+/// Returns the drive of a model with its numbers.
+fn describe_drive(drive: &ModelDrive) -> String {
+    match *drive {
+        ModelDrive::Differential { front_point_m, wheels } => format!(
+            "differential: front point {front_point_m} m, wheels {} m/s, track {} m",
+            wheels.speed_max_m_s, wheels.track_m
+        ),
+        ModelDrive::Omni { speed_max_m_s, turn_rate_max_rad_s } => {
+            format!("omni: {speed_max_m_s} m/s, {turn_rate_max_rad_s} rad/s")
+        }
+        ModelDrive::Ackermann { speed_max_m_s, turning_radius_min_m } => {
+            format!("ackermann: {speed_max_m_s} m/s, turning radius {turning_radius_min_m} m")
+        }
     }
 }
 

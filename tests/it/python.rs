@@ -420,9 +420,9 @@ fn package_build_names_its_wait_and_how_to_shorten_it() {
     for words in [
         // pip starts it in another folder than itself.
         &format!("packing {ROOT}/src/main.rs"),
-        "-C program=nowhere: there is no file ",
+        "--config-settings program=nowhere: there is no file ",
         "building the program `phalanx` first, unless ",
-        ": minutes, the first time; `-C program=target/release/phalanx` packs a program that is already built",
+        ": minutes, the first time; `--config-settings program=target/release/phalanx` packs a program that is already built",
         "now building the package itself, which takes minutes the first time",
     ] {
         assert!(said.contains(words), "{said}");

@@ -1,6 +1,6 @@
 """PEP 517 backend: maturin, with the program `phalanx` added as a script of the wheel.
 
-Settings, as in ``pip install ./bindings/python -C profile=dev``:
+Settings, as in ``pip install ./bindings/python --config-settings profile=dev``:
 
 * ``profile``: cargo's profile for the program and the package (default: release);
 * ``program``: path of an existing `phalanx`, which is packed instead of building one: relative to the directory
@@ -56,7 +56,7 @@ def _prepare(settings):
     if program is None:
         _say(
             f"building the program `phalanx` first, unless {target} has it: minutes, the first time; "
-            "`-C program=target/release/phalanx` packs a program that is already built"
+            "`--config-settings program=target/release/phalanx` packs a program that is already built"
         )
         build = ["cargo", "build", "--locked", "--profile", profile, "--bin", "phalanx"]
         subprocess.run(build, cwd=ROOT, check=True)
@@ -75,7 +75,8 @@ def _found(program):
         if place.is_file():
             return place
     looked = " or ".join(dict.fromkeys(map(str, places)))
-    raise SystemExit(f"phalanx: -C program={program}: there is no file {looked}; `cargo build --release` makes it")
+    message = f"there is no file {looked}; `cargo build --release` makes it"
+    raise SystemExit(f"phalanx: --config-settings program={program}: {message}")
 
 
 def _say(words):

@@ -649,14 +649,14 @@ keys! {
                     `turning_radius_min_m` and not in place; control laws steer the middle of the rear axle \
                     (`front_point_m` = 0)"),
             ]) =>
-        .default("'differential'", "drive of the robot")
+        .rule("that of the model, or 'differential'", "drive of the robot")
         .with_synonyms("kinematics body_type holonomic robot_type chassis");
     turn_rate_max_rad_s: Number(NotNegative) =>
-        .rule("that of the wheels where `front_point_m` is 0, otherwise no limit", "w_max: maximum turn rate of \
-            the robot. 0 is allowed with `drive = \"omni\"`: the robot keeps its heading, as a drone may")
+        .rule("that of the model; that of the wheels where `front_point_m` is 0; otherwise no limit", "w_max: maximum turn \
+            rate of the robot. 0 is allowed with `drive = \"omni\"`: the robot keeps its heading, as a drone may")
         .with_synonyms("w_max omega_max turn_rate_max max_turn_rate yaw_rate_max angular_speed_max");
     turning_radius_min_m: Number(Positive) =>
-        .rule("needed with `drive = \"ackermann\"`", "R_min: minimum turning radius of the middle of the rear axle of a \
+        .rule("that of the model; needed with `drive = \"ackermann\"`", "R_min: minimum turning radius of the middle of the rear axle of a \
             car: wheelbase / tan(maximum steering angle)")
         .with_synonyms("turning_radius min_turning_radius turn_radius r_min radius_min");
     keep_m: Number(Positive) =>
@@ -664,7 +664,7 @@ keys! {
             of two robots keep the sum of their `keep_m`")
         .with_synonyms("keep keep_distance own_distance half_distance");
     speed_max_m_s: Number(Positive) =>
-        .rule("that of `avoidance`", "v_max of this robot: maximum speed of its front point")
+        .rule("that of `avoidance`, or of the model if it is lower", "v_max of this robot: maximum speed of its front point")
         .with_synonyms("own_speed v_max_own robot_speed_max");
     hold_periods: Integer(1, HOLD_PERIODS_MAX) =>
         .rule("that of `realtime`", "h of this robot: number of control periods for which the plant may hold its \
@@ -677,8 +677,8 @@ keys! {
         .rule("that of the model, or no limit", "differential drive: maximum wheel speed and track width")
         .with_synonyms("wheel");
     model: Word<String>(models::MODEL_VALUES) =>
-        .optional("a commercially available robot: supplies front point, body, wheels and limits that are not \
-            given")
+        .optional("a commercially available robot: supplies drive, front point, body, wheels, turn rate, turning radius, \
+            speed and limits that are not given")
         .with_synonyms("robot_model platform vehicle body");
     body_radius_m: Number(Positive) =>
         .rule("that of the model, or unknown", "radius of the robot's body around the middle of the axle")

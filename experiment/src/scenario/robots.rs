@@ -132,22 +132,21 @@ fn parse_robot(
     shared: DefaultRobotParameters,
     document: &Document<'_>,
 ) -> Result<Robot, Diagnostic> {
-    let speed_max_m_s = table.optional_number(keys::RobotDefaults::speed_max_m_s)?;
-    let speed_max_m_s = speed_max_m_s.unwrap_or(shared.speed_max_m_s);
     let start = parse_pose(&table.required_value(keys::Robot::pose)?)?;
     let models: Vec<_> = MODELS.iter().map(|model| (model.name, model)).collect();
     let model =
         table.get(keys::RobotDefaults::model).map(|model| model.parse_word(&models)).transpose()?;
-    let drive_kind: DriveKind = table.read_word(keys::RobotDefaults::drive)?;
+    let drive_kind = parse_drive_kind(table, model)?;
+    let speed_max_m_s = parse_speed_max(table, model, shared.speed_max_m_s)?;
     let front_point_m = parse_front_point_m(table, drive_kind, model)?;
     let body_radius_m = table.optional_number(keys::RobotDefaults::body_radius_m)?;
     let wheels = parse_wheels(table, model)?;
     let drive = Drive::new(drive_kind, front_point_m, None);
-    let turning_radius_min_m = parse_turning_radius(table, drive)?;
+    let turning_radius_min_m = parse_turning_radius(table, drive, model)?;
     let turn_rate_max_rad_s = match drive.is_car() {
         // It follows from speed and turning radius.
         true => None,
-        false => parse_turn_rate_max(table, drive, wheels.as_ref())?,
+        false => parse_turn_rate_max(table, drive, wheels.as_ref(), model)?,
     };
     let has_limits = model.is_some() || table.get(keys::RobotDefaults::limits).is_some();
     let limits = has_limits.then(|| {
@@ -203,16 +202,56 @@ fn parse_robot(
     })
 }
 
-/// Parses `wheels`, by default those of the model. Returns `None` without wheels and model.
+/// Parses `drive`, by default that of the model, or two driven wheels without a model.
+fn parse_drive_kind(
+    table: &TableReader<'_, keys::Robot>,
+    model: Option<&RobotModel>,
+) -> Result<DriveKind, Diagnostic> {
+    let of_model = model.map(RobotModel::drive_kind);
+    let Some(value) = table.get(keys::RobotDefaults::drive) else {
+        return Ok(of_model.unwrap_or_default());
+    };
+    let given = value.read_word()?;
+    match model.filter(|model| model.drive_kind() != given) {
+        None => Ok(given),
+        Some(model) => Err(value.error_about_key(
+            format!("is not the drive of the model \"{}\"", model.name),
+            "expected no such key with this `model`, or no `model`; in a mixed team give it to each robot instead of \
+             `robot_defaults`",
+        )),
+    }
+}
+
+/// Parses the speed limit of the robot, m/s, by default `shared`, or that of the model if it is lower.
+fn parse_speed_max(
+    table: &TableReader<'_, keys::Robot>,
+    model: Option<&RobotModel>,
+    shared: f64,
+) -> Result<f64, Diagnostic> {
+    let of_model = model.and_then(RobotModel::speed_max_m_s).unwrap_or(f64::INFINITY);
+    let Some(value) = table.get(keys::RobotDefaults::speed_max_m_s) else {
+        return Ok(shared.min(of_model));
+    };
+    let given = value.number()?;
+    if given > of_model {
+        return Err(value.error_about_key(
+            format!("is {given}, but the model moves at most at {of_model} m/s"),
+            "expected at most that, or no such key",
+        ));
+    }
+    Ok(given)
+}
+
+/// Parses `wheels`, by default those of the model. Returns `None` if neither gives any.
 fn parse_wheels(
     table: &TableReader<'_, keys::Robot>,
     model: Option<&RobotModel>,
 ) -> Result<Option<WheelsBrief>, Diagnostic> {
-    if model.is_none() && table.get(keys::RobotDefaults::wheels).is_none() {
+    let own = model.and_then(RobotModel::wheels);
+    if own.is_none() && table.get(keys::RobotDefaults::wheels).is_none() {
         return Ok(None);
     }
     let table = table.table(keys::RobotDefaults::wheels)?;
-    let own = model.map(|model| model.wheels);
     Ok(Some(WheelsBrief {
         speed_max_m_s: number_or_model_value(
             &table,
@@ -325,14 +364,14 @@ fn parse_goal_m(
     }
 }
 
-/// Parses the distance of the front point, m: 0 for an omnidirectional robot, which has no `model` and no `wheels`.
+/// Parses the distance of the front point, m: 0 for an omnidirectional robot and for a car, which have no `wheels`.
 fn parse_front_point_m(
     table: &TableReader<'_, keys::Robot>,
     drive: DriveKind,
     model: Option<&RobotModel>,
 ) -> Result<f64, Diagnostic> {
     if drive.is_differential() {
-        let of_model = model.map(|model| model.front_point_m);
+        let of_model = model.map(RobotModel::front_point_m);
         return number_or_model_value(table, keys::RobotDefaults::front_point_m, of_model);
     }
     let drive_name = if drive == DriveKind::Omni { "omni" } else { "ackermann" };
@@ -341,9 +380,6 @@ fn parse_front_point_m(
     );
     let expected = "expected no such key, or `drive = \"differential\"`; in a mixed team give it to each robot with a \
                     differential drive instead of `robot_defaults`";
-    if let Some(model) = table.get(keys::RobotDefaults::model) {
-        return Err(model.error_about_key(of_wheels, expected));
-    }
     if let Some(wheels) = table.get(keys::RobotDefaults::wheels) {
         return Err(wheels.error_about_key(of_wheels, expected));
     }
@@ -364,22 +400,24 @@ fn parse_front_point_m(
     Ok(0.0)
 }
 
-/// Parses the minimum turning radius of a car, m, which other drives do not have.
+/// Parses the minimum turning radius of a car, m, by default that of the model. Other drives have none.
 fn parse_turning_radius(
     table: &TableReader<'_, keys::Robot>,
     drive: Drive,
+    model: Option<&RobotModel>,
 ) -> Result<Option<f64>, Diagnostic> {
     let given = table.get(keys::RobotDefaults::turning_radius_min_m);
+    let turn_rate = table.get(keys::RobotDefaults::turn_rate_max_rad_s);
+    if let (true, Some(turn_rate)) = (drive.is_car(), turn_rate) {
+        return Err(turn_rate.error_about_key(
+            "is given, but the turn rate of a car follows from its speed and turning radius",
+            "expected no such key with `drive = \"ackermann\"`",
+        ));
+    }
+    let of_model = model.and_then(RobotModel::turning_radius_min_m);
     match (drive.is_car(), given) {
-        (true, Some(radius)) => {
-            if let Some(turn_rate) = table.get(keys::RobotDefaults::turn_rate_max_rad_s) {
-                return Err(turn_rate.error_about_key(
-                    "is given, but the turn rate of a car follows from its speed and turning radius",
-                    "expected no such key with `drive = \"ackermann\"`",
-                ));
-            }
-            radius.number().map(Some)
-        }
+        (true, Some(radius)) => radius.number().map(Some),
+        (true, None) if of_model.is_some() => Ok(of_model),
         (true, None) => {
             let expected = "above 0, in meters: a car with `drive = \"ackermann\"` has a minimum turning \
                             radius";
@@ -393,11 +431,12 @@ fn parse_turning_radius(
     }
 }
 
-/// Parses the maximum turn rate, rad/s. At the axle midpoint it is that of the wheels unless given.
+/// Parses the maximum turn rate, rad/s. Unless given it is that of the model or, at the axle midpoint, of the wheels.
 fn parse_turn_rate_max(
     table: &TableReader<'_, keys::Robot>,
     drive: Drive,
     wheels: Option<&WheelsBrief>,
+    model: Option<&RobotModel>,
 ) -> Result<Option<f64>, Diagnostic> {
     if let Some(value) = table.get(keys::RobotDefaults::turn_rate_max_rad_s) {
         let given = value.number()?;
@@ -413,7 +452,8 @@ fn parse_turn_rate_max(
         return Ok(None);
     }
     let of_wheels = |wheels: &WheelsBrief| 2.0 * wheels.speed_max_m_s / wheels.track_m;
-    let Some(most) = wheels.map(of_wheels) else {
+    let of_model = model.and_then(RobotModel::turn_rate_max_rad_s);
+    let Some(most) = of_model.or(wheels.map(of_wheels)) else {
         let expected = match drive.kind {
             DriveKind::Differential => {
                 "above 0, in rad/s, or `wheels` or a `model`: with `front_point_m` = 0 the robot turns independently of \

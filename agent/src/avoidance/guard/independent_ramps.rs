@@ -1,10 +1,11 @@
 //! Certificate of a front point whose speed and turn rate change independently of each other (`ramp = "independent"`),
 //! as with the `diff_drive_controller` of ROS 2.
 //!
-//! P2 and P3 are weaker than in [`super`]: v stays between its values in K, and so does w, but y = (v, ell w) may leave
-//! the segment towards the target. It stays in the smallest rectangle, with sides along and across the heading, that
-//! contains K. A half-plane that contains the four corners contains the rectangle, so the certificate is about the
-//! corners instead of the members of K.
+//! P2 and P3 are weaker than in [`super`] (`proof/Inertia.v::approaches_on_each_axis`): v stays between its values
+//! in K, and so does w, but y = (v, ell w) may leave the segment towards the target. It stays in the smallest
+//! rectangle, with sides along and across the heading, that contains K. A half-plane that contains the four corners
+//! contains the rectangle, so the certificate is about the corners instead of the members of K:
+//! `proof/Braking.v::four_corners_suffice`.
 //!
 //! From s + H on each component decreases to 0 within its own braking time, which is at most tau_o. After x seconds, y
 //! is in the rectangle scaled by 1 - x/tau_o, so that mu applies as in [`super`], and the heading turns by at most half
@@ -18,7 +19,8 @@ use super::super::Sample;
 use super::super::polygon::{HalfPlane, nearest_point};
 use super::{Guard, MotionBounds};
 
-/// Shares of the nearest twist that are tried. Zero leaves the rectangle as it is.
+/// Shares of the nearest twist that are tried. With 0, the corners are those of the twist in force and the unexpired
+/// commands.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
 /// Factor that permits rounding errors of a corner's speed.
 const ROUNDING_FACTOR: f64 = 1.0 + 1e-12;
@@ -104,15 +106,12 @@ impl Guard {
         let widest = with(tried);
         let fastest = widest.extent();
         let bounds = MotionBounds {
-            own_speed_max: fastest.norm(),
+            own_speed_max: fastest.norm().min(self.v_max),
             braking_time_max: self.braking_time(drive.twist_for_velocity(fastest, 0.0)),
             turn_rate_range: [widest.low.y, widest.high.y].map(|across| across / drive.ell_m),
         };
         let nearest = self.nearest_in_rectangle(sample, held, tried, bounds);
         let mid = self.collect_cones(sample, self.horizons[0], bounds);
-        if !self.permits_corners(mid, held) {
-            return None;
-        }
         let shares = SHARES.into_iter().map(|share| nearest.scale_by(share));
         shares.into_iter().find(|&twist| self.permits_corners(mid, with(twist)))
     }

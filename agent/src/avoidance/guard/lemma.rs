@@ -873,3 +873,34 @@ fn lemma_is_violated_without_any_of_its_parts() {
         );
     }
 }
+
+/// Other robots rely on the speed limit, also while speed and turn rate change independently of each other.
+#[test]
+fn corners_of_independent_ramps_are_at_most_as_fast_as_v_max() {
+    let mut count = 0;
+    for seed in 0..3000 {
+        let mut dice = SplitMix64::new(seed);
+        let mut case = GuardCase::draw_case(&mut dice, ControlledPoint::FrontPointIndependentRamps);
+        if case.limits.is_none() {
+            continue;
+        }
+        // It reaches any twist within the command timeout.
+        let quick_s = 0.2 * case.lifetime;
+        case.set_accelerations(case.v_max / quick_s, case.turn_rate_bound() / quick_s);
+        let mut guard = case.build_guard();
+        guard.unexpired_commands =
+            case.unexpired_commands.iter().map(|twist| (0, *twist)).collect();
+        let now = case.twist_in_force;
+        let tried = guard.clamp_to_reachable(now, guard.scale_into_twist_set(case.requested_twist));
+        let granted = case
+            .with_sample(case.heading, &mut dice, |sample| guard.grant_twist(sample, now, tried));
+        let Some(granted) = granted else { continue };
+        let in_force = || case.unexpired_commands.iter().chain([&now, &granted]);
+        let v_m_s = in_force().map(|twist| twist.v_m_s.abs()).fold(0.0, f64::max);
+        let w_rad_s = in_force().map(|twist| twist.w_rad_s.abs()).fold(0.0, f64::max);
+        let fastest = front_speed(case.ell, Twist::new(v_m_s, w_rad_s));
+        assert!(fastest <= case.v_max * (1.0 + 1e-9), "{fastest}: {case:?}");
+        count += usize::from(granted != Twist::ZERO);
+    }
+    assert!(count > 300, "{count} cases");
+}

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use formation::drive::DriveKind;
 use formation::ramp::Ramp;
 use protocol::avoidance::{
     AvoidanceDescription, AvoidanceWarning, DistanceGuarantee, Gain, RequiredSensing,
@@ -294,6 +295,36 @@ fn axle_midpoint_takes_its_turn_rate_limit_from_the_wheels() {
     assert_eq!(r3.acceleration_limits.unwrap().ramp, Ramp::Together);
     // The distance of the smallest front point counts, not that of the axle.
     assert_eq!(scenario.avoidance_conditions().front_point_m, 0.1);
+}
+
+#[test]
+fn model_supplies_drive_turn_rate_turning_radius_and_speed() {
+    // Models of robots without a front point.
+    let models = ["robomaster-ep", "f1tenth", "crazyflie"]
+        .map(|model| format!("robot_defaults.model={model}"));
+    let scenarios = models.map(|model| {
+        triangle_with(&[
+            &model,
+            "robot_defaults.front_point_m=0.0",
+            "avoidance.speed_max_m_s=1.5",
+            "robot_defaults.speed_m_s=0.5",
+            "expect={}",
+        ])
+    });
+    let found = scenarios.each_ref().map(|scenario| {
+        let robot = &scenario.robots[0];
+        (robot.drive_kind, robot.turn_rate_max_rad_s, robot.turning_radius_min_m)
+    });
+    let expected = [
+        (DriveKind::Omni, Some(10.47), None),
+        (DriveKind::Ackermann, None, Some(0.75)),
+        (DriveKind::Omni, Some(0.0), None),
+    ];
+    assert_eq!(found, expected);
+    // The lower one of v_max and the speed of the model.
+    let speeds = scenarios.each_ref().map(|scenario| scenario.robots[0].speed_max_m_s);
+    assert_eq!(speeds, [1.5, 1.5, 1.0]);
+    assert!(scenarios.iter().all(|scenario| scenario.robots[0].wheels.is_none()));
 }
 
 #[test]

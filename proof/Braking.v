@@ -278,7 +278,7 @@ Qed.
 (** ** Objects that are not sensed are too far away to matter. *)
 
 Lemma far_is_far_enough keep share L H tau tau_o v_max V v_own r :
-  0 < share -> 0 < L -> 0 < H -> 0 < tau_o <= tau -> 0 <= v_own <= v_max -> 0 <= V ->
+  0 < share -> 0 < L -> 0 < H -> 0 <= tau_o <= tau -> 0 <= v_own <= v_max -> 0 <= V ->
   far_braking keep share L H tau v_max V <= r ->
   v_own <= braking_bound share L H tau_o (Rmax (r - keep) 0) ((v_own + V) * H).
 Proof.

@@ -161,6 +161,26 @@ Proof.
   specialize (Hbelow (t + h)). lra.
 Qed.
 
+Theorem the_clearance_is_kept (S : braking_setting) (r : robot) (C : vec -> Prop) (nearest : vec -> vec) (clear : R) :
+  sensible S -> moves r -> never_faster_than (v_max S) r ->
+  convex C -> nearest_of C nearest -> 0 < clear ->
+  keeps_its_share_of S r (an_obstacle S nearest clear r) ->
+  clear <= clearance nearest r 0 ->
+  forall t, 0 <= t -> clear <= clearance nearest r t.
+Proof.
+  intros HS Mr Vr HC HP Hclear Hshare Hstart t Ht. pose proof HS as [HH [HL [HV _]]].
+  set (rho := fun x => clearance nearest r x - clear).
+  assert (HE : E_of rho (2 * Lambda S) 0 <= E_of rho (2 * Lambda S) t).
+  { apply (core_slack rho (2 * Lambda S) clear); [lra|exact Hclear|unfold rho; lra| | |lra].
+    - apply (clearance_continuous (v_max S) C); assumption.
+    - intros u g Hu Hg Hhigh. apply (clearance_falls_at_most S C); try assumption.
+      unfold rho in Hhigh. lra. }
+  unfold E_of in HE. rewrite Rmult_0_r, exp_0, Rmult_1_l in HE.
+  pose proof (exp_pos (2 * Lambda S * t)) as P. unfold rho in HE.
+  destruct (Rle_lt_dec clear (clearance nearest r t)) as [|Hlt]; [assumption|exfalso].
+  assert (exp (2 * Lambda S * t) * (clearance nearest r t - clear) < 0) by nra. lra.
+Qed.
+
 Theorem no_braking_robot_comes_nearer_to_an_obstacle (S : braking_setting) (N : vec -> R) (tau : R)
     (all : near -> Prop) (r : robot) (C : vec -> Prop) (nearest : vec -> vec) (clear : R) :
   sensible S -> brakes S N tau all r ->
@@ -168,19 +188,9 @@ Theorem no_braking_robot_comes_nearer_to_an_obstacle (S : braking_setting) (N : 
   clear <= clearance nearest r 0 ->
   forall t, 0 <= t -> clear <= clearance nearest r t.
 Proof.
-  intros HS Hr HC HP Hclear Hall Hstart t Ht. pose proof HS as [HH [HL [HV _]]].
-  assert (Hshare : keeps_its_share_of S r (an_obstacle S nearest clear r)).
-  { apply (share_of_the_slack_with_inertia S N tau r all); try assumption.
-    - apply (an_obstacle_moves_beside S C); assumption.
-    - unfold its_slack. simpl. unfold clearance in Hstart. lra. }
-  set (rho := fun x => clearance nearest r x - clear).
-  assert (HE : E_of rho (2 * Lambda S) 0 <= E_of rho (2 * Lambda S) t).
-  { apply (core_slack rho (2 * Lambda S) clear); [lra|exact Hclear|unfold rho; lra| | |lra].
-    - apply (clearance_continuous (v_max S) C); try assumption; apply Hr.
-    - intros u g Hu Hg Hhigh. apply (clearance_falls_at_most S C); try assumption; [apply Hr|].
-      unfold rho in Hhigh. lra. }
-  unfold E_of in HE. rewrite Rmult_0_r, exp_0, Rmult_1_l in HE.
-  pose proof (exp_pos (2 * Lambda S * t)) as P. unfold rho in HE.
-  destruct (Rle_lt_dec clear (clearance nearest r t)) as [|Hlt]; [assumption|exfalso].
-  assert (exp (2 * Lambda S * t) * (clearance nearest r t - clear) < 0) by nra. lra.
+  intros HS Hr HC HP Hclear Hall Hstart.
+  apply (the_clearance_is_kept S r C); try assumption; try apply Hr.
+  apply (share_of_the_slack_with_inertia S N tau r all); try assumption.
+  - apply (an_obstacle_moves_beside S C); assumption.
+  - unfold its_slack. simpl. unfold clearance in Hstart. lra.
 Qed.

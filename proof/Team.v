@@ -1,9 +1,9 @@
 (** Teams of different robots: each has its own body, speed limit, command timeout, braking time and sensor errors, and
-    each pair its own distance and shares. Only Lambda is common. The twist of each moves on segments, or its components
-    change independently. *)
+    each pair its own distance and shares. Only Lambda is common. Each robot stops at once, or brakes: then its twist
+    moves on segments, or its components change independently. *)
 Require Import Reals Lra Psatz Lia.
 From Coquelicot Require Import Coquelicot.
-From Phalanx Require Import Vectors Core Plant Geometry Motion Pair Guard Inertia Braking.
+From Phalanx Require Import Vectors Core Plant Geometry Motion Pair Guard Time Inertia Braking AtOnce.
 Open Scope R_scope.
 
 (** The robot uses up at most [share] of the slack: n . alpha' >= - share e^(-k t) g. *)
@@ -88,6 +88,91 @@ Proof.
   lra.
 Qed.
 
+(** The other robot, with the speed, share and distance that the robot assumes for it. *)
+Definition a_neighbor (r o : robot) (speed share dmin : R) : near :=
+  Near (fun t => minus (front r t) (front o t)) speed share dmin.
+
+Lemma a_neighbor_moves_beside (r o : robot) (V speed share dmin : R) :
+  moves o -> never_faster_than V o -> 0 <= V <= speed -> 0 < share ->
+  moves_beside r (a_neighbor r o speed share dmin).
+Proof.
+  intros Mo Vo HV Hs. split; [simpl; lra|]. split; [exact Hs|]. intros s u Hsu. simpl.
+  assert (HO : norm (minus (front o u) (front o s)) <= speed * (u - s)).
+  { apply front_moves_at_most; [exact Mo|lra|exact Hsu|]. intros y Hy.
+    eapply Rle_trans; [apply Vo; lra|apply HV]. }
+  assert (T : norm (minus (minus (front r u) (front o u)) (minus (front r s) (front o s)))
+              <= norm (minus (front r u) (front r s)) + norm (minus (front o s) (front o u))).
+  { replace (minus (minus (front r u) (front o u)) (minus (front r s) (front o s)))
+      with (plus (minus (front r u) (front r s)) (minus (front o s) (front o u))); [apply norm_plus|].
+    unfold plus, minus; simpl; f_equal; ring. }
+  rewrite (norm_minus_sym (front o s)) in T. lra.
+Qed.
+
+(** Two robots that keep their shares keep the smaller of their distances. *)
+Theorem two_shares_keep_the_smaller_distance (k a b da db V : R) (r o : robot) t :
+  0 < k -> 0 <= a -> 0 <= b -> a + b <= k -> 0 < da -> 0 < db -> 0 <= V ->
+  moves r -> moves o -> never_faster_than V r -> never_faster_than V o ->
+  keeps a k da r o -> keeps b k db o r ->
+  da <= distance r o 0 -> 0 <= t -> Rmin da db <= distance r o t.
+Proof.
+  intros Hk Ha Hb Hab Hda Hdb HV Mr Mo Vr Vo Kr Ko Hstart Ht. set (dm := Rmin da db).
+  assert (Ki : keeps a k dm r o).
+  { apply (keeps_less _ _ da); [exact Ha|apply Rmin_l|apply (slack_continuous V); assumption|exact Kr]. }
+  assert (Kj : keeps b k dm o r).
+  { apply (keeps_less _ _ db); [exact Hb|apply Rmin_r|apply (slack_continuous V); assumption|exact Ko]. }
+  assert (Hdm : 0 < dm) by (apply Rmin_glb_lt; assumption).
+  assert (H0 : dm <= distance r o 0) by (eapply Rle_trans; [apply Rmin_l|exact Hstart]).
+  apply (E_keeps_the_distance k); [|exact H0].
+  apply (core_slack _ _ dm); [lra|exact Hdm|unfold rho; lra| | |lra].
+  - apply (slack_continuous V); assumption.
+  - intros u g Hu Hg Hhigh. apply (falls_at_most a b); try assumption.
+    + unfold rho. lra.
+    + unfold rho in Hhigh. lra.
+Qed.
+
+(** Some robots stop at once, the others brake. *)
+Theorem a_mixed_team_keeps_its_distances (I : Type) (L : R) (S : I -> braking_setting)
+    (N : I -> vec -> R) (tau : I -> R) (all : I -> near -> Prop) (robots : I -> robot) (share_ dist speed_ : I -> I -> R) :
+  0 < L ->
+  (forall i, sensible (S i) /\ Lambda (S i) = L) ->
+  (forall i, stops_at_once (S i) (all i) (robots i) \/ brakes (S i) (N i) (tau i) (all i) (robots i)) ->
+  (* the speed, share and distance that robot i assumes for robot j *)
+  (forall i j, i <> j -> v_max (S j) <= speed_ i j /\ 0 < share_ i j /\ share_ i j + share_ j i <= 2 * L /\
+     0 < dist i j /\ dist i j <= distance (robots i) (robots j) 0 /\
+     all i (a_neighbor (robots i) (robots j) (speed_ i j) (share_ i j) (dist i j))) ->
+  forall i j t, i <> j -> 0 <= t -> Rmin (dist i j) (dist j i) <= distance (robots i) (robots j) t.
+Proof.
+  intros HL HS G Hp i j t Hij Ht.
+  assert (VV : forall q, never_faster_than (v_max (S q)) (robots q)).
+  { intros q. destruct (G q) as [[_ [Hobey _]]|[_ [_ [_ [Nf _]]]]]; [|exact Nf].
+    intros x Hx. apply (Hobey x Hx). }
+  assert (MM : forall q, moves (robots q)) by (intros q; destruct (G q) as [Q|Q]; apply Q).
+  assert (V0 : forall q, 0 <= v_max (S q)) by (intros q; destruct (HS q) as [[_ [_ [B _]]] _]; exact B).
+  assert (Hshare : forall p q, p <> q -> keeps (share_ p q) (2 * L) (dist p q) (robots p) (robots q)).
+  { intros p q Hpq t' g Ht' Hdist Hg.
+    destruct (Hp p q Hpq) as [Hv [Hs [_ [_ [Hst Hall]]]]].
+    destruct (HS p) as [Sens EL]. pose proof (V0 q) as Vq.
+    set (x := a_neighbor (robots p) (robots q) (speed_ p q) (share_ p q) (dist p q)) in *.
+    assert (Hb : moves_beside (robots p) x).
+    { apply (a_neighbor_moves_beside _ _ (v_max (S q))); [apply MM|apply VV|lra|exact Hs]. }
+    assert (H0 : 0 <= its_slack x 0).
+    { unfold its_slack, x; simpl. unfold distance in Hst. lra. }
+    assert (K : keeps_its_share_of (S p) (robots p) x).
+    { destruct (G p) as [Q|Q].
+      - apply (share_of_the_slack_at_once (S p) (robots p) (all p)); assumption.
+      - apply (share_of_the_slack_with_inertia (S p) (N p) (tau p) (robots p) (all p)); assumption. }
+    unfold keeps_its_share_of in K. rewrite EL in K.
+    exact (K t' g Ht' Hdist Hg). }
+  assert (Hji : j <> i) by auto.
+  destruct (Hp i j Hij) as [_ [Si [Sum [Di [Sti _]]]]].
+  destruct (Hp j i Hji) as [_ [Sj [_ [Dj _]]]].
+  set (V := Rmax (v_max (S i)) (v_max (S j))).
+  apply (two_shares_keep_the_smaller_distance (2 * L) (share_ i j) (share_ j i) _ _ V); auto; try lra.
+  - apply Rle_trans with (v_max (S i)); [apply V0|apply Rmax_l].
+  - intros x Hx. eapply Rle_trans; [apply (VV i x Hx)|apply Rmax_l].
+  - intros x Hx. eapply Rle_trans; [apply (VV j x Hx)|apply Rmax_r].
+Qed.
+
 Theorem a_team_keeps_its_distances (I : Type) (L V : R) (S : I -> braking_setting)
     (N : I -> vec -> R) (tau : I -> R) (all : I -> near -> Prop) (robots : I -> robot) (share_ dist speed_ : I -> I -> R) :
   0 < L -> 0 <= V ->
@@ -99,55 +184,25 @@ Theorem a_team_keeps_its_distances (I : Type) (L V : R) (S : I -> braking_settin
      all i (Near (fun t => minus (front (robots i) t) (front (robots j) t)) (speed_ i j) (share_ i j) (dist i j))) ->
   forall i j t, i <> j -> 0 <= t -> Rmin (dist i j) (dist j i) <= distance (robots i) (robots j) t.
 Proof.
-  intros HL HV HS G Hp i j t Hij Ht.
-  assert (VV : forall q, never_faster_than V (robots q)).
-  { intros q x Hx. destruct (HS q) as [_ [_ B]]. destruct (G q) as [_ [_ [_ [Nf _]]]].
-    eapply Rle_trans; [apply Nf; exact Hx|exact B]. }
-  assert (MM : forall q, moves (robots q)) by (intros q; apply (G q)).
-  assert (Hshare : forall p q, p <> q -> keeps (share_ p q) (2 * L) (dist p q) (robots p) (robots q)).
-  { intros p q Hpq t' g Ht' Hdist Hg.
-    destruct (Hp p q Hpq) as [Hv [Hs [_ [Hd [Hst Hall]]]]].
-    destruct (HS p) as [Sens [EL _]].
-    set (x := Near (fun t => minus (front (robots p) t) (front (robots q) t)) (speed_ p q) (share_ p q) (dist p q)) in *.
-    assert (HV0 : 0 <= v_max (S q)) by (destruct (HS q) as [[_ [_ [B _]]] _]; exact B).
-    assert (Hb : moves_beside (robots p) x).
-    { split; [simpl; lra|]. split; [exact Hs|]. intros s u Hsu. simpl.
-      assert (HO : norm (minus (front (robots q) u) (front (robots q) s)) <= speed_ p q * (u - s)).
-      { apply front_moves_at_most; [apply MM|lra|exact Hsu|]. intros y Hy.
-        destruct (G q) as [_ [_ [_ [Nf _]]]]. eapply Rle_trans; [apply Nf; lra|exact Hv]. }
-      assert (T : norm (minus (minus (front (robots p) u) (front (robots q) u))
-                              (minus (front (robots p) s) (front (robots q) s)))
-                  <= norm (minus (front (robots p) u) (front (robots p) s))
-                     + norm (minus (front (robots q) s) (front (robots q) u))).
-      { replace (minus (minus (front (robots p) u) (front (robots q) u))
-                       (minus (front (robots p) s) (front (robots q) s)))
-          with (plus (minus (front (robots p) u) (front (robots p) s))
-                     (minus (front (robots q) s) (front (robots q) u))); [apply norm_plus|].
-        unfold plus, minus; simpl; f_equal; ring. }
-      rewrite (norm_minus_sym (front (robots q) s)) in T. lra. }
-    assert (H0 : 0 <= its_slack x 0).
-    { unfold its_slack, x; simpl. unfold distance in Hst. lra. }
-    pose proof (share_of_the_slack_with_inertia (S p) (N p) (tau p) (robots p) (all p) x
-                  Sens (G p) Hall Hb H0) as K.
-    unfold keeps_its_share_of in K. rewrite EL in K.
-    exact (K t' g Ht' Hdist Hg). }
-  set (dm := Rmin (dist i j) (dist j i)).
-  assert (Hc : forall p q, p <> q -> continuous_from_0 (rho (dist p q) (robots p) (robots q))).
-  { intros p q _. apply (slack_continuous V); auto. }
-  assert (Hji : j <> i) by auto.
-  destruct (Hp i j Hij) as [_ [Si [Sum [Di [Sti _]]]]].
-  destruct (Hp j i Hji) as [_ [Sj [_ [Dj _]]]].
-  assert (Ki : keeps (share_ i j) (2 * L) dm (robots i) (robots j)).
-  { apply (keeps_less _ _ (dist i j)); [lra|apply Rmin_l|apply Hc; exact Hij|apply Hshare; exact Hij]. }
-  assert (Kj : keeps (share_ j i) (2 * L) dm (robots j) (robots i)).
-  { apply (keeps_less _ _ (dist j i)); [lra|apply Rmin_r|apply Hc; exact Hji|apply Hshare; exact Hji]. }
-  assert (Hdm : 0 < dm) by (apply Rmin_glb_lt; assumption).
-  assert (H0 : dm <= distance (robots i) (robots j) 0).
-  { eapply Rle_trans; [apply Rmin_l|exact Sti]. }
-  apply (E_keeps_the_distance (2 * L)); [|exact H0].
-  apply (core_slack _ _ dm); [lra|exact Hdm|unfold rho; lra| | |lra].
-  - apply (slack_continuous V); auto.
-  - intros u g Hu Hg Hhigh. apply (falls_at_most (share_ i j) (share_ j i)); auto.
-    + unfold rho. lra.
-    + unfold rho in Hhigh. lra.
+  intros HL _ HS G Hp.
+  apply (a_mixed_team_keeps_its_distances I L S N tau all robots share_ dist speed_); try assumption.
+  - intros i. split; apply (HS i).
+  - intros i. right. apply G.
+Qed.
+
+(** Robots that stop at once: Lambda is that of the longest command timeout. *)
+Theorem a_team_that_stops_at_once_keeps_its_distances (I : Type) (L : R) (S : I -> braking_setting)
+    (all : I -> near -> Prop) (robots : I -> robot) (share_ dist speed_ : I -> I -> R) :
+  0 < L ->
+  (forall i, sensible (S i) /\ Lambda (S i) = L) ->
+  (forall i, stops_at_once (S i) (all i) (robots i)) ->
+  (* the speed, share and distance that robot i assumes for robot j *)
+  (forall i j, i <> j -> v_max (S j) <= speed_ i j /\ 0 < share_ i j /\ share_ i j + share_ j i <= 2 * L /\
+     0 < dist i j /\ dist i j <= distance (robots i) (robots j) 0 /\
+     all i (a_neighbor (robots i) (robots j) (speed_ i j) (share_ i j) (dist i j))) ->
+  forall i j t, i <> j -> 0 <= t -> Rmin (dist i j) (dist j i) <= distance (robots i) (robots j) t.
+Proof.
+  intros HL HS G Hp.
+  apply (a_mixed_team_keeps_its_distances I L S (fun _ _ => 0) (fun _ => 0) all robots share_ dist speed_); try assumption.
+  intros i. left. apply G.
 Qed.

@@ -1,4 +1,4 @@
-//! Checks of teams: robots with different sizes, speed limits or inertia.
+//! Checks of teams: robots with different sizes or speed limits.
 
 use protocol::avoidance::DistanceGuarantee;
 use protocol::number::format_short;
@@ -7,13 +7,13 @@ use super::finding::{Finding, error_finding, warning_finding};
 use crate::scenario::Scenario;
 use crate::scenario::team::CLASSES_MAX;
 
-/// Refuses teams for which there is no proof, and those with too many classes. Warns about sizes that are not sensed,
-/// and about methods that do not distinguish sizes.
+/// Refuses teams with too many classes. Warns about sizes that are not sensed, and about methods that do not distinguish
+/// sizes.
 pub(super) fn check_team(scenario: &Scenario) -> Vec<Finding> {
-    let mut findings: Vec<Finding> = check_mixed_inertia(scenario).into_iter().collect();
     if !scenario.is_team() {
-        return findings;
+        return Vec::new();
     }
+    let mut findings = Vec::new();
     let classes = scenario.classes().len();
     if scenario.classes_sensed && classes > CLASSES_MAX {
         findings.push(error_finding(
@@ -39,23 +39,6 @@ pub(super) fn check_team(scenario: &Scenario) -> Vec<Finding> {
     findings
 }
 
-/// Refuses a team in which some robots have inertia and others have none.
-fn check_mixed_inertia(scenario: &Scenario) -> Option<Finding> {
-    if scenario.avoidance_method.distance_guarantee != DistanceGuarantee::Unconditional {
-        return None;
-    }
-    let with = scenario.robots.iter().find(|robot| robot.acceleration_limits.is_some())?;
-    let without = scenario.robots.iter().find(|robot| robot.acceleration_limits.is_none())?;
-    Some(error_finding(
-        format!("robot.{}.limits", without.name),
-        format!(
-            "{} has no inertia, but {} has: no proof covers the {} in such a team",
-            without.name, with.name, scenario.avoidance_method.name
-        ),
-        "expected `limits` for all robots (large accelerations for robots that stop at once), or for none",
-    ))
-}
-
 /// Warns about different sizes that robots do not sense.
 fn check_unsensed_sizes(scenario: &Scenario) -> Option<Finding> {
     if scenario.classes_sensed {
@@ -78,8 +61,6 @@ fn check_unsensed_sizes(scenario: &Scenario) -> Option<Finding> {
 mod tests {
     use super::*;
     use crate::examples::row_of_three;
-    use formation::ramp::Ramp;
-    use protocol::brief::AccelerationLimitsBrief;
 
     /// Returns three robots with a method whose guarantee holds always.
     fn guarded() -> Scenario {
@@ -102,21 +83,5 @@ mod tests {
         scenario.avoidance_method.distance_guarantee = DistanceGuarantee::UnderIdealAssumptions;
         let [warned] = &check_team(&scenario)[..] else { panic!("one warning") };
         assert_eq!(warned.path, "avoidance.kind");
-    }
-
-    #[test]
-    fn team_with_inertia_of_some_robots_is_refused() {
-        let mut scenario = guarded();
-        let limits = AccelerationLimitsBrief {
-            acceleration_m_s2: 1.0,
-            turn_acceleration_rad_s2: 1.0,
-            braking_time_s: 0.3,
-            ramp: Ramp::Together,
-        };
-        scenario.robots[0].acceleration_limits = Some(limits);
-        let [refused] = &check_team(&scenario)[..] else { panic!("one error") };
-        assert_eq!(refused.path, "robot.r2.limits");
-        scenario.robots.iter_mut().for_each(|robot| robot.acceleration_limits = Some(limits));
-        assert_eq!(check_team(&scenario), []);
     }
 }

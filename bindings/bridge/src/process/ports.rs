@@ -192,7 +192,7 @@ pub fn open_sink(
                     return Err(DropReason::Implausible.into());
                 }
                 let beacon = times.convert_incoming_beacon(beacon, now_ns, beacon_age)?;
-                send_bytes(&to, beacon, message)?;
+                send_bytes(&to, &beacon, message)?;
                 Ok(())
             })
         }

@@ -19,8 +19,8 @@ use super::super::Sample;
 use super::super::polygon::{HalfPlane, nearest_point};
 use super::{Guard, MotionBounds};
 
-/// Shares of the nearest twist that are tried. With 0, the corners are those of the twist in force and the unexpired
-/// commands.
+/// Factors by which the nearest twist is scaled, in the order in which they are tried. The factor 0 does not enlarge the
+/// rectangle.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
 /// Factor that permits rounding errors of a corner's speed.
 const ROUNDING_FACTOR: f64 = 1.0 + 1e-12;
@@ -112,8 +112,8 @@ impl Guard {
         };
         let nearest = self.nearest_in_rectangle(sample, held, tried, bounds);
         let mid = self.collect_cones(sample, self.horizons[0], bounds);
-        let shares = SHARES.into_iter().map(|share| nearest.scale_by(share));
-        shares.into_iter().find(|&twist| self.permits_corners(mid, with(twist)))
+        let mut scaled = SHARES.into_iter().map(|share| nearest.scale_by(share));
+        scaled.find(|&twist| self.permits_corners(mid, with(twist)))
     }
 
     /// Returns the twist nearest to `tried` with which no corner approaches a neighbor faster than b, as far as the

@@ -274,34 +274,37 @@ impl ControlCycle {
     /// Runs the second half of a cycle: returns the messages to be sent, given the output of the control law.
     pub fn act(&mut self, output: LawOutput) -> Outbox {
         let is_realtime = self.brief.pace == Pace::Realtime;
-        let mut answer = self.controller.act(output, self.answer_reference_ns);
+        // The answer stays in its place, because it is large.
+        let mut outbox = Outbox {
+            answer: self.controller.act(output, self.answer_reference_ns),
+            recorded_message: Vec::new(),
+            status_is_due: false,
+            is_plant_silent: self.plant_silence_ns > self.silence_max_ns(),
+        };
+        let Outbox { answer, recorded_message, status_is_due, .. } = &mut outbox;
         // In lockstep an answer delayed by a period or more expires before it is sent.
         if !is_realtime && (answer.as_ref()).is_some_and(|it| it.delay_ns >= self.brief.period_ns) {
-            answer = None;
+            *answer = None;
         }
         self.answer_delay_ns = answer.as_ref().map_or(0, |answer| answer.delay_ns);
-        if let Some(answer) = &mut answer {
+        if let Some(answer) = answer {
             self.sent_counts.count_sent(answer.beacon.tick, &answer.send_decision);
             answer.beacon.messages_sent = self.sent_counts.messages;
         }
         let quiet_ns = self.cycle_start_ns.saturating_sub(self.last_status_ns);
         let is_due = is_realtime && quiet_ns >= STATUS_INTERVAL_NS;
         // The values of a sample are reported with it, so that none is lost.
-        let recorded_message = (answer.as_ref().filter(|_| self.brief.records_messages))
-            .map_or(Vec::new(), |answer| answer.message().to_vec());
-        let report = self.controller.take_status_change()
+        if let Some(answer) = answer.as_ref().filter(|_| self.brief.records_messages) {
+            *recorded_message = answer.message().to_vec();
+        }
+        *status_is_due = self.controller.take_status_change()
             | is_due
             | self.controller.has_signals()
             | !recorded_message.is_empty();
-        if report {
+        if *status_is_due {
             self.last_status_ns = self.cycle_start_ns;
         }
-        Outbox {
-            answer,
-            recorded_message,
-            status_is_due: report,
-            is_plant_silent: self.plant_silence_ns > self.silence_max_ns(),
-        }
+        outbox
     }
 
     /// Returns for how long the plant may be silent, ns.

@@ -12,7 +12,7 @@ mod goal_requests;
 use formation::Vec2;
 use formation::desired::Target;
 use formation::front_point::{front_point_and_velocity, front_velocity};
-use formation::pose::wrap_angle;
+use formation::pose::{Pose, Twist, wrap_angle};
 use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity, REPAIR_SPEED_FACTOR, YieldPriority};
 use protocol::fault::{LinkFaultKind, Transmission};
@@ -103,8 +103,6 @@ pub struct Controller {
     front_point: Option<Vec2>,
     /// Stamp, ns, and front point of the previous sample. Set only if velocities are computed by differences.
     previous_front_point: Option<(u64, Vec2)>,
-    neighbor_velocities: Vec<Vec2>,
-    wall_vectors: Vec<Vec2>,
     sequence_number: u64,
     beacons_refused: u64,
     newest_sample_tick_and_time: Option<(u64, u64)>,
@@ -122,8 +120,8 @@ pub struct Controller {
 struct CycleState {
     period_s: f64,
     age_periods: f64,
-    /// Sample with a valid pose, or `None` if there is nothing to answer.
-    odometry: Option<Odometry>,
+    /// Own state at the sample to be answered, or `None` if there is nothing to answer.
+    own: Option<OwnState>,
     /// Front point (alpha), m.
     front_point: Vec2,
     /// Velocity of the front point (alpha'), m/s.
@@ -134,8 +132,26 @@ struct CycleState {
     law_error_and_desired_velocity: Option<(Vec2, Vec2)>,
     /// Own front point - front point of each neighbor in range, m.
     neighbor_vectors: Vec<Vec2>,
+    /// Classes of these neighbors.
+    neighbor_classes: Vec<u8>,
+    /// Velocities of their front points, m/s; empty if they are not sensed.
+    neighbor_velocities: Vec<Vec2>,
+    /// Own front point - nearest point of each wall in range, m.
+    wall_vectors: Vec<Vec2>,
     /// Estimates of the received robots.
     neighbor_estimates: Vec<NeighborEstimate>,
+}
+
+/// State of the robot and of its proximity sensor at one odometry sample.
+#[derive(Clone, Copy)]
+struct OwnState {
+    stamp_ns: u64,
+    t_ns: u64,
+    pose: Pose,
+    twist: Twist,
+    proximity_valid: bool,
+    neighbors_truncated: bool,
+    walls_truncated: bool,
 }
 
 /// Output for a robot without a desired position: velocity 0.
@@ -194,12 +210,15 @@ impl Controller {
             cycle_state: CycleState {
                 period_s: brief.period_ns as f64 / 1e9,
                 age_periods: beacon_age_periods(brief),
-                odometry: None,
+                own: None,
                 front_point: Vec2::zeros(),
                 front_velocity: Vec2::zeros(),
                 error: None,
                 law_error_and_desired_velocity: None,
                 neighbor_vectors: Vec::with_capacity(PROXIMITY_MAX),
+                neighbor_classes: Vec::with_capacity(PROXIMITY_MAX),
+                neighbor_velocities: Vec::new(),
+                wall_vectors: Vec::new(),
                 neighbor_estimates: Vec::with_capacity(brief.senders().count()),
             },
             links: brief.senders().map(|sender| FaultyLink::new(&sender.faults)).collect(),
@@ -211,8 +230,6 @@ impl Controller {
             goal_requests: GoalRequests::default(),
             front_point: None,
             previous_front_point: None,
-            neighbor_velocities: Vec::new(),
-            wall_vectors: Vec::new(),
             sequence_number: 0,
             beacons_refused: 0,
             newest_sample_tick_and_time: None,
@@ -346,31 +363,25 @@ impl Controller {
             odometry.stamp_ns,
         );
         (self.cycle_state.error, self.cycle_state.law_error_and_desired_velocity) = (None, None);
-        match (&self.odometry_link, &mut self.cycle_state.odometry) {
-            // The sample is large, so it is copied only once.
-            (None, Some(sample)) if odometry.pose_valid == 1 => sample.clone_from(odometry),
-            (None, sample) => *sample = (odometry.pose_valid == 1).then_some(*odometry),
-            (Some(_), _) => {
-                let arrived = self.pass_odometry_link(odometry);
-                self.cycle_state.odometry = arrived.filter(|sample| sample.pose_valid == 1);
+        self.cycle_state.own = None;
+        let arrived;
+        let odometry = match self.odometry_link {
+            None => Some(odometry),
+            Some(_) => {
+                arrived = self.pass_odometry_link(odometry);
+                arrived.as_ref()
             }
-        }
-        let Some(odometry) = &self.cycle_state.odometry else { return };
-        let (alpha, velocity) =
-            front_point_and_velocity(odometry.pose(), self.brief.front_point_m, odometry.twist()); // (2), (3)
+        };
+        let Some(odometry) = odometry.filter(|sample| sample.pose_valid == 1) else { return };
+        let own = self.cycle_state.set_odometry(odometry, self.brief.front_point_m);
+        let alpha = self.cycle_state.front_point;
         self.front_point = Some(alpha);
-        (self.cycle_state.front_point, self.cycle_state.front_velocity) = (alpha, velocity);
-        self.cycle_state.neighbor_vectors.clear();
-        self.cycle_state
-            .neighbor_vectors
-            .extend(odometry.proximity_front_points().map(|other| alpha - other));
-        let target = self.role.target(
-            &role_input(odometry, &self.neighborhood),
-            &mut self.cycle_state.neighbor_estimates,
-        );
+        let target = self
+            .role
+            .target(&own.role_input(&self.neighborhood), &mut self.cycle_state.neighbor_estimates);
         // A free robot goes by the target that its law has named at the sample before.
         let named = self.own_target.filter(|_| self.role.asks_law_for_target()).map(|named| {
-            named.extrapolate(odometry.stamp_ns.saturating_sub(self.own_target_ns) as f64 / 1e9)
+            named.extrapolate(own.stamp_ns.saturating_sub(self.own_target_ns) as f64 / 1e9)
         });
         if let Some(target) = named.or(target) {
             let error = alpha - target.position;
@@ -378,8 +389,7 @@ impl Controller {
             if error.norm() <= self.arrival_radius_m() {
                 self.neighborhood.record_leader_on_path();
             }
-            let seen =
-                partial_sample(odometry, (alpha, velocity), &self.cycle_state.neighbor_vectors);
+            let seen = self.cycle_state.avoidance_sample(&own);
             let error = self.avoidance.standoff_error(&seen, error);
             let hastens = self.brief.rank == YieldPriority::Contained
                 && self.neighborhood.has_failed_in_neighbor();
@@ -399,7 +409,7 @@ impl Controller {
 
     /// Marks that there is no sample to be answered.
     pub fn clear_sample(&mut self) {
-        self.cycle_state.odometry = None;
+        self.cycle_state.own = None;
     }
 
     /// Returns the input of the control law for the current sample, or `None` without a desired position.
@@ -430,13 +440,12 @@ impl Controller {
     /// Sets the target of a free robot at the current sample, in place of the law's choice. Does nothing for other
     /// roles, and without a valid sample.
     pub fn set_own_target(&mut self, target: Option<Target>) {
-        if !self.role.asks_law_for_target() || self.cycle_state.odometry.is_none() {
+        let Some(own) = self.cycle_state.own.filter(|_| self.role.asks_law_for_target()) else {
             return;
-        }
+        };
         self.has_status_change |= self.own_target != target;
         self.own_target = target;
-        self.own_target_ns =
-            self.cycle_state.odometry.as_ref().map_or(0, |odometry| odometry.stamp_ns);
+        self.own_target_ns = own.stamp_ns;
         let error = target.map(|target| self.cycle_state.front_point - target.position);
         self.cycle_state.error = error;
         let velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
@@ -477,8 +486,8 @@ impl Controller {
         let outgoing = self.take_send_decision();
         let (tick, t_ns) = self.newest_sample_tick_and_time?;
         let effect_ns = effect_ns + self.expected_command_delay_ns(t_ns);
-        let odometry = self.cycle_state.odometry.as_ref()?;
-        let role_input = role_input(odometry, &self.neighborhood);
+        let own = self.cycle_state.own?;
+        let role_input = own.role_input(&self.neighborhood);
         let (pose, alpha) = (role_input.pose, self.cycle_state.front_point);
         let desired = self.cycle_state.law_error_and_desired_velocity;
         let output = desired.map_or(STOP_OUTPUT, |_| output);
@@ -490,32 +499,25 @@ impl Controller {
             }
         });
         let (frame_rank, frame) = match self.role.formation_frame(&role_input, &*self.avoidance) {
-            Some(own) => {
+            Some(frame) => {
                 // Rank 0 is that of the main leader.
                 let rank = self.brief.deputy.as_ref().map_or(0, |deputy| deputy.rank);
-                (rank, Some((odometry.stamp_ns, own)))
+                (rank, Some((own.stamp_ns, frame)))
             }
-            None => match self.neighborhood.frame_in_force(odometry.stamp_ns) {
+            None => match self.neighborhood.frame_in_force(own.stamp_ns) {
                 Some(heard) => (heard.rank, Some((heard.stamp_ns, heard.frame))),
                 None => (0, None),
             },
         };
 
-        self.neighbor_velocities.clear();
-        self.neighbor_velocities.extend(odometry.proximity_velocities());
-        self.wall_vectors.clear();
-        self.wall_vectors.extend(odometry.nearest_wall_points().map(|nearest| alpha - nearest));
-        let front = (alpha, self.cycle_state.front_velocity);
-        let until_effect_s = effect_ns.saturating_sub(odometry.stamp_ns) as f64 / 1e9;
+        let until_effect_s = effect_ns.saturating_sub(own.stamp_ns) as f64 / 1e9;
         let sample = Sample {
             heading_at_effect_rad: wrap_angle(
-                pose.heading_rad + odometry.twist().w_rad_s * until_effect_s,
+                pose.heading_rad + own.twist.w_rad_s * until_effect_s,
             ),
-            neighbor_velocities: &self.neighbor_velocities,
-            wall_vectors: &self.wall_vectors,
             error: self.cycle_state.error,
             slot_velocity,
-            ..partial_sample(odometry, front, &self.cycle_state.neighbor_vectors)
+            ..self.cycle_state.avoidance_sample(&own)
         };
         let twist = match output {
             LawOutput::Velocity(_) => self.avoidance.steer(&sample, gamma),
@@ -527,17 +529,17 @@ impl Controller {
                 front_velocity(pose.heading_rad, self.brief.front_point_m, twist)
             }
             PublishedVelocity::Differenced => {
-                let before = self.previous_front_point.replace((odometry.stamp_ns, alpha));
-                velocity_by_difference(before, odometry.stamp_ns, alpha)
+                let before = self.previous_front_point.replace((own.stamp_ns, alpha));
+                velocity_by_difference(before, own.stamp_ns, alpha)
             }
         };
 
         self.sequence_number += 1;
-        let slow = self.brief.slow.iter().filter(|fault| fault.span.contains(odometry.t_ns));
+        let slow = self.brief.slow.iter().filter(|fault| fault.span.contains(own.t_ns));
         Some(Answer {
             beacon: Beacon {
                 tick,
-                stamp_ns: odometry.stamp_ns,
+                stamp_ns: own.stamp_ns,
                 sent_ns: 0,
                 incarnation: self.incarnation,
                 x_m: alpha.x,
@@ -551,7 +553,7 @@ impl Controller {
             send_decision: outgoing,
             command: Command {
                 tick,
-                stamp_ns: odometry.stamp_ns,
+                stamp_ns: own.stamp_ns,
                 sent_ns: 0,
                 sequence: self.sequence_number,
                 incarnation: self.incarnation,
@@ -631,62 +633,85 @@ impl Controller {
 }
 
 impl CycleState {
+    /// Sets the sample to be answered, which has a valid pose. Only the part of it that is used is copied, because
+    /// it is large.
+    fn set_odometry(&mut self, odometry: &Odometry, front_point_m: f64) -> OwnState {
+        let own = OwnState {
+            stamp_ns: odometry.stamp_ns,
+            t_ns: odometry.t_ns,
+            pose: odometry.pose(),
+            twist: odometry.twist(),
+            proximity_valid: odometry.proximity_valid == 1,
+            neighbors_truncated: odometry.proximity_cut == 1,
+            walls_truncated: odometry.walls_cut == 1,
+        };
+        let (alpha, velocity) = front_point_and_velocity(own.pose, front_point_m, own.twist); // (2), (3)
+        (self.front_point, self.front_velocity) = (alpha, velocity);
+        self.neighbor_vectors.clear();
+        self.neighbor_vectors.extend(odometry.proximity_front_points().map(|other| alpha - other));
+        self.neighbor_classes.clear();
+        self.neighbor_classes.extend_from_slice(odometry.near_classes());
+        self.neighbor_velocities.clear();
+        self.neighbor_velocities.extend(odometry.proximity_velocities());
+        self.wall_vectors.clear();
+        self.wall_vectors.extend(odometry.nearest_wall_points().map(|nearest| alpha - nearest));
+        self.own = Some(own);
+        own
+    }
+
     fn situation(&self) -> Option<Situation<'_>> {
-        let (odometry, (error, desired_velocity)) =
-            (self.odometry.as_ref()?, self.law_error_and_desired_velocity?);
+        let (own, (error, desired_velocity)) =
+            (self.own.as_ref()?, self.law_error_and_desired_velocity?);
         Some(Situation {
             error,
             desired_velocity,
             period_s: self.period_s,
             age_periods: self.age_periods,
-            t_s: run_time_s(odometry),
-            pose: odometry.pose(),
+            t_s: own.t_s(),
+            pose: own.pose,
             front_point: self.front_point,
-            twist: odometry.twist(),
+            twist: own.twist,
             neighbor_vectors: &self.neighbor_vectors,
-            proximity_valid: odometry.proximity_valid == 1,
-            neighbors_truncated: odometry.proximity_cut == 1,
+            proximity_valid: own.proximity_valid,
+            neighbors_truncated: own.neighbors_truncated,
             neighbor_estimates: &self.neighbor_estimates,
         })
     }
-}
 
-/// Returns the part of an avoidance sample that is known before the target: the own state at `front_point`, and
-/// the neighbors in range at `away`.
-fn partial_sample<'a>(
-    odometry: &'a Odometry,
-    (front_point, front_velocity): (Vec2, Vec2),
-    away: &'a [Vec2],
-) -> Sample<'a> {
-    let heading_rad = odometry.pose().heading_rad;
-    Sample {
-        stamp_ns: odometry.stamp_ns,
-        t_s: odometry.t_ns as f64 / 1e9,
-        heading_rad,
-        heading_at_effect_rad: heading_rad,
-        twist: odometry.twist(),
-        front_point,
-        front_velocity,
-        neighbor_vectors: away,
-        neighbor_classes: odometry.near_classes(),
-        proximity_valid: odometry.proximity_valid == 1,
-        neighbors_truncated: odometry.proximity_cut == 1,
-        neighbor_velocities: &[],
-        wall_vectors: &[],
-        walls_truncated: odometry.walls_cut == 1,
-        error: None,
-        slot_velocity: Vec2::zeros(),
+    /// Returns the input of the avoidance at the own state, without a target, and with the heading at the stamp in
+    /// place of that at which the answer takes effect.
+    fn avoidance_sample(&self, own: &OwnState) -> Sample<'_> {
+        Sample {
+            stamp_ns: own.stamp_ns,
+            t_s: own.t_s(),
+            heading_rad: own.pose.heading_rad,
+            heading_at_effect_rad: own.pose.heading_rad,
+            twist: own.twist,
+            front_point: self.front_point,
+            front_velocity: self.front_velocity,
+            neighbor_vectors: &self.neighbor_vectors,
+            neighbor_classes: &self.neighbor_classes,
+            proximity_valid: own.proximity_valid,
+            neighbors_truncated: own.neighbors_truncated,
+            neighbor_velocities: &self.neighbor_velocities,
+            wall_vectors: &self.wall_vectors,
+            walls_truncated: own.walls_truncated,
+            error: None,
+            slot_velocity: Vec2::zeros(),
+        }
     }
 }
 
-/// Returns the sample as input of a role.
-fn role_input<'a>(odometry: &Odometry, neighborhood: &'a Neighborhood) -> RoleInput<'a> {
-    let (stamp_ns, pose) = (odometry.stamp_ns, odometry.pose());
-    RoleInput { stamp_ns, t_s: run_time_s(odometry), pose, neighborhood }
-}
+impl OwnState {
+    /// Returns the run time of the sample, s.
+    fn t_s(&self) -> f64 {
+        self.t_ns as f64 / 1e9
+    }
 
-fn run_time_s(odometry: &Odometry) -> f64 {
-    odometry.t_ns as f64 / 1e9
+    /// Returns the sample as input of a role.
+    fn role_input<'a>(&self, neighborhood: &'a Neighborhood) -> RoleInput<'a> {
+        RoleInput { stamp_ns: self.stamp_ns, t_s: self.t_s(), pose: self.pose, neighborhood }
+    }
 }
 
 /// Returns the mean velocity of alpha since the sample `before`, m/s, or 0 without one.

@@ -147,12 +147,11 @@ impl<M: Motion> SimulationStepper<M> {
         Ok(())
     }
 
-    /// Returns the odometry sample of `robot`, sent at `sent_ns` by the machine's clock.
-    pub fn sense(&mut self, robot: usize, sent_ns: u64) -> Odometry {
+    /// Fills in the odometry sample of `robot`, sent at `sent_ns` by the machine's clock. It has default values before.
+    pub fn sense(&mut self, robot: usize, sent_ns: u64, sample: &mut Odometry) {
         self.command_senders[robot].odometry_sent_ns = sent_ns;
-        let mut odometry = self.world.odometry(robot);
-        odometry.sent_ns = sent_ns;
-        odometry
+        self.world.sense(robot, sample);
+        sample.sent_ns = sent_ns;
     }
 
     /// Returns the measurements not sent yet.
@@ -255,10 +254,9 @@ mod tests {
     #[test]
     fn lockstep_period_passes_under_its_commands() {
         let mut stepper = stepper_with_pace(Pace::Lockstep);
-        assert_eq!(
-            (stepper.sense(0, 1000 * NS_PER_MS).tick, stepper.sense(0, 1000 * NS_PER_MS).sent_ns),
-            (0, 1000 * NS_PER_MS)
-        );
+        let mut sample = Odometry::default();
+        stepper.sense(0, 1000 * NS_PER_MS, &mut sample);
+        assert_eq!((sample.tick, sample.sent_ns), (0, 1000 * NS_PER_MS));
         run_step(&mut stepper, 1007, &[(0, 1, 0.4)]);
         assert!((robot_x_m(&stepper) - 0.004).abs() < 1e-15, "{}", robot_x_m(&stepper));
         assert_eq!((stepper.world.tick(), stepper.world.t_ns()), (1, 10 * NS_PER_MS));

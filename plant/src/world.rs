@@ -338,35 +338,38 @@ impl<M: Motion> World<M> {
         }
     }
 
-    /// Returns the current odometry sample of `robot`. Fields of a sensor in dropout (blackout) keep their
-    /// default values.
+    /// Returns the current odometry sample of `robot`.
     pub fn odometry(&self, robot: usize) -> Odometry {
+        let mut sample = Odometry::default();
+        self.sense(robot, &mut sample);
+        sample
+    }
+
+    /// Fills in the current odometry sample of `robot`, which has default values before. Fields of a sensor in
+    /// dropout (blackout) keep them.
+    pub fn sense(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
         let works = |sensor| {
             !self
                 .active_sensor_faults(body, sensor)
                 .any(|fault| fault.kind == SensorFaultKind::Blackout)
         };
-        let mut sample = Odometry {
-            tick: self.tick,
-            t_ns: self.t_ns,
-            stamp_ns: self.stamp_ns(),
-            velocities_sensed: u32::from(self.senses_velocities),
-            ..Odometry::default()
-        };
+        sample.tick = self.tick;
+        sample.t_ns = self.t_ns;
+        sample.stamp_ns = self.stamp_ns();
+        sample.velocities_sensed = u32::from(self.senses_velocities);
         if works(Sensor::Odometry) {
-            self.sense_own_state(robot, &mut sample);
+            self.sense_own_state(robot, sample);
         }
         if works(Sensor::Proximity) {
-            self.sense_neighbors(robot, &mut sample);
+            self.sense_neighbors(robot, sample);
             let radius_m = self.sensing_radius_m;
             // Noise items of walls are numbered after those of the other front points.
             let off_m = |item| {
                 self.position_noise_m(body, Sensor::Proximity, (PROXIMITY_MAX + item) as u64)
             };
-            self.walls.sense_walls(self.front_points[robot], radius_m, off_m, &mut sample);
+            self.walls.sense_walls(self.front_points[robot], radius_m, off_m, sample);
         }
-        sample
     }
 
     /// Fills in pose and twist.

@@ -33,7 +33,7 @@ const END_SIGNAL_WAIT_MAX: Duration = Duration::from_secs(10);
 /// Number of robots reported in ground-truth samples per wake-up of the supervisor, and bounds on the interval
 /// between wake-ups, in ticks. With rare wake-ups the supervisor works for long while robots on its core wait.
 /// With frequent ones the wake-ups cost more.
-const ROBOT_ROWS_PER_SUPERVISOR_WAKE_UP: u64 = 48;
+const ROBOT_ROWS_PER_SUPERVISOR_WAKE_UP: u64 = 96;
 const SUPERVISOR_WAKE_UP_TICKS_RANGE: [u64; 2] = [4, 16];
 
 /// Runs the plant of this brief to its end. `motion` creates the motion of the robots from the brief:
@@ -187,7 +187,8 @@ impl<M: Motion> Plant<M> {
     }
 
     fn send_odometry(&mut self, robot: usize) -> Result<(), Failure> {
-        self.ports.send_odometry(robot, self.stepper.sense(robot, clock::now_ns()))
+        let Plant { stepper, ports, .. } = self;
+        ports.send_odometry(robot, |sample| stepper.sense(robot, clock::now_ns(), sample))
     }
 }
 

@@ -21,6 +21,7 @@ use plant::simulation_step::{ReceivedCommand, SimulationStepper, StepError};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::law_message::Broadcast;
+use protocol::message::Odometry;
 
 use crate::course::{RecordSink, RunStateMachine};
 use crate::lifecycle::{DriverOrder, LifecycleEvent, ProcessDeath, ProcessState};
@@ -175,7 +176,8 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
         let mut now_ns = clock_ns();
         for (place, robot) in robots.iter_mut().enumerate() {
             let Some((cycle, member_since)) = robot.participating_cycle() else { continue };
-            let odometry = plant.sense(place, now_ns);
+            let mut odometry = Odometry::default();
+            plant.sense(place, now_ns, &mut odometry);
             // Only from robots that take part; backup neighbors count while their edge is open.
             let heard = senders[place].iter().enumerate().filter_map(|(sender_index, &sender)| {
                 let broadcast = beacons[sender].as_ref()?;

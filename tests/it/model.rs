@@ -333,7 +333,9 @@ impl<'a> Model<'a> {
                     return;
                 }
                 robot.newest_tick = Some(tick);
-                robot.next = NextAction::Answer(Box::new(self.plant.sense(i, self.now_ns)));
+                let mut odometry = Box::<Odometry>::default();
+                self.plant.sense(i, self.now_ns, &mut odometry);
+                robot.next = NextAction::Answer(odometry);
                 robot.next_ns = self.now_ns + self.dice.draw_between(5 * US, 100 * US);
             }
             NextAction::Answer(odometry) => {

@@ -94,10 +94,17 @@ impl Ports {
         (0..self.robots.len()).flat_map(queue)
     }
 
-    /// Sends an odometry sample to `robot`.
-    pub fn send_odometry(&self, robot: usize, odometry: Odometry) -> Result<(), Failure> {
-        let sent = self.robots[robot].odometry.send_copy(odometry);
-        sent.map(drop).map_err(|cause| port_failure("send odometry", cause))
+    /// Sends an odometry sample to `robot`, which `fill` completes in shared memory.
+    pub fn send_odometry(
+        &self,
+        robot: usize,
+        fill: impl FnOnce(&mut Odometry),
+    ) -> Result<(), Failure> {
+        let loan = self.robots[robot].odometry.loan_uninit();
+        let loan = loan.map_err(|cause| port_failure("send odometry", cause))?;
+        let mut sample = loan.write_payload(Odometry::default());
+        fill(sample.payload_mut());
+        sample.send().map(drop).map_err(|cause| port_failure("send odometry", cause))
     }
 
     /// Sends the ground truth of all robots to the supervisor.

@@ -1,4 +1,4 @@
-//! Example plants in `bindings/python/examples/`: robots on wheels in MuJoCo, and robots on serial lines.
+//! Example plants in `bindings/python/examples/`: robots on wheels and cars in MuJoCo, and robots on serial lines.
 
 use std::path::Path;
 
@@ -48,6 +48,56 @@ fn wheeled_pentagon_keeps_distance_with_inertia_aware_guard() {
     let ended = example("mujoco/pentagon").lockstep().set("duration_s=20").finish();
     assert_expected_result(&ended);
     ended.assert_holds(ended.number("/min_distance_m") >= 0.3, "no distance is below d");
+}
+
+/// Asserts that a run of robots with goals kept the distance `d_m`, and ended at the goals.
+#[track_caller]
+fn assert_goals_are_reached(ended: &FinishedRun, d_m: f64) {
+    assert_expected_result(ended);
+    ended.assert_holds(ended.number("/min_distance_m") >= d_m, "no distance is below d");
+    let error_m = ended.number("/final_error_m_max");
+    ended.assert_holds(error_m < 0.01, format!("they are at their goals: {error_m} m"));
+}
+
+/// Runs the scenario twice, and asserts its result and that the runs are the same.
+#[track_caller]
+fn assert_goals_are_reached_repeatably(name: &str, d_m: f64) {
+    let [once, again] = [(); 2].map(|()| example(name).lockstep().finish());
+    assert_goals_are_reached(&once, d_m);
+    once.assert_holds(once.hash() == again.hash(), format!("as {}", again.hash()));
+}
+
+/// Runs the scenario with a kill and a restart, and asserts its result.
+#[track_caller]
+fn assert_restarted_robot_reaches_its_goal(name: &str, d_m: f64) {
+    let ended = example(name).lockstep().fault("kill r2 @3 restart 1").finish();
+    assert_goals_are_reached(&ended, d_m);
+    let events = ended.file("events.csv");
+    ended.assert_holds(events.contains(",ready,r2,incarnation 1"), "r2 came back");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn mecanum_robots_in_mujoco_reach_their_goals_repeatably() {
+    assert_goals_are_reached_repeatably("mujoco/omni", 0.4);
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn restarted_mecanum_robot_in_mujoco_reaches_its_goal() {
+    assert_restarted_robot_reaches_its_goal("mujoco/omni", 0.4);
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn cars_in_mujoco_reach_their_goals_repeatably() {
+    assert_goals_are_reached_repeatably("mujoco/car", 1.0);
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn restarted_car_in_mujoco_reaches_its_goal() {
+    assert_restarted_robot_reaches_its_goal("mujoco/car", 1.0);
 }
 
 #[test]

@@ -5,26 +5,13 @@ change together, within the scenario's ``limits`` of the robot, as docs/explanat
 a driver. Needs ``pip install mujoco``; nothing is drawn.
 """
 
-import math
-
-import mujoco
 import numpy as np
 import phalanx
+from floor import Floor, approach
 
-STEP_S = 0.001  # maximum duration of one step of the engine
-HASTE = 1.25  # the ramp is steeper than declared by this factor, because the servos lag behind it
-
-WORLD = """
-<mujoco>
-  <compiler angle="radian"/>
-  <option integrator="implicitfast" cone="elliptic" impratio="10"/>
-  <default>
-    <default class="wheel"><geom type="ellipsoid" friction="1.5 0 0" condim="3" density="1200"/></default>
-    <default class="caster"><geom type="sphere" condim="1" priority="1" density="100"/></default>
-  </default>
-  <worldbody><geom type="plane" size="0 0 1"/>{bodies}</worldbody>
-  <actuator>{servos}</actuator>
-</mujoco>
+CLASSES = """
+<default class="wheel"><geom type="ellipsoid" friction="1.5 0 0" condim="3" density="1200"/></default>
+<default class="caster"><geom type="sphere" condim="1" priority="1" density="100"/></default>
 """
 # All lengths are fractions of the track width, which thus determines the size of a robot.
 BODY = """
@@ -59,14 +46,10 @@ def body(robot):
     )  # fmt: skip
 
 
-class Wheels(phalanx.Plant):
+class Wheels(Floor):
     def __init__(self, robots):
         tracks = np.array([track_m(robot) for robot in robots])
         self.half_track, self.radius = 0.5 * tracks, 0.25 * tracks
-        rates = [robot.limits for robot in robots]
-        self.rates = np.array(
-            [(r.acceleration_m_s2, r.turn_acceleration_rad_s2) if r else (math.inf, math.inf) for r in rates]
-        )
         self.ramp = np.zeros((len(robots), 2))  # v and w that the servos follow
         # Mass grows with the cube of the size, so inertia and gain grow with its fifth power.
         servos = [
@@ -74,35 +57,14 @@ class Wheels(phalanx.Plant):
             for robot, track in zip(robots, tracks)
             for side in ("left", "right")
         ]
-        text = WORLD.format(bodies="".join(map(body, robots)), servos="".join(servos))
-        self.model = mujoco.MjModel.from_xml_string(text)
-        self.data = mujoco.MjData(self.model)
-        self.bodies = [self.model.body(robot.name).id for robot in robots]
-        joints = [self.model.body(robot.name).jntadr[0] for robot in robots]
-        self.dofs = np.array([self.model.jnt_dofadr[joint] for joint in joints])
-        mujoco.mj_forward(self.model, self.data)
+        super().__init__(robots, classes=CLASSES, bodies="".join(map(body, robots)), servos="".join(servos))
 
-    def step(self, twists, dt):
-        twists, steps = np.array(twists), math.ceil(dt / STEP_S)
-        self.model.opt.timestep = dt / steps
-        for _ in range(steps):
-            change = twists - self.ramp
-            # Both arrive at the same time, on a straight segment.
-            needed = np.max(np.abs(change) / (HASTE * self.rates), axis=1, keepdims=True)
-            self.ramp += change * np.minimum(1.0, dt / steps / np.maximum(needed, 1e-12))
-            v, turn = self.ramp[:, 0], self.half_track * self.ramp[:, 1]
-            self.data.ctrl[0::2] = (v - turn) / self.radius
-            self.data.ctrl[1::2] = (v + turn) / self.radius
-            mujoco.mj_step(self.model, self.data)
-        mujoco.mj_kinematics(self.model, self.data)
-        ahead = self.data.xmat[self.bodies].reshape(-1, 3, 3)[:, :2, 0]
-        velocities, turns = (self.data.qvel[self.dofs[:, None] + columns] for columns in ([0, 1], [5]))
-        return np.column_stack([
-            self.data.xpos[self.bodies][:, :2],
-            np.arctan2(ahead[:, 1], ahead[:, 0]),
-            np.sum(velocities * ahead, axis=1),
-            turns[:, 0],
-        ])
+    def controls(self, twists, dt):
+        # Both arrive at the same time, on a straight segment.
+        needed = np.max(np.abs(twists - self.ramp) / self.rates, axis=1, keepdims=True)
+        approach(self.ramp, twists, needed, dt)
+        v, turn = self.ramp[:, 0], self.half_track * self.ramp[:, 1]
+        return np.column_stack([v - turn, v + turn]).ravel() / np.repeat(self.radius, 2)
 
 
 if __name__ == "__main__":

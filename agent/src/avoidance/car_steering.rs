@@ -41,6 +41,8 @@ pub struct CarSteering {
     stamp_ns: Option<u64>,
     /// Speed commanded at the previous sample, m/s.
     commanded_speed_m_s: f64,
+    /// Speed at the previous sample, m/s.
+    speed_m_s: f64,
 }
 
 /// Desired motion of a car at one sample.
@@ -97,15 +99,22 @@ impl CarSteering {
         drive.along_curve(twist, twist.v_m_s)
     }
 
-    /// Updates the times with a new sample.
+    /// Updates the times with a new sample. While a car with inertia gains speed, the time for which it has been held
+    /// back stands still: a change of the gear takes as long as its ramp.
     fn update_times(&mut self, sample: &Sample<'_>, slow_speed_m_s: f64) {
         let before_ns = self.stamp_ns.replace(sample.stamp_ns).unwrap_or(sample.stamp_ns);
         let dt = sample.stamp_ns.saturating_sub(before_ns) as f64 / 1e9;
         self.phase_time_s += dt;
         let (commanded, got) = (self.commanded_speed_m_s, sample.twist.v_m_s);
-        let is_held_back = commanded.abs() > slow_speed_m_s
+        let before = std::mem::replace(&mut self.speed_m_s, got);
+        let is_slow = commanded.abs() > slow_speed_m_s
             && got * commanded.signum() < HELD_BACK_SPEED_FRACTION * commanded.abs();
-        self.held_back_time_s = if is_held_back { self.held_back_time_s + dt } else { 0.0 };
+        let gains_speed = (got - before) * commanded.signum() > 0.0;
+        self.held_back_time_s = match (is_slow, gains_speed) {
+            (true, false) => self.held_back_time_s + dt,
+            (true, true) => self.held_back_time_s,
+            (false, _) => 0.0,
+        };
     }
 
     /// Chooses the gear for a direction at this angle to the heading, rad. Returns the angle in that gear (e), rad.
@@ -142,8 +151,9 @@ mod tests {
 
     const PERIOD_S: f64 = 0.01;
 
-    /// Drives to the origin at up to 0.2 m/s with R_min = 0.15 m for 30 s. Returns the end.
-    fn drive_to_origin(start: Pose, blocked_until: u64) -> Pose {
+    /// Drives to the origin at up to 0.2 m/s with R_min = 0.15 m for 30 s. In each step the speed changes by at most
+    /// `speed_change_max_m_s`. Returns the end.
+    fn drive_to_origin(start: Pose, blocked_until: u64, speed_change_max_m_s: f64) -> Pose {
         let car = Drive::new(DriveKind::Ackermann, 0.0, None).with_turning_radius(Some(0.15));
         let (mut steering, mut pose, mut twist) = (CarSteering::default(), start, Twist::ZERO);
         for step in 0..3000 {
@@ -168,7 +178,9 @@ mod tests {
             );
             // Something ahead holds it back at first.
             let ahead = step < blocked_until && requested.v_m_s > 0.0;
-            twist = if ahead { Twist::ZERO } else { requested };
+            let most = speed_change_max_m_s;
+            let v_m_s = twist.v_m_s + (requested.v_m_s - twist.v_m_s).clamp(-most, most);
+            twist = if ahead { Twist::ZERO } else { car.along_curve(requested, v_m_s) };
             pose = integrate_arc(pose, twist, PERIOD_S);
         }
         pose
@@ -176,17 +188,21 @@ mod tests {
 
     #[test]
     fn car_reaches_a_place_in_any_direction() {
-        for angle in 0..16 {
-            let heading_rad = wrap_angle(f64::from(angle) * PI / 8.0);
-            let end = drive_to_origin(Pose { x_m: 0.3, y_m: -0.1, heading_rad }, 0);
-            assert!(end.x_m.hypot(end.y_m) < 1e-2, "{heading_rad}: {end:?}");
+        // Without inertia, and with 2 s from 0.2 m/s to rest, much longer than it takes to count as held back.
+        for speed_change_max_m_s in [f64::INFINITY, 0.1 * PERIOD_S] {
+            for angle in 0..16 {
+                let heading_rad = wrap_angle(f64::from(angle) * PI / 8.0);
+                let start = Pose { x_m: 0.3, y_m: -0.1, heading_rad };
+                let end = drive_to_origin(start, 0, speed_change_max_m_s);
+                assert!(end.x_m.hypot(end.y_m) < 1e-2, "{heading_rad}: {end:?}");
+            }
         }
     }
 
     #[test]
     fn car_that_is_held_back_drives_in_the_other_direction() {
         let start = Pose { x_m: -0.3, y_m: 0.0, heading_rad: 0.0 };
-        let end = drive_to_origin(start, 400);
+        let end = drive_to_origin(start, 400, f64::INFINITY);
         assert!(end.x_m.hypot(end.y_m) < 1e-2, "{end:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! Counters and sensors of the plant, apart from the rules checked in `proof` and `inertia`.
 
 use formation::pose::Pose;
-use protocol::brief::WheelsBrief;
+use protocol::brief::{MemberBrief, WheelsBrief};
 use protocol::fault::{LinkFault, LinkFaultKind, Span, WheelFault};
 
 use super::*;
@@ -222,6 +222,23 @@ fn noise_is_drawn_per_number_during_the_fault() {
         let near: Vec<Vec2> = sample.proximity_front_points().collect();
         let off = [1, 2].map(|item| noisy * Vec2::from(faults[1].position_error_m(tick, item)));
         assert_eq!(near, [Vec2::new(0.1, 0.0) + off[0], Vec2::new(4.6, 0.0) + off[1]]);
+    }
+}
+
+/// Robots of 0.1, 0.2 and 0.3 m: the closest pair keeps its distance in both cases.
+#[test]
+fn team_is_in_violation_if_any_pair_is_below_the_sum_of_its_sizes() {
+    for (third_x_m, violations) in [(0.80, 1), (0.82, 0)] {
+        let mut brief = brief(&[0.0, 0.31, third_x_m]);
+        for (body, keep_m) in brief.robots.iter_mut().zip([0.1, 0.2, 0.3]) {
+            body.member = Some(MemberBrief {
+                keep_m,
+                speed_max_m_s: None,
+                command_lifetime_ns: 20 * NS_PER_MS,
+                class: 0,
+            });
+        }
+        assert_eq!(World::new(&brief).truth_header().violations, violations, "{third_x_m}");
     }
 }
 

@@ -227,7 +227,7 @@ fn noise_is_drawn_per_number_during_the_fault() {
 
 /// Robots of 0.1, 0.2 and 0.3 m: the closest pair keeps its distance in both cases.
 #[test]
-fn team_is_in_violation_if_any_pair_is_below_the_sum_of_its_sizes() {
+fn any_pair_of_a_team_below_the_sum_of_its_sizes_is_counted() {
     for (third_x_m, violations) in [(0.80, 1), (0.82, 0)] {
         let mut brief = brief(&[0.0, 0.31, third_x_m]);
         for (body, keep_m) in brief.robots.iter_mut().zip([0.1, 0.2, 0.3]) {

@@ -270,3 +270,24 @@ Proof.
   exists v, lo, hi. rewrite without_rate_at_once. repeat (split; [assumption|]). intros x [o [Ho ->]].
   apply respects_is_certified; try assumption; [apply G1|apply G5; exact Ho].
 Qed.
+
+(** At every instant, for every robot and for any losses, delays, stops and restarts: the robot uses up at most its half
+    of the slack,
+
+        n(t) . alpha'(t) >= - Lambda e^(-2 Lambda t) g(t),
+
+    where g is the running maximum of E = e^(2 Lambda t) rho, and rho the distance minus d. *)
+Theorem share_of_the_slack (S : Guard.setting) (r o : robot) (others : robot -> Prop) (t g : R) :
+  Guard.sensible S -> guarded S others r -> others o ->
+  (* of the other robot only that it moves and keeps the speed limit *)
+  moves o -> obeys (Guard.lifetime S) (Guard.v_max S) o ->
+  0 <= rho (Guard.d S) r o 0 -> 0 <= t -> 0 < distance r o t ->
+  running_max (E_of (rho (Guard.d S) r o) (2 * rate (Guard.lifetime S))) t g ->
+  - (rate (Guard.lifetime S) * exp (- (2 * rate (Guard.lifetime S)) * t) * g)
+  <= dot (direction r o t) (front_velocity r t).
+Proof.
+  intros HS Hr Ho Hmo Hobeyo Hstart. pose proof (sensible_at_once S HS) as HS'.
+  apply (share_of_the_slack_at_once (at_once S) r _ (another_robot (at_once S) r o) HS'
+           (guarded_stops_at_once S others r HS Hr)); [exists o; auto| |exact Hstart].
+  apply another_robot_moves_beside; [exact HS'|exact Hmo|]. intros x Hx. apply (Hobeyo x Hx).
+Qed.

@@ -1,5 +1,6 @@
-(** The guard's certificate: while a command is in effect, the robot approaches no other faster than b, and b is
-    at most Lambda times e^-2 of the slack at the sample, or Lambda times the current slack.
+(** The guard's certificate for a robot that stops at once, against another robot. `AtOnce.v` proves that while a
+    command that satisfies it is in effect, the robot approaches no other faster than b, and b is at most Lambda
+    times e^-2 of the slack at the sample, or Lambda times the current slack.
 
     The definitions from [rate] to [far] are the formulas of `Guard::grant_twist` and `Guard::collect_cones` in
     agent/src/avoidance/guard.rs. A test there reads them from this file, evaluates them and compares them with
@@ -135,104 +136,4 @@ Lemma psi_bounds spr M r : 0 <= spr -> 0 <= M -> 0 <= psi spr (swing M r) <= PI.
 Proof.
   intros Hspr HM. pose proof PI_RGT_0. pose proof (swing_bounds M r HM).
   unfold psi. split; [apply Rmin_glb; lra|apply Rmin_r].
-Qed.
-
-(** Hence the half-planes bound the approach. *)
-Lemma cone_contains_the_truth (n U z y : vec) (b r M mid spr theta_t lam : R) :
-  dot n n = 1 -> 0 <= M -> 0 <= spr -> 0 <= b -> 0 < norm z -> 0 <= lam <= 1 ->
-  norm (minus z (scale r n)) <= M ->
-  - spr <= theta_t - mid <= spr ->
-  U = rotate mid y ->
-  cone_sides n U b (psi spr (swing M r)) (count (psi spr (swing M r))) ->
-  - b <= dot (scale (/ norm z) z) (rotate theta_t (scale lam y)).
-Proof.
-  intros Hn HM Hspr Hb Hz Hlam Hmoved Hturned HU Hsides.
-  destruct (truth_is_in_the_cone n z r M mid spr theta_t Hn HM Hspr Hz Hmoved Hturned)
-    as [x [Hx Ex]].
-  pose proof (psi_bounds spr M r Hspr HM) as HP.
-  destruct (count_fits _ HP) as [HK Hstep].
-  assert (Hall : - b <= dot (rotate x n) U).
-  { apply (sides_bound_the_cone n U b (psi spr (swing M r)) (count (psi spr (swing M r))));
-      try assumption. apply HP. }
-  rewrite rotate_scale, dot_scale, Ex, <- HU.
-  assert (lam * - b <= lam * dot (rotate x n) U) by (apply Rmult_le_compat_l; lra).
-  nra.
-Qed.
-
-(** For a fraction of [c], from a heading within the range, when z has moved by at most (v_max + v_own) H. *)
-Theorem certificate_holds (S : setting) (v_own w_low w_high theta theta_t lam : R)
-    (c : command) (z_true z : vec) :
-  sensible S -> 0 <= v_own <= v_max S -> w_low <= 0 <= w_high ->
-  covers v_own w_low w_high c ->
-  respects S v_own w_low w_high theta c z_true ->
-  0 <= lam <= 1 -> 0 < norm z ->
-  norm (minus z z_true) <= (v_max S + v_own) * lifetime S ->
-  lifetime S * w_low <= theta_t - theta <= lifetime S * w_high ->
-  exists b,
-    - b <= dot (scale (/ norm z) z) (rotate theta_t (scale lam (speed c, across c))) /\
-    (b <= rate (lifetime S) * (exp (-2) * Rmax (norm z_true - d S) 0) \/
-     b <= rate (lifetime S) * Rmax (norm z - d S) 0).
-Proof.
-  intros [HH [HV [Hd [Heps [Heta Hrnd]]]]] Hown Hw [Hcs _] Hresp Hlam Hz Hmoved Hturned.
-  pose proof (rate_pos (lifetime S) HH) as HL. pose proof (rate_times_H (lifetime S) HH) as HLH.
-  set (u := rotate theta_t (scale lam (speed c, across c))).
-  (* In every direction it is at most as fast as v_own. *)
-  assert (Hslow : forall b, v_own <= b -> - b <= dot (scale (/ norm z) z) u).
-  { intros b Hb. pose proof (dot_ge_norms (scale (/ norm z) z) u) as B.
-    assert (E1 : norm (scale (/ norm z) z) = 1).
-    { rewrite norm_scale by (left; apply Rinv_0_lt_compat; exact Hz). field. lra. }
-    assert (E2 : norm u <= v_own).
-    { unfold u. rewrite rotate_norm, norm_scale by lra.
-      pose proof (norm_pos (speed c, across c)). nra. }
-    rewrite E1 in B. lra. }
-  pose proof (norm_triangle z_true z) as Hfar. rewrite norm_minus_sym in Hfar.
-  destruct Hresp as [Hunsensed | [r [n [theta_s [Hr [Hn [Herr [Htheta Hcase]]]]]]]].
-  - unfold far in Hunsensed.
-    exists (rate (lifetime S) * Rmax (norm z - d S) 0). split; [|right; lra].
-    apply Hslow.
-    assert (v_max S * lifetime S <= Rmax (norm z - d S) 0).
-    { apply Rle_trans with (norm z - d S); [|apply Rmax_l].
-      assert ((v_max S + v_own) * lifetime S <= (v_max S + v_max S) * lifetime S)
-        by (apply Rmult_le_compat_r; lra). lra. }
-    assert (Hr : rate (lifetime S) * (v_max S * lifetime S)
-                 <= rate (lifetime S) * Rmax (norm z - d S) 0)
-      by (apply Rmult_le_compat_l; lra).
-    replace (rate (lifetime S) * (v_max S * lifetime S)) with (v_max S * (rate (lifetime S) * lifetime S)) in Hr by ring.
-    rewrite HLH in Hr. lra.
-  - simpl in Hcase.
-    set (M := reach (v_max S) v_own (lifetime S) (eps S)) in *.
-    set (rho := slack r (eps S) (d S) (rounding S)) in *.
-    set (b := bound (lifetime S) rho M) in *.
-    assert (HM0 : 0 <= (v_max S + v_own) * lifetime S) by (apply Rmult_le_pos; lra).
-    assert (HM : 0 <= M) by (unfold M, reach; lra).
-    assert (Hrho0 : 0 <= rho) by apply Rmax_r.
-    assert (Hrn : norm (scale r n) = r) by (rewrite norm_scale, (unit_norm n Hn); lra).
-    assert (Hrtrue : r <= norm z_true + eps S).
-    { pose proof (norm_triangle (scale r n) z_true). lra. }
-    exists b. split.
-    + destruct Hcase as [Hskip|Hsides]; [apply Hslow; exact Hskip|].
-      set (y := (speed c, across c)) in *.
-      apply (cone_contains_the_truth n (rotate (middle theta_s (lifetime S) w_low w_high) y) z y b r M
-               (middle theta_s (lifetime S) w_low w_high)
-               (spread (lifetime S) w_low w_high (eta S)) theta_t lam);
-        try assumption; try reflexivity.
-      * unfold spread. assert (0 <= lifetime S * (w_high - w_low)) by (apply Rmult_le_pos; lra). lra.
-      * apply bound_pos; assumption.
-      * assert (T : norm (minus z (scale r n)) <= norm (minus z z_true) + norm (minus z_true (scale r n))).
-        { replace (minus z (scale r n)) with (plus (minus z z_true) (minus z_true (scale r n)));
-            [apply norm_plus|].
-          unfold plus, minus. simpl. f_equal; ring. }
-        rewrite (norm_minus_sym z_true) in T. unfold M, reach. lra.
-      * unfold middle, spread. lra.
-    + (* Case distinction over the two terms of b. *)
-      unfold b, bound. unfold Rmax at 1 3.
-      destruct (Rle_dec (rho * exp (-2)) (rho - M)) as [Hsec|Hfst].
-      * right. apply Rmult_le_compat_l; [lra|].
-        enough (Hnow : rho - M <= Rmax (norm z - d S) 0) by exact Hnow.
-        unfold rho, slack, Rmax at 1. destruct (Rle_dec _ 0).
-        -- apply Rle_trans with 0; [lra|apply Rmax_r].
-        -- apply Rle_trans with (norm z - d S); [|apply Rmax_l]. unfold M, reach. lra.
-      * left. apply Rmult_le_compat_l; [lra|]. rewrite Rmult_comm.
-        apply Rmult_le_compat_l; [left; apply exp_pos|].
-        unfold rho, slack. apply Rle_max_compat_r. lra.
 Qed.

@@ -1,9 +1,6 @@
-(** At every instant, for every robot and for any losses, delays, stops and restarts: the robot uses up at most
-    its half of the slack,
-
-        n(t) . alpha'(t) >= - Lambda e^(-2 Lambda t) g(t),
-
-    where g is the running maximum of E = e^(2 Lambda t) rho, and rho the distance minus d. *)
+(** Certified robots that stop at once: their requirements, the commands of an earlier process that may still be in
+    effect, and bounds on the motion since the sample of the command in force, for any losses, delays, stops and
+    restarts. *)
 
 Require Import Reals Lra Psatz Lia.
 From Phalanx Require Import Vectors Core Plant Geometry Motion Pair Guard.
@@ -116,86 +113,4 @@ Proof.
   - destruct Hdoes as [-> [-> ->]].
     assert (norm (0, 0) = 0) as -> by (unfold norm, dot; simpl; rewrite !Rmult_0_l, Rplus_0_l; apply sqrt_0).
     lra.
-Qed.
-
-(** ** The bound at every instant. *)
-
-Theorem share_of_the_slack (S : setting) (r o : robot) (others : robot -> Prop) (t g : R) :
-  sensible S -> guarded S others r -> others o ->
-  (* of the other robot only that it moves and keeps the speed limit *)
-  moves o -> obeys (lifetime S) (v_max S) o ->
-  0 <= rho (d S) r o 0 -> 0 <= t -> 0 < distance r o t ->
-  running_max (E_of (rho (d S) r o) (2 * rate (lifetime S))) t g ->
-  - (rate (lifetime S) * exp (- (2 * rate (lifetime S)) * t) * g) <= dot (direction r o t) (front_velocity r t).
-Proof.
-  intros HS Hr Ho Hmo Hobeyo Hstart Ht Hdist Hg.
-  pose proof HS as [HH [HV [Hd [Heps [Heta Hrnd]]]]].
-  pose proof (rate_pos (lifetime S) HH) as HL. pose proof (rate_times_H (lifetime S) HH) as HLH.
-  set (L := rate (lifetime S)) in *. set (k2 := 2 * L) in *.
-  destruct (slack_so_far (rho (d S) r o) k2 t g Hstart Ht Hg) as [Hg0 Hslack].
-  assert (Henough : forall b, b <= L * (exp (- k2 * t) * g) ->
-            - b <= dot (direction r o t) (front_velocity r t) ->
-            - (L * exp (- k2 * t) * g) <= dot (direction r o t) (front_velocity r t)).
-  { intros b Hb Hdot. lra. }
-  assert (Hzero : 0 <= L * (exp (- k2 * t) * g)).
-  { apply Rmult_le_pos; [lra|]. apply Rmult_le_pos; [left; apply exp_pos|exact Hg0]. }
-  pose proof Hr as [Hmr [Hobeyr [Hchron [Hone [Hsent Hall]]]]].
-  destruct (Hobeyr t Ht) as [_ [_ Hdoes]].
-  assert (Hstill : v r t = 0 -> side r t = 0 ->
-            - (L * exp (- k2 * t) * g) <= dot (direction r o t) (front_velocity r t)).
-  { intros Hv Hw. apply (Henough 0); [lra|]. unfold front_velocity. rewrite Hv, Hw.
-    unfold dot, rotate; simpl. lra. }
-  destruct (in_force (lifetime S) (mail r) t) as [c|] eqn:Hc; [|destruct Hdoes as [? [? _]]; apply Hstill; assumption].
-  destruct Hdoes as [lam [Hlam [Hv [Hw _]]]].
-  destruct (acts_within_its_lifetime (lifetime S) (mail r) t c Hchron Hc) as [Hlife [m Hm]].
-  destruct (Hsent m) as [k Hk]. rewrite Hk in Hm. subst c. clear m Hk.
-  destruct (Hall k) as [Hs0 [Hstands | [v_own [lo [hi [Hown [Hlohi [Hcov [Halive Hresp]]]]]]]]].
-  { destruct Hstands as [S1 [S2 _]]. rewrite S1, S2 in *. apply Hstill; lra. }
-  set (c := computed r k) in *. set (s := stamp c) in *.
-  assert (Hsince : forall tau, s <= tau < t ->
-            norm (v r tau, side r tau) <= v_own /\ lo <= w r tau <= hi).
-  { intros tau Htau.
-    apply (wheels_since_the_sample S r others k v_own lo hi t tau); try assumption; try lra.
-    fold c. fold s. lra. }
-  assert (Hown_moved : norm (minus (front r t) (front r s)) <= v_own * (t - s)).
-  { apply front_moves_at_most; [exact Hmr|lra|lra|]. intros x Hx. apply (Hsince x Hx). }
-  assert (Hother_moved : norm (minus (front o t) (front o s)) <= v_max S * (t - s)).
-  { apply front_moves_at_most; [exact Hmo|lra|lra|]. intros x Hx. apply (Hobeyo x). lra. }
-  assert (Hturned : lo * (t - s) <= heading r t - heading r s <= hi * (t - s)).
-  { apply heading_turns_within; [exact Hmr|lra|]. intros x Hx. apply (Hsince x Hx). }
-  set (z := minus (front r t) (front o t)).
-  set (zs := minus (front r s) (front o s)).
-  assert (Hmoved : norm (minus z zs) <= (v_max S + v_own) * lifetime S).
-  { assert (T : norm (minus z zs)
-                <= norm (minus (front r t) (front r s)) + norm (minus (front o s) (front o t))).
-    { replace (minus z zs)
-        with (plus (minus (front r t) (front r s)) (minus (front o s) (front o t)));
-        [apply norm_plus|].
-      unfold z, zs, plus, minus. simpl. f_equal; ring. }
-    rewrite (norm_minus_sym (front o s)) in T.
-    assert ((v_max S + v_own) * (t - s) <= (v_max S + v_own) * lifetime S)
-      by (apply Rmult_le_compat_l; lra). lra. }
-  destruct (certificate_holds S v_own lo hi (heading r s) (heading r t) lam c zs z
-              HS Hown Hlohi Hcov (Hresp o Ho) Hlam Hdist Hmoved) as [b [Hb Hterms]].
-  { assert (lo * lifetime S <= lo * (t - s)) by (apply Rmult_le_compat_neg_l; lra).
-    assert (hi * (t - s) <= hi * lifetime S) by (apply Rmult_le_compat_l; lra). lra. }
-  apply (Henough b).
-  - destruct Hterms as [Hfirst|Hsecond].
-    + (* e^-2 of the slack at the sample, at most H ago *)
-      eapply Rle_trans; [exact Hfirst|]. apply Rmult_le_compat_l; [lra|].
-      pose proof (Hslack s ltac:(lra)) as B. unfold rho, distance in B. fold zs in B.
-      apply Rle_trans with (exp (-2) * (exp (- k2 * s) * g)).
-      * apply Rmult_le_compat_l; [left; apply exp_pos|exact B].
-      * rewrite <- Rmult_assoc, <- exp_plus. apply Rmult_le_compat_r; [exact Hg0|].
-        assert (Hexp : -2 + - k2 * s <= - k2 * t).
-        { unfold k2. assert (X : L * (t - s) <= L * lifetime S) by (apply Rmult_le_compat_l; lra).
-          rewrite HLH in X. lra. }
-        destruct (Rle_lt_or_eq_dec _ _ Hexp) as [Hlt|Heq];
-          [left; apply exp_increasing; exact Hlt|right; rewrite Heq; reflexivity].
-    + (* the slack now *)
-      eapply Rle_trans; [exact Hsecond|]. apply Rmult_le_compat_l; [lra|].
-      apply (Hslack t). lra.
-  - unfold direction, distance, front_velocity. fold z. rewrite Hv, Hw.
-    replace (lam * speed c, lam * across c) with (scale lam (speed c, across c)) by reflexivity.
-    exact Hb.
 Qed.

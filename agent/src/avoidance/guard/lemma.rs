@@ -2,7 +2,7 @@
 //! any order, followed by braking, the robot approaches no neighbor faster than Lambda e^(-2 Lambda t) g, where
 //! g is the running maximum of e^(2 Lambda t) rho, for any motion of the others
 //! (`proof/Braking.v::share_of_the_slack_with_inertia`). If all robots stop at once, this holds for the new
-//! command, regardless of earlier commands (`proof/Time.v::share_of_the_slack`).
+//! command, regardless of earlier commands (`proof/AtOnce.v::share_of_the_slack`).
 //!
 //! Ablations show that each part of the certificate is needed, by cases constructed for this purpose.
 

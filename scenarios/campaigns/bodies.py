@@ -5,7 +5,7 @@
 
 Each cell has the median time to arrive in s, and its ratio to that of the front point in the same scene. The row "alone" has the
 time that the robot with the longest way would need if it were alone, and drove to its goal in a straight line at the speed of its
-law: no avoidance can be faster. Requires Python 3.11.
+law: no avoidance that keeps this speed can be faster. Requires Python 3.11.
 """
 
 import csv

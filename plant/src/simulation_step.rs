@@ -147,7 +147,8 @@ impl<M: Motion> SimulationStepper<M> {
         Ok(())
     }
 
-    /// Fills in the odometry sample of `robot`, sent at `sent_ns` by the machine's clock. It has default values before.
+    /// Writes the odometry of `robot`, sent at `sent_ns` by the machine's clock, into `sample`, whose fields must have
+    /// their default values.
     pub fn sense(&mut self, robot: usize, sent_ns: u64, sample: &mut Odometry) {
         self.command_senders[robot].odometry_sent_ns = sent_ns;
         self.world.sense(robot, sample);

@@ -345,8 +345,8 @@ impl<M: Motion> World<M> {
         sample
     }
 
-    /// Fills in the current odometry sample of `robot`, which has default values before. Fields of a sensor in
-    /// dropout (blackout) keep them.
+    /// Writes the current odometry of `robot` into `sample`, whose fields must have their default values. Fields of
+    /// a sensor in dropout (blackout) keep them.
     pub fn sense(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
         let works = |sensor| {

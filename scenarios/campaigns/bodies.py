@@ -3,7 +3,7 @@
 
     python3 scenarios/campaigns/bodies.py runs/campaigns/bodies
 
-Each cell has the median time to arrive in s, and its ratio to that of the front point in the same scene. The row "alone" has the
+Each cell has the median time to arrive in s, and its ratio to that of the front point in the same scene. The row "lower bound" has the
 time that the robot with the longest way would need if it were alone, and drove to its goal in a straight line at the speed of its
 law: no avoidance that keeps this speed can be faster. Requires Python 3.11.
 """
@@ -39,7 +39,7 @@ def main(results):
             alone[run["scene"]].append(alone_s(tomllib.loads((results / "runs" / run["run"] / "scenario.toml").read_text())))
     print("|", *scenes, sep=" | ", end=" |\n")
     print("|---" * (1 + len(scenes)), end="|\n")
-    print("| alone", *(f"{statistics.median(alone[scene]):.1f}" for scene in scenes), sep=" | ", end=" |\n")
+    print("| lower bound", *(f"{statistics.median(alone[scene]):.1f}" for scene in scenes), sep=" | ", end=" |\n")
     for body in bodies:
         medians_s = [(statistics.median(measured[scene, body]), statistics.median(measured[scene, "front"])) for scene in scenes]
         print(f"| {body}", *(f"{own:.1f} ({own / front:.2f})" for own, front in medians_s), sep=" | ", end=" |\n")

@@ -242,7 +242,7 @@ fn parse_speed_max(
     Ok(given)
 }
 
-/// Parses `wheels`, by default those of the model. Returns `None` without wheels in the scenario and in the model.
+/// Parses `wheels`. The values of the model are the defaults. Returns `None` if `wheels` is missing and the model has none.
 fn parse_wheels(
     table: &TableReader<'_, keys::Robot>,
     model: Option<&RobotModel>,

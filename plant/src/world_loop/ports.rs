@@ -94,7 +94,7 @@ impl Ports {
         (0..self.robots.len()).flat_map(queue)
     }
 
-    /// Sends an odometry sample to `robot`, which `fill` completes in shared memory.
+    /// Sends an odometry sample to `robot`. `fill` receives it in shared memory, with default values, and completes it.
     pub fn send_odometry(
         &self,
         robot: usize,

@@ -82,15 +82,8 @@ impl ValueDistribution {
         let mut recent_ns = std::mem::take(&mut self.recent_values_ns);
         let pending_ns = &mut recent_ns[self.bucketed_count..];
         pending_ns.sort_unstable();
-        let mut place = 0;
         for equal in pending_ns.chunk_by(|&a_ns, &b_ns| bucket_ns(a_ns) == bucket_ns(b_ns)) {
-            // Values ascend, so the search goes on where the last one ended.
-            let (bucket_ns, count) = (bucket_ns(equal[0]), equal.len() as u64);
-            place += self.buckets[place..].iter().take_while(|bucket| bucket.0 < bucket_ns).count();
-            match self.buckets.get_mut(place).filter(|bucket| bucket.0 == bucket_ns) {
-                Some(bucket) => bucket.1 += count,
-                None => self.buckets.insert(place, (bucket_ns, count)),
-            }
+            self.count_in_bucket(bucket_ns(equal[0]), equal.len() as u64);
         }
         self.bucketed_count = recent_ns.len();
         self.recent_values_ns = recent_ns;

@@ -41,21 +41,23 @@ impl CommandLine {
 
 /// Returns a hint to use `--set` if the unknown option of `run` or `check` names a scenario key.
 fn suggest_set_option(error: &clap::Error) -> Option<String> {
-    let words: Vec<String> =
-        std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
-    let sets = ["run", "check"].contains(&words.get(1)?.as_str());
-    let unknown = sets && error.kind() == ErrorKind::UnknownArgument;
-    let ContextValue::String(option) = error.get(ContextKind::InvalidArg).filter(|_| unknown)?
+    let arguments: Vec<String> =
+        std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
+    let accepts_set_option = ["run", "check"].contains(&arguments.get(1)?.as_str());
+    let is_unknown_argument = accepts_set_option && error.kind() == ErrorKind::UnknownArgument;
+    let ContextValue::String(option) =
+        error.get(ContextKind::InvalidArg).filter(|_| is_unknown_argument)?
     else {
         return None;
     };
     let key = FileFormat::new(&agent::catalog()).key_meant_by(option.strip_prefix("--")?)?;
-    let at = words.iter().position(|word| word.split('=').next() == Some(option))?;
-    let value = match words[at].split_once('=') {
+    let index = arguments.iter().position(|argument| argument.split('=').next() == Some(option))?;
+    let value = match arguments[index].split_once('=') {
         Some((_, value)) => value,
-        None => {
-            words.get(at + 1).filter(|word| !word.starts_with("--")).map_or("VALUE", |word| word)
-        }
+        None => arguments
+            .get(index + 1)
+            .filter(|argument| !argument.starts_with("--"))
+            .map_or("VALUE", |argument| argument),
     };
     Some(format!("to set a scenario key, use '--set {key}={value}'"))
 }

@@ -77,20 +77,22 @@ pub enum AttemptResult {
 fn assign_cores(
     topology: &Topology,
     pace: Pace,
-    missing: usize,
+    run_count: usize,
     jobs: Option<usize>,
 ) -> Vec<Vec<usize>> {
     if pace == Pace::Realtime {
         return vec![Vec::new()];
     }
-    let jobs = jobs.unwrap_or(topology.whole_cores()).clamp(1, missing.max(1));
+    let jobs = jobs.unwrap_or(topology.whole_cores()).clamp(1, run_count.max(1));
     let cores = &topology.cores;
     if cores.is_empty() {
         return vec![Vec::new(); jobs];
     }
-    let each = (cores.len() / jobs).max(1);
+    let cores_per_job = (cores.len() / jobs).max(1);
     let threads = |i: usize| cores[i % cores.len()].threads.iter().copied();
-    (0..jobs).map(|job| (job * each..(job + 1) * each).flat_map(threads).collect()).collect()
+    (0..jobs)
+        .map(|job| (job * cores_per_job..(job + 1) * cores_per_job).flat_map(threads).collect())
+        .collect()
 }
 
 /// Executes the missing runs. Calls `on_progress` after each attempt. Fails if a run is rejected that the campaign
@@ -104,27 +106,27 @@ pub fn execute_runs(
     jobs: Option<usize>,
     mut on_progress: impl FnMut(CampaignProgress),
 ) -> Result<CampaignResult, String> {
-    let (began, before_s) = (Instant::now(), children_cpu_time_s());
+    let (start, start_cpu_time_s) = (Instant::now(), children_cpu_time_s());
     let topology = Topology::for_this_thread().unwrap_or_default();
-    let shares = assign_cores(&topology, campaign.pace, missing.len(), jobs);
-    let (jobs, cores) = (shares.len(), topology.threads().count().max(1));
-    let (next, failed) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let core_sets = assign_cores(&topology, campaign.pace, missing.len(), jobs);
+    let (jobs, cores) = (core_sets.len(), topology.threads().count().max(1));
+    let (next_index, failure_count) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let (sender, receiver) = mpsc::channel();
     std::thread::scope(|scope| {
-        for share in shares {
+        for core_set in core_sets {
             let sender = sender.clone();
-            let (next, failed) = (&next, &failed);
+            let (next_index, failure_count) = (&next_index, &failure_count);
             scope.spawn(move || {
                 if executor.has_own_cores() {
                     // Inherited by the run and all its processes.
-                    pin_to(&share);
+                    pin_to(&core_set);
                 }
-                while let Some(cell) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    if stop.is_requested() || failed.load(Ordering::Relaxed) > 0 {
+                while let Some(cell) = missing.get(next_index.fetch_add(1, Ordering::Relaxed)) {
+                    if stop.is_requested() || failure_count.load(Ordering::Relaxed) > 0 {
                         return;
                     }
                     let result = attempt_until_done(cell, folder, executor, stop, &sender);
-                    failed.fetch_add(usize::from(result.is_err()), Ordering::Relaxed);
+                    failure_count.fetch_add(usize::from(result.is_err()), Ordering::Relaxed);
                     // The receiver is gone if another run failed.
                     let _ = sender.send(WorkerMessage::RunEnded(result));
                 }
@@ -132,24 +134,26 @@ pub fn execute_runs(
         }
         drop(sender);
         let mut progress = CampaignProgress::default();
-        let mut broken = None;
-        for news in receiver {
-            match news {
+        let mut first_error = None;
+        for message in receiver {
+            match message {
                 WorkerMessage::AttemptFailed => progress.failed_attempts += 1,
-                WorkerMessage::RunEnded(Ok(done)) => progress.finished_runs += usize::from(done),
-                WorkerMessage::RunEnded(Err(error)) => broken = broken.or(Some(error)),
+                WorkerMessage::RunEnded(Ok(is_done)) => {
+                    progress.finished_runs += usize::from(is_done)
+                }
+                WorkerMessage::RunEnded(Err(error)) => first_error = first_error.or(Some(error)),
             }
             on_progress(progress);
         }
-        let wall_s = began.elapsed().as_secs_f64();
-        match broken {
-            Some(why) => Err(format!("a run failed: {why}")),
+        let wall_time_s = start.elapsed().as_secs_f64();
+        match first_error {
+            Some(error) => Err(format!("a run failed: {error}")),
             None => Ok(CampaignResult {
                 was_interrupted: stop.is_requested(),
-                wall_time_s: wall_s,
+                wall_time_s,
                 jobs,
                 cores,
-                processor_time_s: children_cpu_time_s() - before_s,
+                processor_time_s: children_cpu_time_s() - start_cpu_time_s,
             }),
         }
     })
@@ -171,27 +175,27 @@ pub fn map_on_all_cores<I: Sync, T: Send>(
     work: impl Fn(&I) -> T + Sync,
 ) -> Vec<T> {
     let topology = Topology::for_this_thread().unwrap_or_default();
-    let shares = assign_cores(&topology, Pace::Lockstep, items.len(), jobs);
-    let next = AtomicUsize::new(0);
-    let work_off = |share: &[usize]| {
+    let core_sets = assign_cores(&topology, Pace::Lockstep, items.len(), jobs);
+    let next_index = AtomicUsize::new(0);
+    let process_items = |core_set: &[usize]| {
         if has_own_cores {
-            pin_to(share);
+            pin_to(core_set);
         }
-        let mut done = Vec::new();
+        let mut results = Vec::new();
         loop {
-            let place = next.fetch_add(1, Ordering::Relaxed);
-            let Some(item) = items.get(place) else { return done };
-            done.push((place, work(item)));
+            let index = next_index.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(index) else { return results };
+            results.push((index, work(item)));
         }
     };
-    let mut done: Vec<(usize, T)> = std::thread::scope(|scope| {
-        let work_off = &work_off;
+    let mut results: Vec<(usize, T)> = std::thread::scope(|scope| {
+        let process_items = &process_items;
         let threads: Vec<_> =
-            shares.iter().map(|share| scope.spawn(move || work_off(share))).collect();
+            core_sets.iter().map(|core_set| scope.spawn(move || process_items(core_set))).collect();
         threads.into_iter().flat_map(|thread| thread.join().expect("work does not panic")).collect()
     });
-    done.sort_by_key(|(place, _)| *place);
-    done.into_iter().map(|(_, made)| made).collect()
+    results.sort_by_key(|(index, _)| *index);
+    results.into_iter().map(|(_, result)| result).collect()
 }
 
 /// Returns the processor time of this process, of all children that have exited, and of their children, s.
@@ -211,9 +215,9 @@ fn pin_to(cores: &[usize]) {
     if cores.is_empty() {
         return;
     }
-    let mut set = CpuSet::new();
-    cores.iter().for_each(|&core| set.set(core));
-    if let Err(error) = sched_setaffinity(None, &set) {
+    let mut cpu_set = CpuSet::new();
+    cores.iter().for_each(|&core| cpu_set.set(core));
+    if let Err(error) = sched_setaffinity(None, &cpu_set) {
         tracing::debug!(%error, "runs have no cores of their own");
     }
 }
@@ -225,27 +229,27 @@ fn attempt_until_done(
     folder: &CampaignFolder,
     executor: &dyn RunExecutor,
     stop: &StopFlag,
-    news: &mpsc::Sender<WorkerMessage>,
+    sender: &mpsc::Sender<WorkerMessage>,
 ) -> Result<bool, String> {
-    let run = folder.run_path(&cell.id);
+    let run_path = folder.run_path(&cell.id);
     loop {
-        let failed_before = read_failed_attempts(&run).len();
+        let failed_before = read_failed_attempts(&run_path).len();
         if failed_before >= ATTEMPTS_MAX {
             return Ok(true);
         }
         if stop.is_requested() {
             return Ok(false);
         }
-        let why = match executor.attempt(cell) {
+        let reason = match executor.attempt(cell) {
             AttemptResult::Done => return Ok(true),
             AttemptResult::Stopped => return Ok(false),
-            AttemptResult::Refused(why) => return Err(why),
-            AttemptResult::Failed(why) => why,
+            AttemptResult::Refused(reason) => return Err(reason),
+            AttemptResult::Failed(reason) => reason,
         };
-        let _ = news.send(WorkerMessage::AttemptFailed);
+        let _ = sender.send(WorkerMessage::AttemptFailed);
         // A run that could determine the reason has recorded it.
-        if read_failed_attempts(&run).len() == failed_before {
-            append_failure(&run, &why).map_err(|error| error.to_string())?;
+        if read_failed_attempts(&run_path).len() == failed_before {
+            append_failure(&run_path, &reason).map_err(|error| error.to_string())?;
         }
     }
 }
@@ -280,8 +284,8 @@ mod tests {
         assert_eq!(super::assign_cores(&single, Pace::Realtime, 100, Some(4)), [[0; 0]]);
         let double = Topology { cores: vec![core(&[0, 2]), core(&[1, 3])], quota_cores: None };
         assert_eq!(assign_cores(&double, 100, None), [[0, 2], [1, 3]], "no core has two runs");
-        let paid = Topology { quota_cores: Some(1.5), ..double };
-        assert_eq!(assign_cores(&paid, 100, None), [[0, 2, 1, 3]], "more would only be held up");
+        let limited = Topology { quota_cores: Some(1.5), ..double };
+        assert_eq!(assign_cores(&limited, 100, None), [[0, 2, 1, 3]], "more would only be held up");
         assert_eq!(
             assign_cores(&Topology::default(), 100, None),
             [[0; 0]],

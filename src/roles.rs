@@ -70,7 +70,7 @@ pub fn main_with_laws(role: Role, added: &[LawRow]) -> u8 {
         Role::Awake => supervisor::child::keep_core_awake(),
         Role::Reap { run_root, logs } => supervisor::orphan_processes::run_reaper(&run_root, &logs),
         Role::Completions { shell } => verbs::print(&completion_script(shell)),
-        Role::Bench { words } => execute_bench(&words),
+        Role::Bench { words: arguments } => execute_bench(&arguments),
     }
 }
 
@@ -82,12 +82,12 @@ fn completion_script(shell: Shell) -> String {
 }
 
 /// Replaces this process by the benchmark program. Returns an exit code only if that fails.
-fn execute_bench(words: &[OsString]) -> u8 {
+fn execute_bench(arguments: &[OsString]) -> u8 {
     let path = match env::current_exe() {
-        Ok(own) => own.with_file_name(BENCH_PROGRAM),
+        Ok(executable) => executable.with_file_name(BENCH_PROGRAM),
         Err(_) => BENCH_PROGRAM.into(),
     };
-    let error = Command::new(&path).args(words).exec();
+    let error = Command::new(&path).args(arguments).exec();
     let hint = match error.kind() {
         io::ErrorKind::NotFound => "; `cargo build --release -p bench` builds it",
         _ => "",
@@ -98,11 +98,11 @@ fn execute_bench(words: &[OsString]) -> u8 {
 
 /// Returns the build information recorded by the build script.
 fn build_information() -> BuildInfo {
-    let known = |word: &str| Some(word.to_owned()).filter(|word| !word.is_empty());
+    let non_empty = |text: &str| Some(text.to_owned()).filter(|text| !text.is_empty());
     BuildInfo {
-        git_hash: known(env!("PHALANX_GIT_HASH")),
+        git_hash: non_empty(env!("PHALANX_GIT_HASH")),
         git_dirty: env!("PHALANX_GIT_DIRTY").parse().ok(),
-        rustc: known(env!("PHALANX_RUSTC")),
-        profile: known(env!("PHALANX_PROFILE")),
+        rustc: non_empty(env!("PHALANX_RUSTC")),
+        profile: non_empty(env!("PHALANX_PROFILE")),
     }
 }

@@ -118,7 +118,7 @@ pub enum WakeUpClass {
     /// The robot was frozen, or slow because of a fault, past the deadline. Not a lateness caused by the
     /// machine.
     DelayedByFault,
-    /// Counted. `missed` tells whether the previous answer missed a deadline.
+    /// Its lateness counts as caused by this machine.
     Counted {
         /// Whether the previous answer missed a deadline.
         missed_deadline: bool,
@@ -166,17 +166,17 @@ impl ControlCycle {
     /// Records a wake-up (real time only). `thawed_ns` is the time of the last resumption after a freeze.
     pub fn record_wake_up(&mut self, wake: &WakeUp, thawed_ns: u64) -> WakeUpClass {
         self.deadline_ns = Some(wake.due_ns);
-        let missed = std::mem::take(&mut self.missed_deadline);
+        let missed_deadline = std::mem::take(&mut self.missed_deadline);
         if !self.controller.has_started() {
             return WakeUpClass::Starting;
         }
-        let held = wake.due_ns < self.slow_until_ns.max(thawed_ns);
-        let (stage, woken) = match held {
+        let is_delayed_by_fault = wake.due_ns < self.slow_until_ns.max(thawed_ns);
+        let (stage, class) = match is_delayed_by_fault {
             true => (Stage::PlannedDelay, WakeUpClass::DelayedByFault),
-            false => (Stage::Wake, WakeUpClass::Counted { missed_deadline: missed }),
+            false => (Stage::Wake, WakeUpClass::Counted { missed_deadline }),
         };
         self.stored_wake_ups.push((stage, wake.lateness_ns));
-        woken
+        class
     }
 
     /// Records the cause of the lateness of the current wake-up, which counts.
@@ -204,20 +204,14 @@ impl ControlCycle {
         &mut self,
         inbox: Inbox<'_, impl IntoIterator<Item = Result<ReceivedBeacon<B>, E>>>,
     ) -> Result<(), E> {
-        let Inbox {
-            received_ns: taken_ns,
-            odometry,
-            participant_since_tick: member_since,
-            beacons,
-            link_faults: cuts,
-            goal,
-        } = inbox;
-        self.count_silence(taken_ns, odometry.is_some());
+        let Inbox { received_ns, odometry, participant_since_tick, beacons, link_faults, goal } =
+            inbox;
+        self.count_silence(received_ns, odometry.is_some());
         self.answer_reference_ns = match (self.brief.pace, odometry) {
             (Pace::Lockstep, Some(odometry)) => odometry.stamp_ns,
-            _ => taken_ns,
+            _ => received_ns,
         };
-        cuts.iter().for_each(|link| self.controller.set_link_cut(link.robot, link.cut == 1));
+        link_faults.iter().for_each(|link| self.controller.set_link_cut(link.robot, link.cut == 1));
         if let Some(goal) = goal {
             self.controller.request_goal(&goal);
         }
@@ -228,8 +222,8 @@ impl ControlCycle {
                 .for_each(|(stage, ns)| self.measurements.record(stage, 0, ns));
         }
         // At its first sample a robot has not received anything.
-        let joins = odometry.is_some_and(|odometry| odometry.tick <= member_since);
-        if self.controller.has_started() && !joins {
+        let is_joining = odometry.is_some_and(|odometry| odometry.tick <= participant_since_tick);
+        if self.controller.has_started() && !is_joining {
             for delivery in beacons {
                 match delivery {
                     // By reference, because a beacon is large.
@@ -244,7 +238,7 @@ impl ControlCycle {
             self.controller.clear_sample();
             return Ok(());
         };
-        self.measurements.record(Stage::Odometry, 0, taken_ns.saturating_sub(odometry.sent_ns));
+        self.measurements.record(Stage::Odometry, 0, received_ns.saturating_sub(odometry.sent_ns));
         // The answer would expire before it is sent.
         let age_ns = self.answer_reference_ns.saturating_sub(odometry.stamp_ns);
         if age_ns >= self.brief.command_lifetime_ns {
@@ -262,8 +256,8 @@ impl ControlCycle {
     }
 
     /// Sets what leaves to the out-neighbors with the next answer, in place of the law's choice.
-    pub fn set_send_decision(&mut self, outgoing: SendDecision) {
-        self.controller.set_send_decision(outgoing);
+    pub fn set_send_decision(&mut self, decision: SendDecision) {
+        self.controller.set_send_decision(decision);
     }
 
     /// Sets the target of a free robot at the current sample, in place of the law's choice.
@@ -291,8 +285,8 @@ impl ControlCycle {
             self.sent_counts.count_sent(answer.beacon.tick, &answer.send_decision);
             answer.beacon.messages_sent = self.sent_counts.messages;
         }
-        let quiet_ns = self.cycle_start_ns.saturating_sub(self.last_status_ns);
-        let is_due = is_realtime && quiet_ns >= STATUS_INTERVAL_NS;
+        let since_status_ns = self.cycle_start_ns.saturating_sub(self.last_status_ns);
+        let is_due = is_realtime && since_status_ns >= STATUS_INTERVAL_NS;
         // The values of a sample are reported with it, so that none is lost.
         if let Some(answer) = answer.as_ref().filter(|_| self.brief.records_messages) {
             *recorded_message = answer.message().to_vec();
@@ -379,36 +373,36 @@ impl ControlCycle {
         &mut self.measurements
     }
 
-    fn receive_broadcast(&mut self, place: usize, broadcast: &Broadcast, taken_ns: u64) {
+    fn receive_broadcast(&mut self, sender_index: usize, broadcast: &Broadcast, received_ns: u64) {
         let Broadcast { beacon, message } = broadcast;
-        if !self.controller.neighborhood().needs_beacon_of_tick(place, beacon.tick) {
+        if !self.controller.neighborhood().needs_beacon_of_tick(sender_index, beacon.tick) {
             return;
         }
         // Before the faults of the link, which lose messages on purpose. A backup neighbor is not received all the
         // time.
-        if let Some(Some(gaps)) = self.gap_counters.get_mut(place) {
+        if let Some(Some(gaps)) = self.gap_counters.get_mut(sender_index) {
             self.sent_counts.dropped_messages = self
                 .sent_counts
                 .dropped_messages
                 .saturating_add(gaps.record_beacon(beacon, message.is_some()));
         }
         if self.brief.pace == Pace::Realtime {
-            let under_way_ns = taken_ns.saturating_sub(beacon.sent_ns);
-            let from = self.brief.sender(place).index;
-            self.measurements.record(Stage::BeaconDelivery, from, under_way_ns);
-            self.answer_reference_ns = self.answer_reference_ns.max(taken_ns);
+            let delivery_ns = received_ns.saturating_sub(beacon.sent_ns);
+            let from = self.brief.sender(sender_index).index;
+            self.measurements.record(Stage::BeaconDelivery, from, delivery_ns);
+            self.answer_reference_ns = self.answer_reference_ns.max(received_ns);
         }
         // A refusal is counted. In real time one beacon may overtake another.
         let now_ns = self.answer_reference_ns;
-        if let Err(refusal) = self.controller.receive_broadcast(place, broadcast, now_ns) {
-            let neighbor = self.brief.sender(place);
+        if let Err(refusal) = self.controller.receive_broadcast(sender_index, broadcast, now_ns) {
+            let neighbor = self.brief.sender(sender_index);
             tracing::debug!(neighbor = neighbor.name, %refusal, "beacon refused");
         }
     }
 
-    fn count_silence(&mut self, now_ns: u64, heard: bool) {
+    fn count_silence(&mut self, now_ns: u64, has_odometry: bool) {
         let gap_ns = now_ns.saturating_sub(self.cycle_start_ns);
-        self.plant_silence_ns = match heard {
+        self.plant_silence_ns = match has_odometry {
             true => 0,
             false => {
                 self.plant_silence_ns

@@ -28,7 +28,7 @@ use ports::Ports;
 /// Polling interval for the stop request while the robot is slow because of a fault.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Runs the robot of this brief until it is told to stop. `parts` creates the components of the controller from
+/// Runs the robot of this brief until a stop is requested. `parts` creates the components of the controller from
 /// the brief: [`Parts::from_brief`], or a program's own law, role or method.
 pub fn run<E>(
     brief_path: &Path,
@@ -48,7 +48,7 @@ where
     if brief.pace == Pace::Realtime {
         process::request_time_slice(TimeSlice::Short);
     }
-    // Opened before the ports, whose presence tells the plant that it may start.
+    // Opened before the ports, whose presence permits the plant to start.
     let barrier = match brief.pace {
         Pace::Lockstep => {
             let mut barrier = Barrier::open(&run_root::barrier_path(&brief.run_root))?;
@@ -63,12 +63,12 @@ where
     let ports = Ports::open(cycle.brief(), cycle.measurements())?;
     tracing::info!(robot, incarnation, law = cycle.brief().law, "ready");
     let mut agent = Agent { cycle, ports, stop };
-    let ended = match barrier {
+    let result = match barrier {
         Some(barrier) => agent.run_in_lockstep(&barrier, epoch),
         None => agent.run_in_real_time(),
     };
     agent.send_measurements();
-    ended
+    result
 }
 
 struct Agent {
@@ -84,22 +84,23 @@ impl Agent {
         self.send_status(&[])?;
         barrier.count_report();
         while !self.stop.is_requested() {
-            let patience = supervisor.waiting_condition(barrier, &self.stop);
-            let Some((new_epoch, tick)) = barrier.wait_for_tick(slot, epoch, patience) else {
+            let keep_waiting = supervisor.waiting_condition(barrier, &self.stop);
+            let Some((new_epoch, tick)) = barrier.wait_for_tick(slot, epoch, keep_waiting) else {
                 break;
             };
             epoch = new_epoch;
             supervisor.record_progress();
             // After a freeze the first tick seen is one that passed without this robot.
             let since = barrier.first_member_tick(slot).filter(|&since| since <= tick);
-            let Some(member_since) = since else { continue };
+            let Some(participant_since_tick) = since else { continue };
             let odometry = receive_odometry_of_tick(&self.ports, tick)?;
             let ports = &self.ports;
-            let beacon = |place| receive_beacon_of_previous_tick(ports, barrier, place, tick);
+            let beacon =
+                |sender_index| receive_beacon_of_previous_tick(ports, barrier, sender_index, tick);
             self.cycle.sense(Inbox {
                 received_ns: clock::now_ns(),
                 odometry: Some(&odometry),
-                participant_since_tick: member_since,
+                participant_since_tick,
                 beacons: (0..ports.sender_count()).filter_map(beacon),
                 link_faults: &[],
                 goal: None,
@@ -135,30 +136,30 @@ impl Agent {
                 None => barrier.arrive_without_messages(slot, tick),
             }
         }
-        supervisor.loss_reason().map_or(Ok(()), |lost| Err(lost.into()))
+        supervisor.loss_reason().map_or(Ok(()), |reason| Err(reason.into()))
     }
 
     fn run_in_real_time(&mut self) -> Result<(), Failure> {
         let &AgentBrief { period_ns, index, .. } = self.cycle.brief();
         let mut timer = Timer::new(period_ns, (golden_phase(index) * period_ns as f64) as u64);
-        let thaws = ThawListener::start()?;
-        let mut witness = LatenessDiagnosis::new(period_ns);
+        let thaw_listener = ThawListener::start()?;
+        let mut diagnosis = LatenessDiagnosis::new(period_ns);
         self.send_status(&[])?;
         while !self.stop.is_requested() {
             let Some(wake) = timer.wait() else {
-                witness.record_computation_end(clock::now_ns());
+                diagnosis.record_computation_end(clock::now_ns());
                 continue;
             };
-            match self.cycle.record_wake_up(&wake, thaws.last_thaw_ns()) {
+            match self.cycle.record_wake_up(&wake, thaw_listener.last_thaw_ns()) {
                 WakeUpClass::Starting => self.ports.connect()?,
-                WakeUpClass::DelayedByFault => witness.skip_wake_up(&wake),
-                WakeUpClass::Counted { missed_deadline: missed } => {
-                    if let Some(cause) = witness.cause_if_late(&wake, missed) {
+                WakeUpClass::DelayedByFault => diagnosis.skip_wake_up(&wake),
+                WakeUpClass::Counted { missed_deadline } => {
+                    if let Some(cause) = diagnosis.cause_if_late(&wake, missed_deadline) {
                         self.cycle.record_lateness(&wake, cause);
                     }
                 }
             }
-            witness.record_computation_end(self.run_cycle_in_real_time()?);
+            diagnosis.record_computation_end(self.run_cycle_in_real_time()?);
         }
         Ok(())
     }
@@ -168,29 +169,29 @@ impl Agent {
     fn run_cycle_in_real_time(&mut self) -> Result<u64, Failure> {
         // In real time a queue holds only the newest sample.
         let odometry = self.ports.receive_odometry()?;
-        let cuts = self.ports.receive_link_faults()?;
-        let taken_ns = clock::now_ns();
+        let link_faults = self.ports.receive_link_faults()?;
+        let received_ns = clock::now_ns();
         self.cycle.sense(Inbox {
-            received_ns: taken_ns,
+            received_ns,
             odometry: odometry.as_deref(),
             participant_since_tick: 0,
             beacons: self.ports.receive_newest_beacons(),
-            link_faults: cuts.as_ref().map_or(&[], |cuts| cuts.payload()),
+            link_faults: link_faults.as_ref().map_or(&[], |sample| sample.payload()),
             goal: self.ports.receive_goal()?,
         })?;
         drop(odometry);
         let mut outbox = self.cycle.answer();
-        let mut rested_ns = taken_ns;
+        let mut end_ns = received_ns;
         if let Some(answer) = &mut outbox.answer {
             self.sleep_until_stop(answer.delay_ns);
-            rested_ns = clock::now_ns();
-            self.ports.send_answer(answer, rested_ns)?;
-            self.cycle.record_sent(rested_ns);
+            end_ns = clock::now_ns();
+            self.ports.send_answer(answer, end_ns)?;
+            self.cycle.record_sent(end_ns);
         }
         self.ports.update_spare_ports(self.cycle.controller().neighborhood())?;
         if outbox.is_plant_silent {
-            let silent_s = self.cycle.silence_max_ns() / 1_000_000_000;
-            return Err(format!("no sign of the plant for {silent_s} s").into());
+            let silence_max_s = self.cycle.silence_max_ns() / 1_000_000_000;
+            return Err(format!("no sign of the plant for {silence_max_s} s").into());
         }
         let batch_is_due = self.cycle.batch_is_due();
         if outbox.status_is_due {
@@ -200,7 +201,7 @@ impl Agent {
             self.send_measurements();
         }
         let reported = outbox.status_is_due || batch_is_due;
-        Ok(if reported { clock::now_ns() } else { rested_ns })
+        Ok(if reported { clock::now_ns() } else { end_ns })
     }
 
     /// Sleeps for `ns`, or until the end of the run.
@@ -237,38 +238,38 @@ fn receive_odometry_of_tick(ports: &Ports, tick: u64) -> Result<Sample<Odometry>
     Err(missing_sample_failure(tick, "odometry"))
 }
 
-/// Returns the beacon that the sender with index `place` sent at the previous tick, or `None` if it is not
+/// Returns the beacon that the sender `sender_index` sent at the previous tick, or `None` if it is not
 /// expected, did not take part, or sent none. A beacon of the current tick stays in the queue.
 fn receive_beacon_of_previous_tick(
     ports: &Ports,
     barrier: &Barrier,
-    place: usize,
+    sender_index: usize,
     tick: u64,
 ) -> Option<Result<ReceivedBeacon, Failure>> {
-    let before = tick - 1;
-    let (name, slot) = ports.sender_name_and_slot(place);
-    let takes_part = || barrier.first_member_tick(slot).is_some_and(|since| since <= before);
-    if !ports.has_beacon_of_tick(place, before)
+    let previous_tick = tick - 1;
+    let (name, slot) = ports.sender_name_and_slot(sender_index);
+    let takes_part = || barrier.first_member_tick(slot).is_some_and(|since| since <= previous_tick);
+    if !ports.has_beacon_of_tick(sender_index, previous_tick)
         || !takes_part()
-        || barrier.has_no_beacon(slot, before)
+        || barrier.has_no_beacon(slot, previous_tick)
     {
         return None;
     }
     loop {
-        let sample = match ports.receive_beacon(place) {
+        let sample = match ports.receive_beacon(sender_index) {
             Ok(sample) => sample,
             Err(failure) => return Some(Err(failure)),
         };
         match sample {
-            Some(sample) if sample.user_header().tick < before => {}
+            Some(sample) if sample.user_header().tick < previous_tick => {}
             // Lockstep does not use the time of reception.
-            Some(sample) if sample.user_header().tick == before => {
-                return Some(Ok(ports::copy_beacon(place, &sample, 0)));
+            Some(sample) if sample.user_header().tick == previous_tick => {
+                return Some(Ok(ports::copy_beacon(sender_index, &sample, 0)));
             }
             // The sender was killed in this very tick, not by a plan.
             None if !takes_part() => return None,
             _ => {
-                let what = format!("beacon of {name} from tick {before}");
+                let what = format!("beacon of {name} from tick {previous_tick}");
                 return Some(Err(missing_sample_failure(tick, &what)));
             }
         }

@@ -34,10 +34,10 @@ use goal_requests::GoalRequests;
 /// and up to 2 in real time (one period of the sender, one for delivery and phase). Delays of odometry and
 /// commands are added.
 fn beacon_age_periods(brief: &AgentBrief) -> f64 {
-    let late = brief.late_ns as f64 / brief.period_ns as f64;
+    let delay_periods = brief.late_ns as f64 / brief.period_ns as f64;
     match brief.pace {
-        Pace::Lockstep => 1.0 + late,
-        Pace::Realtime => 2.0 + late,
+        Pace::Lockstep => 1.0 + delay_periods,
+        Pace::Realtime => 2.0 + delay_periods,
     }
 }
 
@@ -243,26 +243,26 @@ impl Controller {
     /// Receives a beacon without a message, see [`Controller::receive_broadcast`].
     pub fn receive_beacon(
         &mut self,
-        place: usize,
+        sender_index: usize,
         beacon: &Beacon,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        self.receive_broadcast(place, &(*beacon).into(), now_ns)
+        self.receive_broadcast(sender_index, &(*beacon).into(), now_ns)
     }
 
-    /// Receives a beacon, and the message with it, from the neighbor with index `place` in the order of the brief,
+    /// Receives a beacon, and the message with it, from the neighbor `sender_index` in the order of the brief,
     /// after the first sample. A refused beacon is counted and changes nothing. A beacon that the link faults drop
     /// or delay has no effect for now.
     pub fn receive_broadcast(
         &mut self,
-        place: usize,
+        sender_index: usize,
         broadcast: &Broadcast,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        let sender = self.brief.sender(place);
+        let sender = self.brief.sender(sender_index);
         let receives_all = sender.lies.is_empty() && sender.range.is_none();
-        if receives_all && self.links[place].is_transparent() {
-            return self.receive_without_delay(place, broadcast, now_ns);
+        if receives_all && self.links[sender_index].is_transparent() {
+            return self.receive_without_delay(sender_index, broadcast, now_ns);
         }
         let beacon = &broadcast.beacon;
         let transmission = Transmission {
@@ -270,25 +270,25 @@ impl Controller {
             t_ns: beacon.stamp_ns.saturating_sub(self.start_ns),
             distance_m: self.front_point.map(|alpha| (alpha - beacon.position()).norm()),
         };
-        if !self.neighborhood.update_range(place, transmission.distance_m, now_ns) {
+        if !self.neighborhood.update_range(sender_index, transmission.distance_m, now_ns) {
             return Ok(());
         }
-        let sender = self.brief.sender(place);
+        let sender = self.brief.sender(sender_index);
         let mut broadcast = broadcast.clone();
         let (lies, format) = (&sender.lies, sender.message.as_ref());
         lies.iter()
-            .for_each(|lie| lie.falsify_broadcast(&mut broadcast, format, transmission.t_ns));
-        match self.links[place].send(&broadcast, transmission) {
-            Some(broadcast) => self.receive_without_delay(place, &broadcast, now_ns),
+            .for_each(|fault| fault.falsify_broadcast(&mut broadcast, format, transmission.t_ns));
+        match self.links[sender_index].send(&broadcast, transmission) {
+            Some(broadcast) => self.receive_without_delay(sender_index, &broadcast, now_ns),
             None => Ok(()),
         }
     }
 
     /// Takes the link from a robot down, or restores it. `robot` is the index in the scenario, from 1. Does
     /// nothing for a robot that is not an in-neighbor.
-    pub fn set_link_cut(&mut self, robot: u64, cut: bool) {
-        if let Some(place) = self.neighborhood.sender_index(robot) {
-            self.links[place].set_cut(cut);
+    pub fn set_link_cut(&mut self, robot: u64, is_down: bool) {
+        if let Some(sender_index) = self.neighborhood.sender_index(robot) {
+            self.links[sender_index].set_cut(is_down);
         }
     }
 
@@ -300,14 +300,14 @@ impl Controller {
 
     fn receive_without_delay(
         &mut self,
-        place: usize,
+        sender_index: usize,
         broadcast: &Broadcast,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        let heard = self.neighborhood.receive_broadcast(place, broadcast, now_ns);
-        self.beacons_refused += u64::from(heard.is_err());
-        self.has_status_change |= heard.is_err();
-        heard
+        let result = self.neighborhood.receive_broadcast(sender_index, broadcast, now_ns);
+        self.beacons_refused += u64::from(result.is_err());
+        self.has_status_change |= result.is_err();
+        result
     }
 
     /// Returns the in-neighbors and their communication states.
@@ -325,8 +325,8 @@ impl Controller {
         self.newest_sample_tick_and_time.is_some()
     }
 
-    /// Returns whether a neighbor's contact changed or a beacon was refused since the last call, and resets the
-    /// flag.
+    /// Returns whether the communication state of a neighbor changed or a beacon was refused since the last call, and
+    /// resets the flag.
     pub fn take_status_change(&mut self) -> bool {
         std::mem::take(&mut self.has_status_change)
     }
@@ -346,13 +346,13 @@ impl Controller {
     pub fn sense(&mut self, odometry: &Odometry) {
         self.newest_sample_tick_and_time = Some((odometry.tick, odometry.t_ns));
         self.start_ns = odometry.stamp_ns.saturating_sub(odometry.t_ns);
-        for place in 0..self.links.len() {
-            while let Some(broadcast) = self.links[place].next_due_message(odometry.t_ns) {
-                if !self.neighborhood.is_in_range(place) {
+        for sender_index in 0..self.links.len() {
+            while let Some(broadcast) = self.links[sender_index].next_due_message(odometry.t_ns) {
+                if !self.neighborhood.is_in_range(sender_index) {
                     continue;
                 }
                 // A refusal is counted. Jitter may reorder beacons.
-                let _ = self.receive_without_delay(place, &broadcast, odometry.stamp_ns);
+                let _ = self.receive_without_delay(sender_index, &broadcast, odometry.stamp_ns);
             }
         }
         self.has_status_change |=
@@ -364,12 +364,12 @@ impl Controller {
         );
         (self.cycle_state.error, self.cycle_state.law_error_and_desired_velocity) = (None, None);
         self.cycle_state.own = None;
-        let arrived;
+        let delivered;
         let odometry = match self.odometry_link {
             None => Some(odometry),
             Some(_) => {
-                arrived = self.pass_odometry_link(odometry);
-                arrived.as_ref()
+                delivered = self.pass_odometry_link(odometry);
+                delivered.as_ref()
             }
         };
         let Some(odometry) = odometry.filter(|sample| sample.pose_valid == 1) else { return };
@@ -379,21 +379,22 @@ impl Controller {
         let target = self
             .role
             .target(&own.role_input(&self.neighborhood), &mut self.cycle_state.neighbor_estimates);
-        // A free robot goes by the target that its law has named at the sample before.
-        let named = self.own_target.filter(|_| self.role.asks_law_for_target()).map(|named| {
-            named.extrapolate(own.stamp_ns.saturating_sub(self.own_target_ns) as f64 / 1e9)
-        });
-        if let Some(target) = named.or(target) {
+        // A free robot uses the target that its law returned at the previous sample.
+        let law_target =
+            self.own_target.filter(|_| self.role.asks_law_for_target()).map(|target| {
+                target.extrapolate(own.stamp_ns.saturating_sub(self.own_target_ns) as f64 / 1e9)
+            });
+        if let Some(target) = law_target.or(target) {
             let error = alpha - target.position;
             self.cycle_state.error = Some(error);
             if error.norm() <= self.arrival_radius_m() {
                 self.neighborhood.record_leader_on_path();
             }
-            let seen = self.cycle_state.avoidance_sample(&own);
-            let error = self.avoidance.standoff_error(&seen, error);
-            let hastens = self.brief.rank == YieldPriority::Contained
+            let sample = self.cycle_state.avoidance_sample(&own);
+            let error = self.avoidance.standoff_error(&sample, error);
+            let speeds_up = self.brief.rank == YieldPriority::Contained
                 && self.neighborhood.has_failed_in_neighbor();
-            let error = if hastens { REPAIR_SPEED_FACTOR * error } else { error };
+            let error = if speeds_up { REPAIR_SPEED_FACTOR * error } else { error };
             self.cycle_state.law_error_and_desired_velocity = Some((error, target.velocity));
         }
     }
@@ -459,8 +460,8 @@ impl Controller {
     }
 
     /// Sets what leaves with the next answer, in place of the law's choice.
-    pub fn set_send_decision(&mut self, outgoing: SendDecision) {
-        self.send_decision = outgoing;
+    pub fn set_send_decision(&mut self, decision: SendDecision) {
+        self.send_decision = decision;
     }
 
     /// Returns what leaves with the current answer, for which the law has seen all queued messages if it was called.
@@ -472,18 +473,18 @@ impl Controller {
         if self.cycle_state.situation().is_some() {
             self.neighborhood.discard_queued_messages();
         }
-        let outgoing = std::mem::take(&mut self.send_decision);
+        let decision = std::mem::take(&mut self.send_decision);
         let AgentBrief { name, law, message, withholds, .. } = &self.brief;
-        if let Err(flaw) = outgoing.check(message.as_ref(), *withholds) {
-            panic!("the law \"{law}\" of {name} is wrong: {flaw}");
+        if let Err(error) = decision.check(message.as_ref(), *withholds) {
+            panic!("the law \"{law}\" of {name} is wrong: {error}");
         }
-        outgoing
+        decision
     }
 
     /// Computes the answer to the current sample from the output of the control law. A robot without a desired
     /// position stops. See [`Controller::answer`].
     pub fn act(&mut self, output: LawOutput, effect_ns: u64) -> Option<Answer> {
-        let outgoing = self.take_send_decision();
+        let decision = self.take_send_decision();
         let (tick, t_ns) = self.newest_sample_tick_and_time?;
         let effect_ns = effect_ns + self.expected_command_delay_ns(t_ns);
         let own = self.cycle_state.own?;
@@ -505,7 +506,7 @@ impl Controller {
                 (rank, Some((own.stamp_ns, frame)))
             }
             None => match self.neighborhood.frame_in_force(own.stamp_ns) {
-                Some(heard) => (heard.rank, Some((heard.stamp_ns, heard.frame))),
+                Some(received) => (received.rank, Some((received.stamp_ns, received.frame))),
                 None => (0, None),
             },
         };
@@ -529,8 +530,8 @@ impl Controller {
                 front_velocity(pose.heading_rad, self.brief.front_point_m, twist)
             }
             PublishedVelocity::Differenced => {
-                let before = self.previous_front_point.replace((own.stamp_ns, alpha));
-                velocity_by_difference(before, own.stamp_ns, alpha)
+                let previous = self.previous_front_point.replace((own.stamp_ns, alpha));
+                velocity_by_difference(previous, own.stamp_ns, alpha)
             }
         };
 
@@ -550,7 +551,7 @@ impl Controller {
                 ..Beacon::default()
             }
             .with_leader_frame(frame),
-            send_decision: outgoing,
+            send_decision: decision,
             command: Command {
                 tick,
                 stamp_ns: own.stamp_ns,
@@ -585,12 +586,12 @@ impl Controller {
     /// Returns the expected delay of commands sent at this run time, ns: the mean of the active delay faults,
     /// and their maximum if there are several.
     fn expected_command_delay_ns(&self, t_ns: u64) -> u64 {
-        let holding = self.brief.command_faults.iter().filter(|fault| fault.span.contains(t_ns));
-        let late_ns = holding.map(|fault| match fault.kind {
+        let active = self.brief.command_faults.iter().filter(|fault| fault.span.contains(t_ns));
+        let delays_ns = active.map(|fault| match fault.kind {
             LinkFaultKind::Delay { delay_ns, jitter_ns } => delay_ns.saturating_add(jitter_ns / 2),
             _ => 0,
         });
-        late_ns.max().unwrap_or(0)
+        delays_ns.max().unwrap_or(0)
     }
 
     /// Returns the information ages since the last call. See [`Neighborhood::take_information_ages`].
@@ -714,10 +715,10 @@ impl OwnState {
     }
 }
 
-/// Returns the mean velocity of alpha since the sample `before`, m/s, or 0 without one.
-fn velocity_by_difference(before: Option<(u64, Vec2)>, stamp_ns: u64, alpha: Vec2) -> Vec2 {
-    before.map_or(Vec2::zeros(), |(then_ns, was)| {
-        (alpha - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)
+/// Returns the mean velocity of alpha since the `previous` sample, m/s, or 0 without one.
+fn velocity_by_difference(previous: Option<(u64, Vec2)>, stamp_ns: u64, alpha: Vec2) -> Vec2 {
+    previous.map_or(Vec2::zeros(), |(previous_ns, previous_alpha)| {
+        (alpha - previous_alpha) / (stamp_ns.saturating_sub(previous_ns).max(1) as f64 / 1e9)
     })
 }
 

@@ -1,6 +1,6 @@
 //! Agent of one robot: a pure control cycle with a controller, and the loop that provides samples and time.
 //!
-//! An agent knows only its brief: its own services and the beacons of its in-neighbors. It never sees the graph
+//! An agent knows only its brief: its own services and the beacons of its in-neighbors. It never receives the graph
 //! and never needs the supervisor to keep moving.
 //!
 //! | file | question it answers |

@@ -132,9 +132,9 @@ fn age_s(now_ns: u64, stamp_ns: u64) -> f64 {
     (now_ns as i64 - stamp_ns as i64) as f64 / 1e9
 }
 
-/// Returns the frame of time `told_ns` extrapolated to `then_ns`, forwards or backwards.
-fn extrapolate_frame(told_ns: u64, frame: LeaderFrame, then_ns: u64) -> LeaderFrame {
-    frame.extrapolate((then_ns as i64 - told_ns as i64) as f64 / 1e9)
+/// Returns the frame of time `stamp_ns` extrapolated to `target_ns`, forwards or backwards.
+fn extrapolate_frame(stamp_ns: u64, frame: LeaderFrame, target_ns: u64) -> LeaderFrame {
+    frame.extrapolate((target_ns as i64 - stamp_ns as i64) as f64 / 1e9)
 }
 
 /// Communication state, and the time of its last change.
@@ -150,12 +150,12 @@ pub struct TimedReceptionState {
 
 impl TimedReceptionState {
     /// Sets the state. Returns whether it changed.
-    fn set_state(&mut self, contact: ReceptionState, tick: u64, t_ns: u64) -> bool {
-        let turned = contact != self.state;
-        if turned {
-            *self = TimedReceptionState { state: contact, tick, t_ns };
+    fn set_state(&mut self, state: ReceptionState, tick: u64, t_ns: u64) -> bool {
+        let changed = state != self.state;
+        if changed {
+            *self = TimedReceptionState { state, tick, t_ns };
         }
-        turned
+        changed
     }
 }
 
@@ -208,14 +208,16 @@ impl Neighborhood {
     /// Returns the index of each spare, and the tick at which it was opened, or `None` while it is closed.
     pub fn spares(&self) -> impl Iterator<Item = (usize, Option<u64>)> {
         let spares = self.neighbors.iter().enumerate().skip(self.first_spare_index);
-        spares.map(|(place, spare)| (place, spare.opening_time.map(|opened| opened.tick)))
+        spares.map(|(sender_index, spare)| {
+            (sender_index, spare.opening_time.map(|opened| opened.tick))
+        })
     }
 
-    /// Returns whether a beacon of this tick from the sender with index `place` counts. Beacons of a spare up
+    /// Returns whether a beacon of this tick from the sender `sender_index` counts. Beacons of a spare up
     /// to the tick at which it was opened may or may not be in the queue, so they never count.
-    pub fn needs_beacon_of_tick(&self, place: usize, tick: u64) -> bool {
-        place < self.first_spare_index
-            || self.neighbors[place].opening_time.is_some_and(|opened| tick > opened.tick)
+    pub fn needs_beacon_of_tick(&self, sender_index: usize, tick: u64) -> bool {
+        sender_index < self.first_spare_index
+            || self.neighbors[sender_index].opening_time.is_some_and(|opened| tick > opened.tick)
     }
 
     /// Returns the index, in the order of the brief, of the robot with the scenario index `robot` (from 1), or
@@ -225,15 +227,20 @@ impl Neighborhood {
     }
 
     /// Returns whether the neighbor is in range, or received at any distance.
-    pub fn is_in_range(&self, place: usize) -> bool {
-        !self.neighbors[place].is_out_of_range()
+    pub fn is_in_range(&self, sender_index: usize) -> bool {
+        !self.neighbors[sender_index].is_out_of_range()
     }
 
     /// Updates the communication by distance at a beacon sent from this distance, m, which is `None` if it is not
     /// known. Returns whether the beacon is in range. All that is known about a neighbor that leaves the range is
     /// discarded.
-    pub fn update_range(&mut self, place: usize, distance_m: Option<f64>, now_ns: u64) -> bool {
-        let neighbor = &mut self.neighbors[place];
+    pub fn update_range(
+        &mut self,
+        sender_index: usize,
+        distance_m: Option<f64>,
+        now_ns: u64,
+    ) -> bool {
+        let neighbor = &mut self.neighbors[sender_index];
         let Some(state) = &mut neighbor.range_state else { return true };
         let was_connected = state.connected_ns.is_some();
         // Without a known own position, nothing changes.
@@ -252,15 +259,15 @@ impl Neighborhood {
         is_connected
     }
 
-    /// Processes a beacon of the neighbor with index `place` in the order of the brief. Returns why it was
+    /// Processes a beacon of the neighbor `sender_index` in the order of the brief. Returns why it was
     /// refused, if it was.
     pub fn receive_beacon(
         &mut self,
-        place: usize,
+        sender_index: usize,
         beacon: &Beacon,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        let neighbor = &mut self.neighbors[place];
+        let neighbor = &mut self.neighbors[sender_index];
         if !beacon.is_finite() {
             return Err(BeaconRefusal::NotFinite);
         }
@@ -297,21 +304,21 @@ impl Neighborhood {
     /// a message leaves the last message in place. Returns why both were refused, if they were.
     pub fn receive_broadcast(
         &mut self,
-        place: usize,
+        sender_index: usize,
         broadcast: &Broadcast,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
         if let Some(message) = &broadcast.message {
-            let format = self.neighbors[place]
+            let format = self.neighbors[sender_index]
                 .message_format
                 .as_ref()
                 .ok_or(BeaconRefusal::WrongMessageFormat)?;
             format.check_bytes(message).map_err(|_| BeaconRefusal::WrongMessageFormat)?;
         }
-        self.receive_beacon(place, &broadcast.beacon, now_ns)?;
+        self.receive_beacon(sender_index, &broadcast.beacon, now_ns)?;
         if let Some(message) = &broadcast.message {
             let stamp_ns = broadcast.beacon.stamp_ns;
-            let neighbor = &mut self.neighbors[place];
+            let neighbor = &mut self.neighbors[sender_index];
             neighbor.newest_message = Some((stamp_ns, Arc::clone(message)));
             if self.messages_queued_max > 0 {
                 if neighbor.queued_messages.len() == self.messages_queued_max {
@@ -345,38 +352,44 @@ impl Neighborhood {
             self.update_resilient_frame(stamp_ns);
         }
         let silence = &self.silence;
-        let out_of_range = |contact: ReceptionState| match contact {
+        let state_out_of_range = |state: ReceptionState| match state {
             ReceptionState::NothingReceived => ReceptionState::NothingReceived,
             _ => ReceptionState::Apart,
         };
-        let judged = |heard_ns: Option<u64>, from_ns: u64| {
-            let since_ns = stamp_ns.saturating_sub(heard_ns.unwrap_or(from_ns));
-            match heard_ns {
-                _ if since_ns > silence.lost_after_ns => ReceptionState::Lost,
+        let silence_state = |newest_ns: Option<u64>, start_ns: u64| {
+            let silent_ns = stamp_ns.saturating_sub(newest_ns.unwrap_or(start_ns));
+            match newest_ns {
+                _ if silent_ns > silence.lost_after_ns => ReceptionState::Lost,
                 None => ReceptionState::NothingReceived,
-                Some(_) if since_ns > silence.stale_after_ns => ReceptionState::Stale,
+                Some(_) if silent_ns > silence.stale_after_ns => ReceptionState::Stale,
                 Some(_) => ReceptionState::Fresh,
             }
         };
-        let frame = self.received_frames.frame_in_force(stamp_ns).map(|heard| heard.received_ns);
+        let frame_received_ns =
+            self.received_frames.frame_in_force(stamp_ns).map(|frame| frame.received_ns);
         // A leaderless formation never receives a frame, and none is missing.
-        let mut changed = frame.is_some()
-            && self.leader_frame_reception.set_state(judged(frame, first_ns), tick, t_ns);
-        self.is_restarted_leader &= judged(frame, first_ns) != ReceptionState::Lost;
+        let mut changed = frame_received_ns.is_some()
+            && self.leader_frame_reception.set_state(
+                silence_state(frame_received_ns, first_ns),
+                tick,
+                t_ns,
+            );
+        self.is_restarted_leader &=
+            silence_state(frame_received_ns, first_ns) != ReceptionState::Lost;
         let (neighbors, spares) = self.neighbors.split_at_mut(self.first_spare_index);
-        let listened = spares.iter_mut().filter_map(|spare| {
-            let from_ns = spare.opening_time?.stamp_ns;
-            Some((spare, from_ns))
+        let open_spares = spares.iter_mut().filter_map(|spare| {
+            let start_ns = spare.opening_time?.stamp_ns;
+            Some((spare, start_ns))
         });
-        for (sender, from_ns) in neighbors.iter_mut().map(|it| (it, first_ns)).chain(listened) {
-            let heard = sender.newest_beacon.as_ref().map(|beacon| beacon.stamp_ns);
-            let from_ns =
-                sender.range_state.and_then(|range| range.connected_ns).unwrap_or(from_ns);
-            let contact = match sender.is_out_of_range() {
-                true => out_of_range(sender.reception.state),
-                false => judged(heard, from_ns),
+        for (sender, start_ns) in neighbors.iter_mut().map(|it| (it, first_ns)).chain(open_spares) {
+            let beacon_stamp_ns = sender.newest_beacon.as_ref().map(|beacon| beacon.stamp_ns);
+            let start_ns =
+                sender.range_state.and_then(|range| range.connected_ns).unwrap_or(start_ns);
+            let state = match sender.is_out_of_range() {
+                true => state_out_of_range(sender.reception.state),
+                false => silence_state(beacon_stamp_ns, start_ns),
             };
-            changed |= sender.reception.set_state(contact, tick, t_ns);
+            changed |= sender.reception.set_state(state, tick, t_ns);
         }
         let now = SpareOpeningTime { tick, stamp_ns };
         if self.is_restarted_leader {
@@ -414,10 +427,10 @@ impl Neighborhood {
     /// for the timeout of a neighbor, it is frozen, so that no robot keeps rotating around a dead leader. The
     /// time since reception counts, not the age: a frame relayed over many hops is old but valid.
     pub fn frame_at(&self, stamp_ns: u64) -> Option<LeaderFrame> {
-        let &ReceivedFrame { stamp_ns: told_ns, frame, received_ns: heard_ns, .. } =
+        let &ReceivedFrame { stamp_ns: told_ns, frame, received_ns, .. } =
             self.frame_in_force(stamp_ns)?;
         let lost_after_ns = self.silence.lost_after_ns;
-        let lost = stamp_ns.saturating_sub(heard_ns) > lost_after_ns;
+        let lost = stamp_ns.saturating_sub(received_ns) > lost_after_ns;
         // All robots that received the same last frame of the leader use the same frozen frame, regardless of
         // when they received it. With slightly different frames, mutual neighbors would drift away together.
         let age_ns = if lost { lost_after_ns } else { stamp_ns.saturating_sub(told_ns) };
@@ -428,25 +441,34 @@ impl Neighborhood {
     /// Determines the leader's frame if some in-neighbors may be Byzantine: the frame received from the leader
     /// itself, or otherwise the W-MSR result of the relayed frames, at a stamp that `liars_max` of them exceed.
     fn update_resilient_frame(&mut self, now_ns: u64) {
-        let heard = self.neighbors.iter().filter(|one| one.reception.state != ReceptionState::Lost);
-        let heard = heard
-            .filter_map(|one| Some((one.is_trusted, one.newest_beacon.as_ref()?.leader_frame()?)));
-        let (trusted, others): (Vec<_>, Vec<_>) = heard.partition(|(trusted, _)| *trusted);
+        let received = self
+            .neighbors
+            .iter()
+            .filter(|neighbor| neighbor.reception.state != ReceptionState::Lost);
+        let received = received.filter_map(|neighbor| {
+            Some((neighbor.is_trusted, neighbor.newest_beacon.as_ref()?.leader_frame()?))
+        });
+        let (trusted, others): (Vec<_>, Vec<_>) = received.partition(|(trusted, _)| *trusted);
         let mut stamps: Vec<u64> = others.iter().map(|(_, (stamp_ns, _))| *stamp_ns).collect();
         stamps.sort_unstable_by(|a, b| b.cmp(a));
-        let own = self.received_frames.main_leader_frame().copied();
-        let is_news = |stamp_ns: &u64| own.is_none_or(|own| *stamp_ns > own.stamp_ns);
-        let own_at = |stamp_ns| own.map(|own| extrapolate_frame(own.stamp_ns, own.frame, stamp_ns));
-        let newest = trusted.iter().map(|(_, told)| *told).max_by_key(|(stamp_ns, _)| *stamp_ns);
+        let current = self.received_frames.main_leader_frame().copied();
+        let is_newer = |stamp_ns: &u64| current.is_none_or(|current| *stamp_ns > current.stamp_ns);
+        let current_at = |stamp_ns| {
+            current.map(|current| extrapolate_frame(current.stamp_ns, current.frame, stamp_ns))
+        };
+        let newest = trusted
+            .iter()
+            .map(|(_, timed_frame)| *timed_frame)
+            .max_by_key(|(stamp_ns, _)| *stamp_ns);
         let agreed = match (newest, stamps.get(self.liars_max)) {
-            (Some((stamp_ns, frame)), _) => is_news(&stamp_ns).then_some((stamp_ns, frame)),
+            (Some((stamp_ns, frame)), _) => is_newer(&stamp_ns).then_some((stamp_ns, frame)),
             (None, Some(&stamp_ns)) => {
-                let then = others
+                let frames = others
                     .iter()
-                    .map(|&(_, (told_ns, frame))| extrapolate_frame(told_ns, frame, stamp_ns));
-                let then: Vec<LeaderFrame> = then.collect();
-                let agreed = is_news(&stamp_ns)
-                    .then(|| resilient_frame(own_at(stamp_ns), &then, self.liars_max));
+                    .map(|&(_, (frame_ns, frame))| extrapolate_frame(frame_ns, frame, stamp_ns));
+                let frames: Vec<LeaderFrame> = frames.collect();
+                let agreed = is_newer(&stamp_ns)
+                    .then(|| resilient_frame(current_at(stamp_ns), &frames, self.liars_max));
                 agreed.flatten().map(|frame| (stamp_ns, frame))
             }
             (None, None) => None,
@@ -461,26 +483,26 @@ impl Neighborhood {
         self.leader_frame_reception
     }
 
-    /// Fills `heard` with the estimates at `stamp_ns` of all neighbors ever received, with offsets C_ji =
+    /// Fills `estimates` with the estimates at `stamp_ns` of all neighbors ever received, with offsets C_ji =
     /// `offset`(c_ji). Positions are extrapolated with the published velocity. Lost neighbors stay at the
     /// position at which they were declared lost.
     pub fn estimate_neighbors(
         &self,
         stamp_ns: u64,
         offset: impl Fn(Vec2) -> Target,
-        heard: &mut Vec<NeighborEstimate>,
+        estimates: &mut Vec<NeighborEstimate>,
     ) {
-        heard.clear();
-        heard.extend(self.neighbors.iter().filter_map(|neighbor| {
+        estimates.clear();
+        estimates.extend(self.neighbors.iter().filter_map(|neighbor| {
             let beacon = neighbor.newest_beacon.as_ref()?;
             let age_s = age_s(stamp_ns, beacon.stamp_ns);
-            let said = Target { position: beacon.position(), velocity: beacon.velocity() };
-            let contact = neighbor.reception.state;
-            let alpha_j = match contact {
+            let published = Target { position: beacon.position(), velocity: beacon.velocity() };
+            let reception_state = neighbor.reception.state;
+            let alpha_j = match reception_state {
                 ReceptionState::Lost => Target::at_rest(
-                    said.extrapolate(self.silence.lost_after_ns as f64 / 1e9).position,
+                    published.extrapolate(self.silence.lost_after_ns as f64 / 1e9).position,
                 ),
-                _ => said.extrapolate(age_s),
+                _ => published.extrapolate(age_s),
             };
             Some(NeighborEstimate {
                 index: neighbor.index as usize,
@@ -488,7 +510,7 @@ impl Neighborhood {
                 velocity: alpha_j.velocity,
                 offset: offset(neighbor.offset),
                 age_s,
-                reception_state: contact,
+                reception_state,
                 incarnation: beacon.incarnation,
                 message: (neighbor.newest_message.as_ref())
                     .and_then(|message| neighbor.describe_message(stamp_ns, message)),
@@ -517,15 +539,15 @@ impl Neighborhood {
         self.references.keeps_leader_slot
     }
 
-    /// Returns the desired position and velocity (alpha*, alpha*') from the recalled estimates: the mean over
+    /// Returns the desired position and velocity (alpha*, alpha*') from the `estimates`: the mean over
     /// the in-neighbors, without replaced ones. Returns `None` if the robot has to stop: no reference is left,
     /// or one is lost under the policy `stop`. (13) (24) (45) (46)
     ///
     /// Once the leader's frame is lost, velocities count as 0. They would only feed back among the robots, and
     /// without a path from the leader this feedback never decays.
-    pub fn desired_target(&self, heard: &[NeighborEstimate]) -> Option<Target> {
-        let said = self.counted_references(heard)?;
-        let mean = mean_target(said.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji)))?;
+    pub fn desired_target(&self, estimates: &[NeighborEstimate]) -> Option<Target> {
+        let references = self.counted_references(estimates)?;
+        let mean = mean_target(references.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji)))?;
         Some(self.without_velocity_of_lost_frame(mean))
     }
 
@@ -533,18 +555,20 @@ impl Neighborhood {
     /// robot, m, and its last desired velocity, m/s.
     pub fn resilient_desired_target(
         &self,
-        heard: &[NeighborEstimate],
+        estimates: &[NeighborEstimate],
         own: Target,
     ) -> Option<Target> {
-        let place = |(alpha_j, c_ji, trusted): (Target, Target, bool)| ReceivedValue {
+        let to_value = |(alpha_j, c_ji, is_trusted): (Target, Target, bool)| ReceivedValue {
             value: Target {
                 position: alpha_j.position + c_ji.position,
                 velocity: alpha_j.velocity + c_ji.velocity,
             },
-            is_trusted: trusted,
+            is_trusted,
         };
-        let said: Vec<ReceivedValue<Target>> = self.counted_references(heard)?.map(place).collect();
-        let target = (!said.is_empty()).then(|| resilient_target(own, &said, self.liars_max))?;
+        let values: Vec<ReceivedValue<Target>> =
+            self.counted_references(estimates)?.map(to_value).collect();
+        let target =
+            (!values.is_empty()).then(|| resilient_target(own, &values, self.liars_max))?;
         Some(self.without_velocity_of_lost_frame(target))
     }
 
@@ -552,32 +576,35 @@ impl Neighborhood {
     /// has to stop because one is lost.
     fn counted_references(
         &self,
-        heard: &[NeighborEstimate],
+        estimates: &[NeighborEstimate],
     ) -> Option<impl Iterator<Item = (Target, Target, bool)>> {
-        let lost = |neighbor: &Neighbor| neighbor.reception.state == ReceptionState::Lost;
+        let is_lost = |neighbor: &Neighbor| neighbor.reception.state == ReceptionState::Lost;
         let mut used_references =
             self.neighbors.iter().filter(|neighbor| neighbor.reference_use.is_used);
-        if self.silence.policy == SilencePolicy::Stop && used_references.any(lost) {
+        if self.silence.policy == SilencePolicy::Stop && used_references.any(is_lost) {
             return None;
         }
-        // In the order in which they were recalled.
-        let places = self.neighbors.iter().enumerate();
-        let known = places.filter(|(_, neighbor)| neighbor.newest_beacon.is_some());
+        // In the order of the estimates.
+        let indexed = self.neighbors.iter().enumerate();
+        let received = indexed.filter(|(_, neighbor)| neighbor.newest_beacon.is_some());
         let used_references =
-            heard.iter().zip(known).filter(|(_, (_, one))| one.reference_use.is_used);
-        let all_lost =
-            || used_references.clone().all(|(one, _)| one.reception_state == ReceptionState::Lost);
-        let keep = match self.silence.policy {
+            estimates.iter().zip(received).filter(|(_, (_, sender))| sender.reference_use.is_used);
+        let all_lost = || {
+            let mut estimates = used_references.clone().map(|(estimate, _)| estimate);
+            estimates.all(|estimate| estimate.reception_state == ReceptionState::Lost)
+        };
+        let keeps_lost = match self.silence.policy {
             SilencePolicy::Keep => true,
             SilencePolicy::Last => all_lost(),
             SilencePolicy::Ignore | SilencePolicy::Stop => false,
         };
-        let counted = used_references
-            .filter(move |(one, _)| keep || one.reception_state != ReceptionState::Lost);
+        let counted = used_references.filter(move |(estimate, _)| {
+            keeps_lost || estimate.reception_state != ReceptionState::Lost
+        });
         Some(counted.flat_map(
-            |(&NeighborEstimate { position, velocity, offset, .. }, (k, known))| {
+            |(&NeighborEstimate { position, velocity, offset, .. }, (k, sender))| {
                 let weight = self.references.weights[k];
-                repeat_n((Target { position, velocity }, offset, known.is_trusted), weight)
+                repeat_n((Target { position, velocity }, offset, sender.is_trusted), weight)
             },
         ))
     }
@@ -595,8 +622,8 @@ impl Neighborhood {
     pub fn beacon_ages_ns(&self, now_ns: u64) -> impl Iterator<Item = (usize, u64)> {
         self.neighbors.iter().filter_map(move |neighbor| {
             let beacon = neighbor.newest_beacon.as_ref()?;
-            let used = neighbor.reception.state != ReceptionState::Lost;
-            used.then(|| (neighbor.index as usize, now_ns.saturating_sub(beacon.stamp_ns)))
+            let is_usable = neighbor.reception.state != ReceptionState::Lost;
+            is_usable.then(|| (neighbor.index as usize, now_ns.saturating_sub(beacon.stamp_ns)))
         })
     }
 

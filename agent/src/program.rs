@@ -102,7 +102,7 @@ pub trait ForeignLaw: Send {
     }
 }
 
-/// Runs the robot of this brief with the law that `make` creates, until it is told to stop. Returns the exit
+/// Runs the robot of this brief with the law that `make` creates, until a stop is requested. Returns the exit
 /// code. `of` describes the package that must have the same version as the program that wrote the brief.
 pub fn main<L: ForeignLaw + 'static>(
     brief: &Path,

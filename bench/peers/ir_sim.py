@@ -40,12 +40,12 @@ def ir_sim_us(robots, steps, behavior):
 
     circle_m = max(2.0, 0.6 * robots / math.tau)
     side_m = 2 * circle_m + 2
-    place = lambda k, turn: (
+    position_m = lambda k, turn: (
         side_m / 2 + circle_m * math.cos(math.tau * k / robots + turn),
         side_m / 2 + circle_m * math.sin(math.tau * k / robots + turn),
     )
-    states = [[*place(k, 0.0), math.tau * k / robots + math.pi] for k in range(robots)]
-    goals = [[*place(k, math.pi), 0.0] for k in range(robots)]
+    states = [[*position_m(k, 0.0), math.tau * k / robots + math.pi] for k in range(robots)]
+    goals = [[*position_m(k, math.pi), 0.0] for k in range(robots)]
     world = {
         "world": {
             "height": side_m, "width": side_m, "step_time": 0.1, "sample_time": 0.1,
@@ -65,22 +65,22 @@ def ir_sim_us(robots, steps, behavior):
         file = Path(directory) / "world.yaml"
         file.write_text(json.dumps(world))  # JSON is YAML
         env = irsim.make(str(file), display=False, disable_all_plot=True, log_level="ERROR")
-        found = len(env.robot_list)
-        if found != robots:
-            sys.exit(f"error: ir-sim created {found} robots, must be {robots}")
+        robot_count = len(env.robot_list)
+        if robot_count != robots:
+            sys.exit(f"error: ir-sim created {robot_count} robots, must be {robots}")
         for _ in range(max(1, steps // 10)):
             env.step()
-        before = [robot.state.copy() for robot in env.robot_list]
-        began = time.process_time()
+        start_states = [robot.state.copy() for robot in env.robot_list]
+        start_s = time.process_time()
         for _ in range(steps):
             env.step()
-        taken_s = time.process_time() - began
-        after = [robot.state for robot in env.robot_list]
-        moved_m = min(math.dist(a[:2, 0], b[:2, 0]) for a, b in zip(before, after))
+        used_s = time.process_time() - start_s
+        end_states = [robot.state for robot in env.robot_list]
+        moved_m = min(math.dist(a[:2, 0], b[:2, 0]) for a, b in zip(start_states, end_states))
         env.end(0)
         if moved_m == 0.0:
             sys.exit("error: a robot of ir-sim did not move: nothing was measured")
-    return 1e6 * taken_s / steps / robots
+    return 1e6 * used_s / steps / robots
 
 
 def phalanx_us(phalanx, robots, ticks):
@@ -94,11 +94,11 @@ def phalanx_us(phalanx, robots, ticks):
     for k in range(robots):
         angle = math.tau * k / robots
         x_m, y_m = math.cos(angle), math.sin(angle)
-        hears = f'"r{(k - 1) % robots + 1}", "r{(k + 1) % robots + 1}"'
+        in_neighbors = f'"r{(k - 1) % robots + 1}", "r{(k + 1) % robots + 1}"'
         start_m = circle_m + 0.045
         heading = math.remainder(angle + math.pi, math.tau)
         lines += [
-            "[[robot]]", f'name = "r{k + 1}"', f"hears = [{hears}]",
+            "[[robot]]", f'name = "r{k + 1}"', f"hears = [{in_neighbors}]",
             f"place_m = [{-circle_m * x_m:.6f}, {-circle_m * y_m:.6f}]",
             f"pose = {{ x_m = {start_m * x_m:.6f}, y_m = {start_m * y_m:.6f}, "
             f"heading_rad = {heading:.6f} }}",
@@ -107,14 +107,14 @@ def phalanx_us(phalanx, robots, ticks):
         file, out = Path(directory) / "swap.toml", Path(directory) / "run"
         file.write_text("\n".join(lines) + "\n")
         command = [phalanx, "run", file, "--pace", "lockstep", "--output=json", "--out", out]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-        if done.returncode != 0:
-            sys.exit(f"error: phalanx exited with code {done.returncode}\n{done.stderr}")
+        result = subprocess.run(command, capture_output=True, text=True, timeout=300)
+        if result.returncode != 0:
+            sys.exit(f"error: phalanx exited with code {result.returncode}\n{result.stderr}")
         summary = json.loads((out / "summary.json").read_text())
     # Idle-priority spinners, which keep cores awake, use only idle processor time and are not counted.
     counted = [process for process in summary["wall"]["processes"] if process["name"] != "awake"]
-    taken_s = sum(process["user_s"] + process["system_s"] for process in counted)
-    return 1e6 * taken_s / summary["ticks"] / robots
+    used_s = sum(process["user_s"] + process["system_s"] for process in counted)
+    return 1e6 * used_s / summary["ticks"] / robots
 
 
 def format_spread(values):
@@ -136,12 +136,12 @@ def main():
     print("| processor time per robot and step, us | ir-sim | Phalanx, all | ir-sim / Phalanx |")
     print("|---|---|---|---|")
     for robots in args.robots:
-        theirs, ours = [], []
+        ir_sim_values, phalanx_values = [], []
         for _ in range(args.rounds):
-            theirs.append(ir_sim_us(robots, args.steps, args.behavior))
-            ours.append(phalanx_us(args.phalanx, robots, args.ticks))
-        ratio = [one / other for one, other in zip(theirs, ours)]
-        print(f"| {robots} robots | {format_spread(theirs)} | {format_spread(ours)} | {format_spread(ratio)} |", flush=True)
+            ir_sim_values.append(ir_sim_us(robots, args.steps, args.behavior))
+            phalanx_values.append(phalanx_us(args.phalanx, robots, args.ticks))
+        ratio = [ir_sim / phalanx for ir_sim, phalanx in zip(ir_sim_values, phalanx_values)]
+        print(f"| {robots} robots | {format_spread(ir_sim_values)} | {format_spread(phalanx_values)} | {format_spread(ratio)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -52,26 +52,26 @@ fn map_messages(dir: &Path, robots: usize) -> anyhow::Result<Mapping<RobotMessag
 ///
 /// # Errors
 /// If a peer cannot start, exits early or sends an invalid command, or if a signal interrupts the bench.
-pub(crate) fn run(setting: &BenchSettings<'_>, scenario: &Scenario) -> anyhow::Result<BareRun> {
-    let work_dir = WorkDir::new(setting.root, "bare")?;
+pub(crate) fn run(settings: &BenchSettings<'_>, scenario: &Scenario) -> anyhow::Result<BareRun> {
+    let work_dir = WorkDir::new(settings.root, "bare")?;
     let dir = work_dir.path();
     let robots = scenario.robots.len();
     let plant = briefs::plant_brief(scenario, Pace::Lockstep, dir);
     let ticks = plant.duration_ns / plant.period_ns;
-    let agents = briefs::AgentBriefs::new(scenario);
-    let briefs = (0..robots).map(|i| agents.brief(i, Pace::Lockstep, dir));
+    let agent_briefs = briefs::AgentBriefs::new(scenario);
+    let briefs = (0..robots).map(|i| agent_briefs.brief(i, Pace::Lockstep, dir));
     peers::write_briefs(dir, briefs)?;
     let barrier = Barrier::create(&barrier_path(dir), robots, 1, RESPONSE_TIMEOUT)?;
     (0..robots).for_each(|slot| barrier.set_member(slot, 0));
     let messages = map_messages(dir, robots)?;
-    let launched = Instant::now();
-    let peers = Peers::start(dir, setting.stop, robots, "lockstep", &[])?;
+    let launch_time = Instant::now();
+    let peers = Peers::start(dir, settings.stop, robots, "lockstep", &[])?;
     peers.wait_ready()?;
-    let startup_s = launched.elapsed().as_secs_f64();
+    let startup_s = launch_time.elapsed().as_secs_f64();
 
     let mut world = World::new(&plant);
     let mut truths: Vec<TruthRow> = Vec::with_capacity((ticks as usize + 1) * robots);
-    let began = Instant::now();
+    let start = Instant::now();
     for tick in 0..ticks {
         truths.extend(world.truth());
         for (robot, message) in messages.iter().enumerate() {
@@ -83,21 +83,21 @@ pub(crate) fn run(setting: &BenchSettings<'_>, scenario: &Scenario) -> anyhow::R
             .wait_for_arrivals(tick, || !peers.have_failed())
             .map_err(|_| peers.wait_for_failure())?;
         for (robot, message) in messages.iter().enumerate() {
-            let refused = |refusal| anyhow!("robot {robot} at tick {tick}: {refusal}");
-            world.accept_command(robot, &message.command.read()).map_err(refused)?;
+            let command_error = |refusal| anyhow!("robot {robot} at tick {tick}: {refusal}");
+            world.accept_command(robot, &message.command.read()).map_err(command_error)?;
         }
         world.advance((tick + 1) * plant.period_ns);
         world.increment_tick();
     }
     truths.extend(world.truth());
-    let wall = began.elapsed();
+    let wall_time = start.elapsed();
     drop(peers);
 
     let mut hash = TrajectoryHash::new();
     for (tick, rows) in (0..).zip(truths.chunks(robots)) {
         hash.update(tick, rows);
     }
-    let ticks_per_s = ticks as f64 / wall.as_secs_f64();
+    let ticks_per_s = ticks as f64 / wall_time.as_secs_f64();
     Ok(BareRun { startup_s, ticks_per_s, hash: hash.finish() })
 }
 
@@ -113,14 +113,15 @@ pub(crate) fn run_peer(address: &PeerAddress) -> anyhow::Result<()> {
     let mut epoch = barrier.epoch(slot);
     address.report_ready()?;
     loop {
-        let Some((next, _)) = barrier.wait_for_tick(slot, epoch, || true) else { continue };
-        epoch = next;
+        let Some((next_epoch, _)) = barrier.wait_for_tick(slot, epoch, || true) else { continue };
+        epoch = next_epoch;
         let odometry = messages[slot].odometry.read();
-        if let Some(before) = odometry.tick.checked_sub(1) {
+        if let Some(previous_tick) = odometry.tick.checked_sub(1) {
             for (index, neighbor) in brief.neighbors.iter().enumerate() {
-                let beacon = messages[neighbor.index - 1].beacons[before as usize & 1].read();
-                let heard = controller.receive_beacon(index, &beacon, odometry.stamp_ns);
-                heard.map_err(|refusal| anyhow!("beacon refused: {refusal}"))?;
+                let beacon =
+                    messages[neighbor.index - 1].beacons[previous_tick as usize & 1].read();
+                let result = controller.receive_beacon(index, &beacon, odometry.stamp_ns);
+                result.map_err(|refusal| anyhow!("beacon refused: {refusal}"))?;
             }
         }
         let answer = controller

@@ -145,11 +145,11 @@ pub fn main(command_line: &CommandLine) -> u8 {
 /// Measures all selected parts, prints the report and returns the exit code.
 fn run_bench(args: &BenchArgs) -> u8 {
     let stop = StopFlag::for_run_ending_signals().context("cannot handle signals");
-    let measured = stop.and_then(|stop| measure(args, &stop));
+    let result = stop.and_then(|stop| measure(args, &stop));
     if io::stderr().is_terminal() {
         let _ = write!(io::stderr(), "\r\x1b[K");
     }
-    let report = match measured {
+    let report = match result {
         Ok(report) => report,
         Err(error) => {
             let code = print_error(&format!("{error:#}"));
@@ -162,9 +162,7 @@ fn run_bench(args: &BenchArgs) -> u8 {
     };
     match io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => print_error(&error.to_string()),
-        _ => {
-            report.find_trajectory_mismatch().map_or(exit::OK, |differing| print_error(&differing))
-        }
+        _ => report.find_trajectory_mismatch().map_or(exit::OK, |message| print_error(&message)),
     }
 }
 
@@ -179,7 +177,7 @@ fn measure(args: &BenchArgs, stop: &StopFlag) -> anyhow::Result<Report> {
     let base = run_root::base_directory();
     run_root::remove_dead_roots(&base);
     let root = RunRoot::create(&base)?;
-    let setting = BenchSettings {
+    let settings = BenchSettings {
         root: &root,
         stop,
         rounds: args.rounds.map_or(if args.quick { 3 } else { 5 }, usize::from),
@@ -192,16 +190,16 @@ fn measure(args: &BenchArgs, stop: &StopFlag) -> anyhow::Result<Report> {
     }
     let (mut table, mut notes) = (MeasurementTable::default(), Vec::new());
     for &part in BenchPart::value_variants() {
-        let on_demand =
+        let is_on_demand =
             [BenchPart::Growth, BenchPart::InProcess, BenchPart::Messages].contains(&part);
-        let is_default = !on_demand && args.only.is_empty();
+        let is_default = !is_on_demand && args.only.is_empty();
         if !is_default && !args.only.contains(&part) {
             continue;
         }
         if part == BenchPart::Growth {
             notes.extend(growth::NOTES.map(str::to_owned));
         }
-        measure_part(part, args, &setting, &mut table)?;
+        measure_part(part, args, &settings, &mut table)?;
     }
     if let Err(error) = root.remove() {
         let _ = writeln!(io::stderr(), "warning: could not remove the run root: {error}");
@@ -213,37 +211,37 @@ fn measure(args: &BenchArgs, stop: &StopFlag) -> anyhow::Result<Report> {
 fn measure_part(
     part: BenchPart,
     args: &BenchArgs,
-    setting: &BenchSettings<'_>,
+    settings: &BenchSettings<'_>,
     table: &mut MeasurementTable,
 ) -> anyhow::Result<()> {
     let robots = |default: &[usize]| match &args.robots[..] {
         [] => default.to_vec(),
-        chosen => chosen.iter().copied().map(usize::from).collect(),
+        selected => selected.iter().copied().map(usize::from).collect(),
     };
     let (name, cases) = match part {
         // The established name of this part in the JSON output.
-        BenchPart::Baselines => ("floors", round_trip::cases(setting)?),
+        BenchPart::Baselines => ("floors", round_trip::cases(settings)?),
         BenchPart::Lockstep => {
-            ("lockstep", lockstep::speed_cases(setting, &robots(&[3, 8, 16, 32, 64]))?)
+            ("lockstep", lockstep::speed_cases(settings, &robots(&[3, 8, 16, 32, 64]))?)
         }
-        BenchPart::Realtime => ("realtime", realtime::cases(setting, &robots(&[3, 8, 32, 64]))),
-        BenchPart::Neighbor => ("neighbor", neighbor::cases(setting, &robots(&[2, 8]))?),
+        BenchPart::Realtime => ("realtime", realtime::cases(settings, &robots(&[3, 8, 32, 64]))),
+        BenchPart::Neighbor => ("neighbor", neighbor::cases(settings, &robots(&[2, 8]))?),
         BenchPart::Growth => {
-            ("growth", growth::cases(setting, &robots(&[3, 8, 16, 32, 64, 128, 256])))
+            ("growth", growth::cases(settings, &robots(&[3, 8, 16, 32, 64, 128, 256])))
         }
         BenchPart::InProcess => {
-            ("in-process", in_process::cases(setting, &robots(&[8, 64, 256, 1024])))
+            ("in-process", in_process::cases(settings, &robots(&[8, 64, 256, 1024])))
         }
-        BenchPart::Messages => ("messages", messages::cases(setting, &robots(&[8, 64]))),
+        BenchPart::Messages => ("messages", messages::cases(settings, &robots(&[8, 64]))),
         BenchPart::Startup => {
             let mut robots = robots(&[8, 64]);
             robots.extend(args.large.then_some(256));
-            ("startup", lockstep::startup_cases(setting, &robots)?)
+            ("startup", lockstep::startup_cases(settings, &robots)?)
         }
-        BenchPart::Replacement => ("replacement", replacement::cases(setting, args.kills.into())),
-        BenchPart::Repair => ("repair", repair::cases(setting, args.kills.into())),
+        BenchPart::Replacement => ("replacement", replacement::cases(settings, args.kills.into())),
+        BenchPart::Repair => ("repair", repair::cases(settings, args.kills.into())),
     };
-    setting.measure_cases(table, name, cases)
+    settings.measure_cases(table, name, cases)
 }
 
 /// Prints an error to stderr and returns the exit code for it.
@@ -283,12 +281,12 @@ enum PeerVerb {
 fn run_peer(address: &PeerAddress, verb: &PeerVerb) -> u8 {
     set_thread_name("phalanx-bench");
     peers::limit_lifetime();
-    let done = match verb {
+    let result = match verb {
         PeerVerb::RoundTrip { transport } => round_trip::run_peer(address, *transport),
         PeerVerb::Lockstep => bare_lockstep::run_peer(address),
         PeerVerb::Neighbor { ticks } => neighbor::run_peer(address, *ticks),
         PeerVerb::Timer(task) => timers::run_peer(address, *task),
         PeerVerb::Kill { brief, kills } => replacement::run_peer(address, brief, *kills),
     };
-    done.map_or_else(|error| print_error(&format!("{error:#}")), |()| exit::OK)
+    result.map_or_else(|error| print_error(&format!("{error:#}")), |()| exit::OK)
 }

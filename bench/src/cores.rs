@@ -15,15 +15,15 @@ impl PinnedCores {
     /// Pins the calling thread to the first core. `None`, without pinning, if there is only one core or if the
     /// affinity mask cannot be read or set.
     pub(crate) fn pin_to_first() -> Option<PinnedCores> {
-        let all = sched_getaffinity(None).ok()?;
-        let mut usable = (0..CpuSet::MAX_CPU).filter(|&core| all.is_set(core));
-        let (first, last) = (usable.next()?, usable.next_back()?);
+        let all_cores = sched_getaffinity(None).ok()?;
+        let mut usable_cores = (0..CpuSet::MAX_CPU).filter(|&core| all_cores.is_set(core));
+        let (first, last) = (usable_cores.next()?, usable_cores.next_back()?);
         let [first, last] = [first, last].map(|core| {
             let mut set = CpuSet::new();
             set.set(core);
             set
         });
-        let cores = PinnedCores { all_cores: all, first_core: first, last_core: last };
+        let cores = PinnedCores { all_cores, first_core: first, last_core: last };
         pin_to(&cores.first_core).then_some(cores)
     }
 }
@@ -31,18 +31,18 @@ impl PinnedCores {
 /// Calls `start` with the calling thread on the last core, which the started processes inherit, then moves the thread
 /// back to the first core. Without pinned cores it only calls `start`.
 pub(crate) fn start_on_last_core<T>(cores: Option<&PinnedCores>, start: impl FnOnce() -> T) -> T {
-    let Some(PinnedCores { first_core: first, last_core: last, .. }) = cores else {
+    let Some(PinnedCores { first_core, last_core, .. }) = cores else {
         return start();
     };
-    pin_to(last);
-    let started = start();
-    pin_to(first);
-    started
+    pin_to(last_core);
+    let result = start();
+    pin_to(first_core);
+    result
 }
 
 /// Sets the affinity mask of the calling thread; returns whether it succeeded.
-fn pin_to(set: &CpuSet) -> bool {
-    sched_setaffinity(None, set).is_ok()
+fn pin_to(cores: &CpuSet) -> bool {
+    sched_setaffinity(None, cores).is_ok()
 }
 
 impl Drop for PinnedCores {

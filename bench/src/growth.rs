@@ -27,33 +27,34 @@ const DURATION_FACTOR: f64 = 3.0;
 const TICKS_MIN: u64 = 500;
 
 /// Returns a case for each number of robots, in increasing order.
-pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, robots: &[usize]) -> Vec<BenchCase<'a>> {
+pub(crate) fn cases<'a>(settings: &'a BenchSettings<'_>, robots: &[usize]) -> Vec<BenchCase<'a>> {
     let mut robots = robots.to_vec();
     robots.sort_unstable();
     robots.dedup();
     let predecessors = std::iter::once(None).chain(robots.iter().copied().map(Some));
     let case = |(&robots, predecessor): (&usize, Option<usize>)| {
-        let ticks = tick_count(robots, setting);
+        let ticks = tick_count(robots, settings);
         BenchCase::new(format!("{robots} robots"), move |table| {
-            let run = |ticks| {
+            let run_ring = |ticks| {
                 let text = ring::ring_scenario_text(robots, ticks, PERIOD_S);
-                RunProcess::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()
+                RunProcess::start(settings, &text, Pace::Lockstep, &[])?.wait_for_summary()
             };
-            let (start, whole) = (run(START_TICKS)?, run(ticks)?);
-            let parts_us = processor_time_per_tick_us(&start, &whole)?.map(|us| us / robots as f64);
-            let all_us: f64 = parts_us.iter().sum();
-            let what = "processor time per robot and tick, us";
-            table.record_run("ticks/s", whole.number_at("/wall/ticks_per_s")?);
-            table.record_run(what, all_us);
+            let (short_run, full_run) = (run_ring(START_TICKS)?, run_ring(ticks)?);
+            let parts_us =
+                processor_time_per_tick_us(&short_run, &full_run)?.map(|us| us / robots as f64);
+            let total_us: f64 = parts_us.iter().sum();
+            let quantity = "processor time per robot and tick, us";
+            table.record_run("ticks/s", full_run.number_at("/wall/ticks_per_s")?);
+            table.record_run(quantity, total_us);
             for (name, us) in CPU_CONSUMERS.iter().zip(parts_us) {
                 table.record_run(&format!("processor time of {name} per robot and tick, us"), us);
             }
-            table.record_run("ready, s", whole.number_at("/wall/startup_s")?);
-            if let Some(few) = predecessor
-                && let Some(few_us) = table.last_value(&format!("{few} robots, {what}"))
-                && let Some(power) = growth_exponent((few, few_us), (robots, all_us))
+            table.record_run("ready, s", full_run.number_at("/wall/startup_s")?);
+            if let Some(fewer) = predecessor
+                && let Some(fewer_us) = table.last_value(&format!("{fewer} robots, {quantity}"))
+                && let Some(exponent) = growth_exponent((fewer, fewer_us), (robots, total_us))
             {
-                table.record_run(&format!("exponent of the time per tick, from {few}"), power);
+                table.record_run(&format!("exponent of the time per tick, from {fewer}"), exponent);
             }
             Ok(())
         })
@@ -62,8 +63,8 @@ pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, robots: &[usize]) -> Vec
 }
 
 /// Returns the number of ticks of a run whose processor time per tick is measured.
-pub(crate) fn tick_count(robots: usize, setting: &BenchSettings<'_>) -> u64 {
-    lockstep::tick_count(robots, DURATION_FACTOR * setting.duration_s).max(TICKS_MIN)
+pub(crate) fn tick_count(robots: usize, settings: &BenchSettings<'_>) -> u64 {
+    lockstep::tick_count(robots, DURATION_FACTOR * settings.duration_s).max(TICKS_MIN)
 }
 
 /// Returns the exponent p of the growth of the processor time per tick, proportional to N^p for N robots. Takes the
@@ -71,19 +72,20 @@ pub(crate) fn tick_count(robots: usize, setting: &BenchSettings<'_>) -> u64 {
 /// a short run cannot be distinguished from its start-up.
 fn growth_exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> Option<f64> {
     let (few, many) = (few as f64, many as f64);
-    let power = portable_math::ln(many * many_us / (few * few_us)) / portable_math::ln(many / few);
-    Some(power).filter(|power| power.is_finite())
+    let exponent =
+        portable_math::ln(many * many_us / (few * few_us)) / portable_math::ln(many / few);
+    Some(exponent).filter(|exponent| exponent.is_finite())
 }
 
 /// Returns the processor time per tick of each of [`CPU_CONSUMERS`], us, from the differences of the two runs in
 /// processor time and in ticks.
 pub(crate) fn processor_time_per_tick_us(
-    start: &Summary,
-    whole: &Summary,
+    short_run: &Summary,
+    full_run: &Summary,
 ) -> anyhow::Result<[f64; CPU_CONSUMERS.len()]> {
-    let ticks = whole.number_at("/ticks")? - start.number_at("/ticks")?;
-    let (start_s, whole_s) = (start.cpu_time_s()?, whole.cpu_time_s()?);
-    Ok(std::array::from_fn(|consumer| 1e6 * (whole_s[consumer] - start_s[consumer]) / ticks))
+    let ticks = full_run.number_at("/ticks")? - short_run.number_at("/ticks")?;
+    let (short_run_s, full_run_s) = (short_run.cpu_time_s()?, full_run.cpu_time_s()?);
+    Ok(std::array::from_fn(|consumer| 1e6 * (full_run_s[consumer] - short_run_s[consumer]) / ticks))
 }
 
 #[cfg(test)]
@@ -96,17 +98,19 @@ mod tests {
             let process = serde_json::json!({ "name": "plant", "user_s": user_s });
             Summary(serde_json::json!({ "ticks": ticks, "wall": { "processes": [process] } }))
         };
-        let taken = processor_time_per_tick_us(&summary(10, 0.125), &summary(260, 0.375)).unwrap();
-        assert_eq!(taken, [0.0, 1000.0, 0.0]);
+        let times_us =
+            processor_time_per_tick_us(&summary(10, 0.125), &summary(260, 0.375)).unwrap();
+        assert_eq!(times_us, [0.0, 1000.0, 0.0]);
     }
 
     #[test]
     fn exponent_of_linear_growth_is_1_and_of_pairs_is_2() {
-        let close =
-            |few, many, wanted: f64| (growth_exponent(few, many).unwrap() - wanted).abs() < 1e-12;
-        assert!(close((3, 7.0), (8, 7.0), 1.0));
-        assert!(close((16, 7.0), (32, 14.0), 2.0));
-        assert!(close((64, 8.0), (128, 4.0), 0.0));
+        let is_close = |few, many, expected: f64| {
+            (growth_exponent(few, many).unwrap() - expected).abs() < 1e-12
+        };
+        assert!(is_close((3, 7.0), (8, 7.0), 1.0));
+        assert!(is_close((16, 7.0), (32, 14.0), 2.0));
+        assert!(is_close((64, 8.0), (128, 4.0), 0.0));
         assert_eq!(growth_exponent((3, -1.0), (8, 7.0)), None);
     }
 }

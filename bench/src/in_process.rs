@@ -14,26 +14,27 @@ use crate::rounds::{BenchCase, BenchSettings};
 const TICKS_MIN: u64 = 100;
 
 /// Returns a case for each number of robots, in increasing order.
-pub(crate) fn cases<'a>(setting: &BenchSettings<'_>, robots: &[usize]) -> Vec<BenchCase<'a>> {
+pub(crate) fn cases<'a>(settings: &BenchSettings<'_>, robots: &[usize]) -> Vec<BenchCase<'a>> {
     let mut robots = robots.to_vec();
     robots.sort_unstable();
     robots.dedup();
-    let fewest = robots.first().copied().unwrap_or_default();
-    let seconds = setting.duration_s;
+    let robots_min = robots.first().copied().unwrap_or_default();
+    let seconds = settings.duration_s;
     let case = |robots: usize| {
         let ticks = lockstep::tick_count(robots, seconds).max(TICKS_MIN);
         BenchCase::new(format!("{robots} robots"), move |table| {
-            let spent_s = processor_time_s(robots, ticks)? - processor_time_s(robots, START_TICKS)?;
-            let us = 1e6 * spent_s / (ticks - START_TICKS) as f64 / robots as f64;
-            let what = "processor time per robot and tick, us";
+            let used_s = processor_time_s(robots, ticks)? - processor_time_s(robots, START_TICKS)?;
+            let us = 1e6 * used_s / (ticks - START_TICKS) as f64 / robots as f64;
+            let quantity = "processor time per robot and tick, us";
             table.record_run("robot ticks/s and core", 1e6 / us);
-            table.record_run(what, us);
-            if robots > fewest
-                && let Some(fewest_us) = table.last_value(&format!("{fewest} robots, {what}"))
+            table.record_run(quantity, us);
+            if robots > robots_min
+                && let Some(robots_min_us) =
+                    table.last_value(&format!("{robots_min} robots, {quantity}"))
             {
                 table.record_run(
-                    &format!("time per robot and tick / that of {fewest}"),
-                    us / fewest_us,
+                    &format!("time per robot and tick / that of {robots_min}"),
+                    us / robots_min_us,
                 );
             }
             Ok(())
@@ -45,8 +46,8 @@ pub(crate) fn cases<'a>(setting: &BenchSettings<'_>, robots: &[usize]) -> Vec<Be
 /// Returns the processor time of a run of the ring with this number of ticks, s.
 fn processor_time_s(robots: usize, ticks: u64) -> anyhow::Result<f64> {
     let scenario = ring::parse_scenario(&ring::ring_scenario_text(robots, ticks, PERIOD_S))?;
-    let before = usage::read_this_thread();
+    let earlier_usage = usage::read_this_thread();
     measured::measure_run(&scenario, &create_controller, |_, _, _| true);
-    let spent = usage::read_this_thread().usage_since(&before);
-    Ok(spent.user_s + spent.system_s)
+    let usage = usage::read_this_thread().usage_since(&earlier_usage);
+    Ok(usage.user_s + usage.system_s)
 }

@@ -30,27 +30,27 @@ pub(crate) fn tick_count(robots: usize, seconds: f64) -> u64 {
 
 /// Returns a case for each number of robots that measures ticks per second.
 pub(crate) fn speed_cases<'a>(
-    setting: &'a BenchSettings<'_>,
+    settings: &'a BenchSettings<'_>,
     robots: &[usize],
 ) -> anyhow::Result<Vec<BenchCase<'a>>> {
     let case = |&robots: &usize| {
-        let ticks = tick_count(robots, setting.duration_s);
+        let ticks = tick_count(robots, settings.duration_s);
         let text = ring::ring_scenario_text(robots, ticks, PERIOD_S);
         let scenario = ring::parse_scenario(&text)?;
         Ok(BenchCase::new(format!("{robots} robots"), move |table| {
-            let what = "ticks/s";
+            let quantity = "ticks/s";
             let summary =
-                RunProcess::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()?;
-            table.record_run(what, summary.number_at("/wall/ticks_per_s")?);
+                RunProcess::start(settings, &text, Pace::Lockstep, &[])?.wait_for_summary()?;
+            table.record_run(quantity, summary.number_at("/wall/ticks_per_s")?);
             let hash = summary.0["trajectory_hash"].as_str().unwrap_or("none");
             table.record_trajectory(robots, ticks, "phalanx run", hash);
-            let bare = bare_lockstep::run(setting, &scenario)?;
-            table.record_baseline(what, MAPPING_BASELINE, bare.ticks_per_s);
+            let bare = bare_lockstep::run(settings, &scenario)?;
+            table.record_baseline(quantity, MAPPING_BASELINE, bare.ticks_per_s);
             table.record_trajectory(robots, ticks, MAPPING_BASELINE, &bare.hash);
-            let unmeasured = RunProcess::start(setting, &text, Pace::Lockstep, &["--unmeasured"])?
+            let unmeasured = RunProcess::start(settings, &text, Pace::Lockstep, &["--unmeasured"])?
                 .wait_for_summary()?;
             let ticks_per_s = unmeasured.number_at("/wall/ticks_per_s")?;
-            table.record_baseline(what, "Phalanx, no metrics or recording", ticks_per_s);
+            table.record_baseline(quantity, "Phalanx, no metrics or recording", ticks_per_s);
             Ok(())
         }))
     };
@@ -59,7 +59,7 @@ pub(crate) fn speed_cases<'a>(
 
 /// Returns a case for each number of robots that measures the start-up time.
 pub(crate) fn startup_cases<'a>(
-    setting: &'a BenchSettings<'_>,
+    settings: &'a BenchSettings<'_>,
     robots: &[usize],
 ) -> anyhow::Result<Vec<BenchCase<'a>>> {
     let case = |&robots: &usize| {
@@ -67,9 +67,9 @@ pub(crate) fn startup_cases<'a>(
         let scenario = ring::parse_scenario(&text)?;
         Ok(BenchCase::new(format!("{robots} robots"), move |table| {
             let summary =
-                RunProcess::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()?;
+                RunProcess::start(settings, &text, Pace::Lockstep, &[])?.wait_for_summary()?;
             table.record_run("ready, s", summary.number_at("/wall/startup_s")?);
-            let bare = bare_lockstep::run(setting, &scenario)?;
+            let bare = bare_lockstep::run(settings, &scenario)?;
             table.record_baseline("ready, s", "bare processes", bare.startup_s);
             Ok(())
         }))

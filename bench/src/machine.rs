@@ -57,10 +57,10 @@ impl ProcessorTime {
         ProcessorTime::parse(&std::fs::read_to_string("/proc/stat").ok()?)
     }
 
-    /// Returns the steal time since `before`, percent.
-    fn steal_percent_since(self, before: ProcessorTime) -> Option<f64> {
-        let total = self.total.checked_sub(before.total).filter(|&total| total > 0)?;
-        Some(100.0 * self.steal.saturating_sub(before.steal) as f64 / total as f64)
+    /// Returns the steal time since `earlier`, percent.
+    fn steal_percent_since(self, earlier: ProcessorTime) -> Option<f64> {
+        let total = self.total.checked_sub(earlier.total).filter(|&total| total > 0)?;
+        Some(100.0 * self.steal.saturating_sub(earlier.steal) as f64 / total as f64)
     }
 }
 
@@ -69,12 +69,13 @@ impl Machine {
     /// for the number of cores.
     pub(crate) fn probe() -> Machine {
         let system = rustix::system::uname();
-        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+        let unix_time_s =
+            SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
         let governor =
             std::fs::read_to_string("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
         let unknown = || "unknown".to_owned();
         Machine {
-            date: date::format_for_file_name(seconds),
+            date: date::format_for_file_name(unix_time_s),
             processor: manifest::processor_model().unwrap_or_else(unknown),
             kernel: [system.sysname(), system.release(), system.machine()]
                 .map(|part| part.to_string_lossy())
@@ -92,7 +93,8 @@ impl Machine {
     pub(crate) fn update_load(&mut self) {
         self.load_after = Some(manifest::load_average());
         let times = ProcessorTime::read().zip(self.processor_time_before);
-        self.steal_percent = times.and_then(|(now, before)| now.steal_percent_since(before));
+        self.steal_percent =
+            times.and_then(|(current, earlier)| current.steal_percent_since(earlier));
     }
 
     /// Returns the conditions of this machine that make its results doubtful.
@@ -131,10 +133,10 @@ impl Machine {
     pub(crate) fn to_text(&self) -> String {
         let mut text = String::new();
         let Machine { date, processor, kernel, cores, governor, load_before, .. } = self;
-        let after = self.load_after.as_deref().unwrap_or("-");
+        let load_after_text = self.load_after.as_deref().unwrap_or("-");
         let _ = writeln!(text, "{processor}, {cores} cores, governor {governor}");
         let _ = writeln!(text, "{kernel}, {date} UTC");
-        let _ = write!(text, "load average {load_before} before, {after} after");
+        let _ = write!(text, "load average {load_before} before, {load_after_text} after");
         let _ = match self.steal_percent {
             Some(steal) => writeln!(text, "; steal time {steal:.1} %"),
             None => writeln!(text),
@@ -150,11 +152,11 @@ mod tests {
     #[test]
     fn steal_time_is_relative_to_the_time_of_all_cores() {
         let time = |text: &str| ProcessorTime::parse(text);
-        let before = time("cpu  100 0 50 800 10 0 5 35 7 0\ncpu0 1 2 3\n").unwrap();
-        assert_eq!(before, ProcessorTime { steal: 35, total: 1000 });
-        let now = time("cpu  200 0 50 850 10 0 5 85 9 0\n").unwrap();
-        assert_eq!(now.steal_percent_since(before), Some(25.0));
-        assert_eq!(before.steal_percent_since(before), None);
+        let earlier = time("cpu  100 0 50 800 10 0 5 35 7 0\ncpu0 1 2 3\n").unwrap();
+        assert_eq!(earlier, ProcessorTime { steal: 35, total: 1000 });
+        let later = time("cpu  200 0 50 850 10 0 5 85 9 0\n").unwrap();
+        assert_eq!(later.steal_percent_since(earlier), Some(25.0));
+        assert_eq!(earlier.steal_percent_since(earlier), None);
         assert_eq!([time("cpu 1 2 3\n"), time("intr 1\n"), time("")], [None; 3]);
     }
 }

@@ -59,14 +59,14 @@ impl<T> Mapping<T> {
             file.set_len(bytes as u64)?;
             Ok(file)
         };
-        let cannot = || format!("cannot map {}", path.display());
-        let file = open().with_context(cannot)?;
+        let error_context = || format!("cannot map {}", path.display());
+        let file = open().with_context(error_context)?;
         let access = ProtFlags::READ | ProtFlags::WRITE;
         let address = std::ptr::null_mut();
         // SAFETY: a new mapping at an address that the kernel chooses.
         let memory =
             unsafe { rustix::mm::mmap(address, bytes, access, MapFlags::SHARED, &file, 0) };
-        let memory = memory.with_context(cannot)?.cast();
+        let memory = memory.with_context(error_context)?.cast();
         let memory =
             NonNull::new(memory).expect("the kernel does not choose address 0 for a mapping");
         Ok(Mapping { memory, count, shared: PhantomData })

@@ -72,8 +72,8 @@ impl Law for AveragingLaw {
             self.state.fill(situation.pose.x_m);
         }
         let count = (received.len() + 1) as f64;
-        for (i, own) in self.state.iter_mut().enumerate() {
-            *own = (*own + received.iter().map(|state| state[i]).sum::<f64>()) / count;
+        for (i, value) in self.state.iter_mut().enumerate() {
+            *value = (*value + received.iter().map(|state| state[i]).sum::<f64>()) / count;
         }
         self.motion.output(situation)
     }
@@ -95,31 +95,40 @@ struct MeasuredCost {
 }
 
 /// Returns a case for each number of robots.
-pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, robots: &[usize]) -> Vec<BenchCase<'a>> {
+pub(crate) fn cases<'a>(settings: &'a BenchSettings<'_>, robots: &[usize]) -> Vec<BenchCase<'a>> {
     let case = |&robots: &usize| {
-        let ticks = growth::tick_count(robots, setting);
+        let ticks = growth::tick_count(robots, settings);
         let mut measures_baseline_first = false;
         BenchCase::new(format!("{robots} robots"), move |table| {
             measures_baseline_first = !measures_baseline_first;
-            let measure = |law| measure_run(setting, robots, ticks, law);
-            let (with, without);
+            let measure = |law| measure_run(settings, robots, ticks, law);
+            let (with_messages, without_messages);
             if measures_baseline_first {
-                without = measure(RING_LAW)?;
-                with = measure(MESSAGE_LAW.name)?;
+                without_messages = measure(RING_LAW)?;
+                with_messages = measure(MESSAGE_LAW.name)?;
             } else {
-                with = measure(MESSAGE_LAW.name)?;
-                without = measure(RING_LAW)?;
+                with_messages = measure(MESSAGE_LAW.name)?;
+                without_messages = measure(RING_LAW)?;
             }
-            ensure!(with.has_messages, "the run with messages has no message hash");
-            for (what, run, baseline) in [
-                ("processor time per robot and tick, us", with.tick_us, without.tick_us),
-                ("processor time of the run, s", with.total_s, without.total_s),
+            ensure!(with_messages.has_messages, "the run with messages has no message hash");
+            for (quantity, run, baseline) in [
+                (
+                    "processor time per robot and tick, us",
+                    with_messages.tick_us,
+                    without_messages.tick_us,
+                ),
+                ("processor time of the run, s", with_messages.total_s, without_messages.total_s),
             ] {
-                table.record_run(what, run);
-                table.record_baseline(what, NO_MESSAGES_BASELINE, baseline);
+                table.record_run(quantity, run);
+                table.record_baseline(quantity, NO_MESSAGES_BASELINE, baseline);
             }
-            table.record_trajectory(robots, ticks, "256 bytes per beacon", &with.trajectory_hash);
-            let hash = &without.trajectory_hash;
+            table.record_trajectory(
+                robots,
+                ticks,
+                "256 bytes per beacon",
+                &with_messages.trajectory_hash,
+            );
+            let hash = &without_messages.trajectory_hash;
             table.record_trajectory(robots, ticks, NO_MESSAGES_BASELINE, hash);
             Ok(())
         })
@@ -129,21 +138,21 @@ pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, robots: &[usize]) -> Vec
 
 /// Runs the ring with this law twice, with a few ticks and with all of them.
 fn measure_run(
-    setting: &BenchSettings<'_>,
+    settings: &BenchSettings<'_>,
     robots: usize,
     ticks: u64,
     law: &str,
 ) -> anyhow::Result<MeasuredCost> {
-    let run = |ticks| {
+    let run_ring = |ticks| {
         let text = ring::ring_scenario_text_with_law(robots, ticks, PERIOD_S, law);
-        RunProcess::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()
+        RunProcess::start(settings, &text, Pace::Lockstep, &[])?.wait_for_summary()
     };
-    let (start, whole) = (run(START_TICKS)?, run(ticks)?);
-    let tick_us: f64 = growth::processor_time_per_tick_us(&start, &whole)?.iter().sum();
+    let (short_run, full_run) = (run_ring(START_TICKS)?, run_ring(ticks)?);
+    let tick_us: f64 = growth::processor_time_per_tick_us(&short_run, &full_run)?.iter().sum();
     Ok(MeasuredCost {
         tick_us: tick_us / robots as f64,
-        total_s: whole.cpu_time_s()?.iter().sum(),
-        trajectory_hash: whole.0["trajectory_hash"].as_str().unwrap_or("none").to_owned(),
-        has_messages: whole.0["message_hash"].is_string(),
+        total_s: full_run.cpu_time_s()?.iter().sum(),
+        trajectory_hash: full_run.0["trajectory_hash"].as_str().unwrap_or("none").to_owned(),
+        has_messages: full_run.0["message_hash"].is_string(),
     })
 }

@@ -45,12 +45,13 @@ impl NeighborTimes {
     /// # Errors
     /// If a measurement has no values.
     fn mean_times(&self) -> anyhow::Result<Vec<(String, f64)>> {
-        let mean = |all: &[Quantiles]| {
-            mean_quantiles(all).context("a measurement has no values: no beacon was received")
+        let mean = |quantiles: &[Quantiles]| {
+            mean_quantiles(quantiles).context("a measurement has no values: no beacon was received")
         };
-        let used = QUANTILES.iter().zip(mean(&self.send_to_use)?);
-        let used = used.map(|((_, name, _), us)| (format!("published to used {name}, us"), us));
-        Ok(used
+        let delivery_times = QUANTILES.iter().zip(mean(&self.send_to_use)?);
+        let delivery_times =
+            delivery_times.map(|((_, name, _), us)| (format!("published to used {name}, us"), us));
+        Ok(delivery_times
             .chain([("polling to publishing p50, us".to_owned(), mean(&self.poll_to_send)?[0])])
             .chain([("wake-up latency p50, us".to_owned(), mean(&self.wake)?[0])])
             .collect())
@@ -59,12 +60,12 @@ impl NeighborTimes {
 
 /// Returns a case for each rate and number of robots.
 pub(crate) fn cases<'a>(
-    setting: &'a BenchSettings<'_>,
+    settings: &'a BenchSettings<'_>,
     robots: &[usize],
 ) -> anyhow::Result<Vec<BenchCase<'a>>> {
-    run_root::join(setting.root.path())?;
+    run_root::join(settings.root.path())?;
     let case = |rate_hz: u64, robots: usize| {
-        let seconds = DURATION_FACTOR * setting.duration_s;
+        let seconds = DURATION_FACTOR * settings.duration_s;
         let ticks = ((seconds * rate_hz as f64) as u64).max(TICKS_MIN);
         let text = ring::ring_scenario_text(robots, ticks, 1.0 / rate_hz as f64);
         let scenario = ring::parse_scenario(&text)?;
@@ -72,7 +73,7 @@ pub(crate) fn cases<'a>(
         let name = format!("{robots} robots at {rate_hz} Hz");
         Ok(BenchCase::new(name, move |table: &mut MeasurementTable| {
             let summary =
-                RunProcess::start(setting, &text, Pace::Realtime, &[])?.wait_for_summary()?;
+                RunProcess::start(settings, &text, Pace::Realtime, &[])?.wait_for_summary()?;
             let [used, answer, wake] = [Stage::BeaconDelivery, Stage::Compute, Stage::Wake]
                 .map(|stage| summary.stage_quantiles(stage));
             for (what, us) in
@@ -80,7 +81,7 @@ pub(crate) fn cases<'a>(
             {
                 table.record_run(&what, us);
             }
-            for (what, us) in measure_iceoryx2(setting, &node, &scenario, ticks)?.mean_times()? {
+            for (what, us) in measure_iceoryx2(settings, &node, &scenario, ticks)?.mean_times()? {
                 table.record_baseline(&what, "iceoryx2 alone, polled", us);
             }
             let timers_us = mean_timer_phase_us(&scenario);
@@ -101,12 +102,12 @@ fn mean_timer_phase_us(scenario: &Scenario) -> f64 {
 
 /// Measures beacons over iceoryx2 between processes without controllers, plant and supervisor.
 fn measure_iceoryx2(
-    setting: &BenchSettings<'_>,
+    settings: &BenchSettings<'_>,
     node: &Node,
     scenario: &Scenario,
     ticks: u64,
 ) -> anyhow::Result<NeighborTimes> {
-    let work_dir = WorkDir::new(setting.root, "neighbor")?;
+    let work_dir = WorkDir::new(settings.root, "neighbor")?;
     let dir = work_dir.path();
     let robots = scenario.robots.len();
     let mut services: Vec<Factory<[u8], Beacon>> = Vec::new();
@@ -114,18 +115,18 @@ fn measure_iceoryx2(
         let qos = Qos::for_robot(Pace::Realtime, scenario.graph.outgoing_edges(i).count());
         services.push(service::beacon_topic(&robot.name).create(node, qos)?);
     }
-    let root = setting.root.path();
+    let root = settings.root.path();
     let briefs = (0..robots).map(|i| briefs::agent_brief(scenario, i, Pace::Realtime, root));
     peers::write_briefs(dir, briefs)?;
-    let peers = Peers::start(dir, setting.stop, robots, "neighbor", &[ticks.to_string().into()])?;
-    let mut all = NeighborTimes::default();
+    let peers = Peers::start(dir, settings.stop, robots, "neighbor", &[ticks.to_string().into()])?;
+    let mut total = NeighborTimes::default();
     for times in peers.wait_for_results::<NeighborTimes>()? {
-        all.send_to_use.extend(times.send_to_use);
-        all.poll_to_send.extend(times.poll_to_send);
-        all.wake.extend(times.wake);
+        total.send_to_use.extend(times.send_to_use);
+        total.poll_to_send.extend(times.poll_to_send);
+        total.wake.extend(times.wake);
     }
     drop((peers, services));
-    Ok(all)
+    Ok(total)
 }
 
 /// Exchanges beacons with the neighbors of its brief for `ticks` wake-ups and reports the measured times.
@@ -134,35 +135,36 @@ pub(crate) fn run_peer(address: &PeerAddress, ticks: u64) -> anyhow::Result<()> 
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
     let node = service::create_node(&format!("neighbor-{}", brief.name))?;
-    let opened = |name: &str| service::beacon_topic(name).open(&node);
-    let out = opened(&brief.name)?.publisher(0)?;
-    let heard = brief.neighbors.iter().map(|neighbor| opened(&neighbor.name)?.subscriber());
-    let heard: Vec<_> = heard.collect::<Result<_, _>>()?;
+    let open_beacon_service = |name: &str| service::beacon_topic(name).open(&node);
+    let publisher = open_beacon_service(&brief.name)?.publisher(0)?;
+    let subscribers =
+        brief.neighbors.iter().map(|neighbor| open_beacon_service(&neighbor.name)?.subscriber());
+    let subscribers: Vec<_> = subscribers.collect::<Result<_, _>>()?;
     address.wait_for_start()?;
 
     let with_capacity = || Vec::with_capacity(ticks as usize);
-    let mut used_ns: Vec<Vec<u64>> = heard.iter().map(|_| with_capacity()).collect();
-    let (mut wake_ns, mut answer_ns) = (with_capacity(), with_capacity());
+    let mut delivery_ns: Vec<Vec<u64>> = subscribers.iter().map(|_| with_capacity()).collect();
+    let (mut wake_ns, mut poll_to_send_ns) = (with_capacity(), with_capacity());
     let period_ns = brief.period_ns;
     let mut timer = Timer::new(period_ns, (golden_phase(brief.index) * period_ns as f64) as u64);
     for tick in 0..ticks {
         let Some(wake) = timer.wait() else { continue };
         let polled_ns = clock::now_ns();
-        for (subscriber, used_ns) in heard.iter().zip(&mut used_ns) {
+        for (subscriber, delivery_ns) in subscribers.iter().zip(&mut delivery_ns) {
             while let Some(beacon) = subscriber.receive()? {
-                used_ns.push(clock::now_ns().saturating_sub(beacon.user_header().sent_ns));
+                delivery_ns.push(clock::now_ns().saturating_sub(beacon.user_header().sent_ns));
             }
         }
         let sent_ns = clock::now_ns();
-        send_slice(&out, Beacon { tick, sent_ns, ..Beacon::default() }, 0, |_| 0)?;
+        send_slice(&publisher, Beacon { tick, sent_ns, ..Beacon::default() }, 0, |_| 0)?;
         wake_ns.push(wake.lateness_ns);
-        answer_ns.push(sent_ns - polled_ns);
+        poll_to_send_ns.push(sent_ns - polled_ns);
     }
     // Cleans up now, because the bench kills this process once it has the result.
-    drop((out, heard, node));
+    drop((publisher, subscribers, node));
     address.report_result(&NeighborTimes {
-        send_to_use: used_ns.into_iter().filter_map(quantiles_us).collect(),
-        poll_to_send: quantiles_us(answer_ns).into_iter().collect(),
+        send_to_use: delivery_ns.into_iter().filter_map(quantiles_us).collect(),
+        poll_to_send: quantiles_us(poll_to_send_ns).into_iter().collect(),
         wake: quantiles_us(wake_ns).into_iter().collect(),
     })
 }
@@ -179,9 +181,9 @@ mod tests {
 
     #[test]
     fn mean_times_weight_edges_and_robots_equally() {
-        let used = vec![[1.0, 2.0, 3.0], [3.0, 6.0, 9.0]];
+        let send_to_use = vec![[1.0, 2.0, 3.0], [3.0, 6.0, 9.0]];
         let times =
-            NeighborTimes { send_to_use: used, poll_to_send: vec![[5.0; 3]], wake: vec![[4.0; 3]] };
+            NeighborTimes { send_to_use, poll_to_send: vec![[5.0; 3]], wake: vec![[4.0; 3]] };
         let means: Vec<f64> = times.mean_times().unwrap().into_iter().map(|(_, us)| us).collect();
         assert_eq!(means, [2.0, 4.0, 6.0, 5.0, 4.0]);
         assert!(NeighborTimes::default().mean_times().is_err());

@@ -75,9 +75,9 @@ impl PeerAddress {
     /// If the other peers are not ready in time.
     pub(crate) fn wait_for_start(&self) -> anyhow::Result<()> {
         self.report_ready()?;
-        let began = Instant::now();
+        let start = Instant::now();
         while !self.start_path().exists() {
-            if began.elapsed() > PEER_WAIT_TIMEOUT {
+            if start.elapsed() > PEER_WAIT_TIMEOUT {
                 bail!("the other peers were not ready within {} s", PEER_WAIT_TIMEOUT.as_secs());
             }
             std::thread::sleep(READY_POLL_INTERVAL);
@@ -149,7 +149,7 @@ impl Peers {
             command_line.push(verb.into());
             command_line.extend_from_slice(arguments);
             let log = dir.join(format!("peer-{index}.log"));
-            children.push(launcher.spawn(ProcessRole::Bench { words: &command_line }, &log)?);
+            children.push(launcher.spawn(ProcessRole::Bench { arguments: &command_line }, &log)?);
         }
         let state = Arc::new(MonitorState {
             children: Mutex::new(children),
@@ -186,8 +186,9 @@ impl Peers {
         let result = |address: &PeerAddress| {
             let path = address.result_path();
             self.wait_for_file(&path)?;
-            let cannot = || format!("cannot read {}", path.display());
-            serde_json::from_slice(&std::fs::read(&path).with_context(cannot)?).with_context(cannot)
+            let error_context = || format!("cannot read {}", path.display());
+            serde_json::from_slice(&std::fs::read(&path).with_context(error_context)?)
+                .with_context(error_context)
         };
         self.addresses.iter().map(result).collect()
     }
@@ -218,8 +219,8 @@ impl Peers {
     /// Returns the reason of the failure. Waits for the monitor for at most ten polling intervals, because a caller
     /// that reads the end of a pipe may be faster than the monitor.
     pub(crate) fn wait_for_failure(&self) -> anyhow::Error {
-        let began = Instant::now();
-        while !self.have_failed() && began.elapsed() < 10 * MONITOR_INTERVAL {
+        let start = Instant::now();
+        while !self.have_failed() && start.elapsed() < 10 * MONITOR_INTERVAL {
             std::thread::sleep(READY_POLL_INTERVAL);
         }
         let failure = self.state.failure.lock().expect("the monitor does not panic").take();
@@ -231,11 +232,11 @@ impl Peers {
 impl MonitorState {
     /// Polls the peers until they are done or a failure occurs. After a failure it kills them.
     fn monitor(&self) {
-        let began = Instant::now();
+        let start = Instant::now();
         while !self.is_done.load(Ordering::Acquire) {
             let mut children =
                 self.children.lock().expect("no thread panics while it holds this lock");
-            if let Some(failure) = self.find_failure(&mut children, began) {
+            if let Some(failure) = self.find_failure(&mut children, start) {
                 *self.failure.lock().expect("no thread panics while it holds this lock") =
                     Some(failure);
                 self.has_failed.store(true, Ordering::Release);
@@ -249,19 +250,19 @@ impl MonitorState {
 
     /// Returns the reason why the measurement cannot continue: an interruption, the maximum duration or a peer that has
     /// exited. `None` if it can continue.
-    fn find_failure(&self, children: &mut [Child], began: Instant) -> Option<anyhow::Error> {
+    fn find_failure(&self, children: &mut [Child], start: Instant) -> Option<anyhow::Error> {
         if self.stop.is_requested() {
             return Some(Interrupted.into());
         }
-        if began.elapsed() > MEASUREMENT_DURATION_MAX {
+        if start.elapsed() > MEASUREMENT_DURATION_MAX {
             return Some(anyhow!(
                 "the measurement took more than {} s",
                 MEASUREMENT_DURATION_MAX.as_secs()
             ));
         }
         children.iter_mut().find_map(|child| {
-            let what = format!("a peer exited early ({})", describe_exit(child.try_reap()?));
-            Some(exit_error(&what, child))
+            let message = format!("a peer exited early ({})", describe_exit(child.try_reap()?));
+            Some(exit_error(&message, child))
         })
     }
 }

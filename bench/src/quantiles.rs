@@ -19,16 +19,16 @@ pub(crate) fn quantiles_us<N: Copy + Ord + Into<u64>>(mut values_ns: Vec<N>) -> 
 
 /// Reduces several distributions with `combine`, separately for each quantile; `None` if there are none.
 pub(crate) fn reduce_quantiles(
-    all: &[Quantiles],
+    distributions: &[Quantiles],
     combine: fn(f64, f64) -> f64,
 ) -> Option<Quantiles> {
     let pair = |a: Quantiles, b: Quantiles| std::array::from_fn(|i| combine(a[i], b[i]));
-    all.iter().copied().reduce(pair)
+    distributions.iter().copied().reduce(pair)
 }
 
 /// Returns the mean of several distributions, separately for each quantile; `None` if there are none.
-pub(crate) fn mean_quantiles(all: &[Quantiles]) -> Option<Quantiles> {
-    Some(reduce_quantiles(all, |a, b| a + b)?.map(|sum| sum / all.len() as f64))
+pub(crate) fn mean_quantiles(distributions: &[Quantiles]) -> Option<Quantiles> {
+    Some(reduce_quantiles(distributions, |a, b| a + b)?.map(|sum| sum / distributions.len() as f64))
 }
 
 #[cfg(test)]
@@ -37,11 +37,11 @@ mod tests {
 
     #[test]
     fn quantiles_are_samples_and_reduce_to_mean_and_maximum() {
-        let us = (1..=101_u64).rev().map(|us| us * 1000).collect();
-        assert_eq!(quantiles_us(us), Some([51.0, 100.0, 101.0]));
+        let values_ns = (1..=101_u64).rev().map(|us| us * 1000).collect();
+        assert_eq!(quantiles_us(values_ns), Some([51.0, 100.0, 101.0]));
         assert_eq!(quantiles_us::<u64>(Vec::new()), None);
-        let all = [[1.0, 5.0, 6.0], [3.0, 4.0, 10.0]];
-        assert_eq!(mean_quantiles(&all), Some([2.0, 4.5, 8.0]));
-        assert_eq!(reduce_quantiles(&all, f64::max), Some([3.0, 5.0, 10.0]));
+        let distributions = [[1.0, 5.0, 6.0], [3.0, 4.0, 10.0]];
+        assert_eq!(mean_quantiles(&distributions), Some([2.0, 4.5, 8.0]));
+        assert_eq!(reduce_quantiles(&distributions, f64::max), Some([3.0, 5.0, 10.0]));
     }
 }

@@ -20,34 +20,38 @@ pub(crate) const DURATION_FACTOR: f64 = 3.0;
 const TIMERS_BASELINE: &str = "timers, equally busy";
 
 /// Returns a case for each rate and number of robots.
-pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, robots: &[usize]) -> Vec<BenchCase<'a>> {
-    let priority = setting.realtime_priority.then_some("--realtime-priority");
+pub(crate) fn cases<'a>(settings: &'a BenchSettings<'_>, robots: &[usize]) -> Vec<BenchCase<'a>> {
+    let priority = settings.realtime_priority.then_some("--realtime-priority");
     let case = |rate_hz: u64, robots: usize| {
         let (ticks, text) =
-            ring::ring_text_for_duration(robots, rate_hz, DURATION_FACTOR * setting.duration_s);
-        BenchCase::new(setting.format_realtime_case(robots, rate_hz), move |table| {
+            ring::ring_text_for_duration(robots, rate_hz, DURATION_FACTOR * settings.duration_s);
+        BenchCase::new(settings.format_realtime_case(robots, rate_hz), move |table| {
             let periods = (ticks * robots as u64) as f64;
-            let summary = RunProcess::start(setting, &text, Pace::Realtime, priority.as_slice())?
+            let summary = RunProcess::start(settings, &text, Pace::Realtime, priority.as_slice())?
                 .wait_for_summary()?;
             let worst_us = reduce_quantiles(&summary.stage_quantiles(Stage::Wake), f64::max)
                 .context("summary.json has no wake-up latency of any robot")?;
             let busy_ns = (1e9 * summary.cpu_time_s()?[0] / periods) as u64;
             let period_ns = 1_000_000_000 / rate_hz;
-            let realtime_priority = setting.realtime_priority;
+            let realtime_priority = settings.realtime_priority;
             let task = TimerTask { period_ns, ticks, busy_ns, realtime_priority };
-            let timers = timers::measure(setting, robots, task)?;
+            let timers = timers::measure(settings, robots, task)?;
 
-            let what = "deadlines missed, % of periods";
-            table.record_run(what, 100.0 * summary.number_at("/deadline_misses")? / periods);
-            table.record_baseline(what, TIMERS_BASELINE, 100.0 * timers.missed as f64 / periods);
+            let quantity = "deadlines missed, % of periods";
+            table.record_run(quantity, 100.0 * summary.number_at("/deadline_misses")? / periods);
+            table.record_baseline(
+                quantity,
+                TIMERS_BASELINE,
+                100.0 * timers.missed as f64 / periods,
+            );
             let expired = summary.number_at("/commands/expired")?;
             table.record_run("commands expired, % of periods", 100.0 * expired / periods);
             for ((_, name, _), (run_us, timers_us)) in
                 QUANTILES.iter().zip(worst_us.into_iter().zip(timers.latency_us))
             {
-                let what = format!("wake-up latency {name}, worst robot, us");
-                table.record_run(&what, run_us);
-                table.record_baseline(&what, TIMERS_BASELINE, timers_us);
+                let quantity = format!("wake-up latency {name}, worst robot, us");
+                table.record_run(&quantity, run_us);
+                table.record_baseline(&quantity, TIMERS_BASELINE, timers_us);
             }
             Ok(())
         })

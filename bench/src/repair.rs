@@ -27,7 +27,7 @@ const RESTART_DELAY_S: f64 = 0.6;
 const SHOWN_QUANTILE_COUNT: usize = 2;
 
 /// Returns a case for each rate, with `kills` kills.
-pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, kills: usize) -> Vec<BenchCase<'a>> {
+pub(crate) fn cases<'a>(settings: &'a BenchSettings<'_>, kills: usize) -> Vec<BenchCase<'a>> {
     let case = |rate_hz: u64| {
         BenchCase::new(format!("{rate_hz} Hz"), move |table| {
             let faults = (0..kills).map(|kill| {
@@ -40,19 +40,20 @@ pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, kills: usize) -> Vec<Ben
             let faults: Vec<String> = faults.collect();
             let faults: Vec<&str> = faults.iter().map(String::as_str).collect();
             let mut run = RunProcess::start(
-                setting,
+                settings,
                 &line_scenario_text(kills, rate_hz),
                 Pace::Realtime,
                 &faults,
             )?;
             run.wait_for_exit()?;
-            let taken_us = quantiles_us(repair_times_ns(&run.read_events()))
+            let durations_us = quantiles_us(repair_times_ns(&run.read_events()))
                 .context("events.csv has no repair of r3 after a timeout of r2")?;
-            for ((_, name, _), us) in QUANTILES.iter().zip(taken_us).take(SHOWN_QUANTILE_COUNT) {
-                let what = format!(
+            for ((_, name, _), us) in QUANTILES.iter().zip(durations_us).take(SHOWN_QUANTILE_COUNT)
+            {
+                let quantity = format!(
                     "timeout to backup neighbor minus repair_after_s, {name} of {kills}, ms"
                 );
-                table.record_run(&what, us / 1e3 - 1e3 * REPAIR_AFTER_S);
+                table.record_run(&quantity, us / 1e3 - 1e3 * REPAIR_AFTER_S);
             }
             Ok(())
         })
@@ -89,19 +90,19 @@ fn line_scenario_text(kills: usize, rate_hz: u64) -> String {
 /// Returns the time from each timeout of r2 at r3 until r3 uses r1 instead, ns, from the text of `events.csv`.
 fn repair_times_ns(events: &str) -> Vec<u64> {
     let mut lost_s = None;
-    let mut taken_ns = Vec::new();
+    let mut durations_ns = Vec::new();
     for EventLine { t_s, kind, robot, other, state, .. } in parse_events(events).unwrap_or_default()
     {
         match [&kind, &robot, &state, &other].map(String::as_str) {
             ["contact", "r3", "lost", "r2"] => lost_s = Some(t_s),
             ["repair", "r3", "used", "r1"] => {
-                let taken_s = lost_s.take().map(|lost_s| t_s - lost_s);
-                taken_ns.extend(taken_s.map(|taken_s| (1e9 * taken_s) as u64));
+                let duration_s = lost_s.take().map(|lost_s| t_s - lost_s);
+                durations_ns.extend(duration_s.map(|duration_s| (1e9 * duration_s) as u64));
             }
             _ => {}
         }
     }
-    taken_ns
+    durations_ns
 }
 
 #[cfg(test)]

@@ -39,14 +39,15 @@ const SHOWN_QUANTILE_COUNT: usize = 2;
 const POLL_INTERVAL: Duration = Duration::from_micros(100);
 
 /// Returns a case for each rate, with `kills` kills.
-pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, kills: usize) -> Vec<BenchCase<'a>> {
+pub(crate) fn cases<'a>(settings: &'a BenchSettings<'_>, kills: usize) -> Vec<BenchCase<'a>> {
     let case = |rate_hz: u64| {
         BenchCase::new(format!("{rate_hz} Hz"), move |table| {
-            let taken_us = quantiles_us(measure_replacements(setting, rate_hz, kills)?);
-            let taken_us = taken_us.context("the observer reported no replacement")?;
-            for ((_, name, _), us) in QUANTILES.iter().zip(taken_us).take(SHOWN_QUANTILE_COUNT) {
-                let what = format!("kill to first command, {name} of {kills}, ms");
-                table.record_run(&what, us / 1e3);
+            let durations_us = quantiles_us(measure_replacements(settings, rate_hz, kills)?);
+            let durations_us = durations_us.context("the observer reported no replacement")?;
+            for ((_, name, _), us) in QUANTILES.iter().zip(durations_us).take(SHOWN_QUANTILE_COUNT)
+            {
+                let quantity = format!("kill to first command, {name} of {kills}, ms");
+                table.record_run(&quantity, us / 1e3);
             }
             Ok(())
         })
@@ -56,23 +57,23 @@ pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>, kills: usize) -> Vec<Ben
 
 /// Starts a run and the observer, and returns the time that each replacement took, ns.
 fn measure_replacements(
-    setting: &BenchSettings<'_>,
+    settings: &BenchSettings<'_>,
     rate_hz: u64,
     kills: usize,
 ) -> anyhow::Result<Vec<u64>> {
     let text = ring::ring_scenario_text(ROBOT_COUNT, TICK_COUNT, 1.0 / rate_hz as f64);
-    let work_dir = WorkDir::new(setting.root, "observer")?;
-    let mut run = RunProcess::start(setting, &text, Pace::Realtime, &[])?;
-    let began = Instant::now();
+    let work_dir = WorkDir::new(settings.root, "observer")?;
+    let mut run = RunProcess::start(settings, &text, Pace::Realtime, &[])?;
+    let start = Instant::now();
     while !run.has_events("ready", ROBOT_COUNT) {
         run.check_running()?;
-        if began.elapsed() > REPLACEMENT_DURATION_MAX {
+        if start.elapsed() > REPLACEMENT_DURATION_MAX {
             bail!("the run was not ready within {} s", REPLACEMENT_DURATION_MAX.as_secs());
         }
         std::thread::sleep(Duration::from_millis(5));
     }
     let arguments = [run.brief_path(KILLED_ROBOT_NAME).into(), kills.to_string().into()];
-    let peers = Peers::start(work_dir.path(), setting.stop, 1, "kill", &arguments)?;
+    let peers = Peers::start(work_dir.path(), settings.stop, 1, "kill", &arguments)?;
     while !peers.has_result() {
         run.check_running()?;
         peers.check_running()?;
@@ -95,19 +96,19 @@ pub(crate) fn run_peer(
     address.report_ready()?;
     let mut incarnation = wait_for_incarnation(&commands, 0)?;
     let period_s = brief.period_ns as f64 / 1e9;
-    let mut taken_ns = Vec::with_capacity(kills);
+    let mut durations_ns = Vec::with_capacity(kills);
     for kill in 0..kills {
         // The robot sleeps after a command; the varying delay spreads the kills over the phases of its timer.
         std::thread::sleep(SETTLING_TIME + Duration::from_secs_f64(golden_phase(kill) * period_s));
         let pid = find_agent_process(brief_path).with_context(|| {
             format!("no running agent process has the brief {}", brief_path.display())
         })?;
-        let began = Instant::now();
+        let kill_time = Instant::now();
         kill_process(pid, Signal::KILL)?;
         incarnation = wait_for_incarnation(&commands, incarnation + 1)?;
-        taken_ns.push(began.elapsed().as_nanos() as u64);
+        durations_ns.push(kill_time.elapsed().as_nanos() as u64);
     }
-    address.report_result(&taken_ns)
+    address.report_result(&durations_ns)
 }
 
 /// Waits for a command of incarnation `minimum` or later, and returns its incarnation number.
@@ -115,12 +116,12 @@ pub(crate) fn run_peer(
 /// # Errors
 /// If none arrives within [`REPLACEMENT_DURATION_MAX`].
 fn wait_for_incarnation(commands: &Subscriber<Command>, minimum: u64) -> anyhow::Result<u64> {
-    let began = Instant::now();
+    let start = Instant::now();
     loop {
         match commands.receive()? {
             Some(command) if command.incarnation >= minimum => return Ok(command.incarnation),
             Some(_) => {}
-            None if began.elapsed() > REPLACEMENT_DURATION_MAX => {
+            None if start.elapsed() > REPLACEMENT_DURATION_MAX => {
                 bail!(
                     "no command of incarnation {minimum} or later within {} s",
                     REPLACEMENT_DURATION_MAX.as_secs()
@@ -136,8 +137,8 @@ fn find_agent_process(brief: &Path) -> Option<Pid> {
     let path = brief.as_os_str().as_encoded_bytes();
     let processes = std::fs::read_dir("/proc").ok()?.flatten();
     processes.filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok()).find_map(|pid| {
-        let line = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
-        let mut arguments = line.split(|&byte| byte == 0);
+        let command_line = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+        let mut arguments = command_line.split(|&byte| byte == 0);
         let is_agent = arguments.nth(1) == Some(b"agent") && arguments.next() == Some(path);
         if is_agent { Pid::from_raw(pid) } else { None }
     })

@@ -51,20 +51,20 @@ pub(crate) fn ring_scenario_text_with_law(
     for i in 0..robots {
         let (sin, cos) = portable_math::sin_cos(TAU * i as f64 / robots as f64);
         let (x_m, y_m) = (radius_m * cos, radius_m * sin);
-        let toward_rad = TAU * (0.618_033_988_7 * i as f64).fract() - PI;
-        let (off_y, off_x) = portable_math::sin_cos(toward_rad);
-        let hears: Vec<String> = (1..=NEIGHBORS_MAX.min(robots - 1))
-            .map(|next| format!("\"r{}\"", (i + next) % robots + 1))
+        let direction_rad = TAU * (0.618_033_988_7 * i as f64).fract() - PI;
+        let (offset_y, offset_x) = portable_math::sin_cos(direction_rad);
+        let in_neighbors: Vec<String> = (1..=NEIGHBORS_MAX.min(robots - 1))
+            .map(|offset| format!("\"r{}\"", (i + offset) % robots + 1))
             .collect();
         let _ = write!(
             text,
             "[[robot]]\nname = \"r{}\"\nlaw = \"{law}\"\nspeed_m_s = 0.1\n\
              hears = [{}]\nplace_m = [{x_m}, {y_m}]\n\
-             pose = {{ x_m = {}, y_m = {}, heading_rad = {toward_rad} }}\n",
+             pose = {{ x_m = {}, y_m = {}, heading_rad = {direction_rad} }}\n",
             i + 1,
-            hears.join(", "),
-            x_m + START_OFFSET_M * off_x,
-            y_m + START_OFFSET_M * off_y,
+            in_neighbors.join(", "),
+            x_m + START_OFFSET_M * offset_x,
+            y_m + START_OFFSET_M * offset_y,
         );
     }
     text + COMMON_TABLES

@@ -43,14 +43,14 @@ const PERIOD_S: f64 = 0.005;
 const SHOWN_QUANTILE_COUNT: usize = 2;
 
 /// Returns one case, with the round trip of a robot and of each transport.
-pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>) -> anyhow::Result<Vec<BenchCase<'a>>> {
-    run_root::join(setting.root.path())?;
+pub(crate) fn cases<'a>(settings: &'a BenchSettings<'_>) -> anyhow::Result<Vec<BenchCase<'a>>> {
+    run_root::join(settings.root.path())?;
     let node = service::create_node("bench")?;
     let mut round = 0;
     Ok(vec![BenchCase::new("round trip", move |table| {
         round += 1;
         let cores = PinnedCores::pin_to_first();
-        let trips = RoundTrips { setting, cores: cores.as_ref(), node: &node, round };
+        let trips = RoundTrips { settings, cores: cores.as_ref(), node: &node, round };
         let names = || {
             QUANTILES.iter().map(|(_, name, _)| format!("{name}, us")).take(SHOWN_QUANTILE_COUNT)
         };
@@ -68,7 +68,7 @@ pub(crate) fn cases<'a>(setting: &'a BenchSettings<'_>) -> anyhow::Result<Vec<Be
 
 /// Setting of the round trips of one round.
 struct RoundTrips<'a> {
-    setting: &'a BenchSettings<'a>,
+    settings: &'a BenchSettings<'a>,
     cores: Option<&'a PinnedCores>,
     node: &'a Node,
     round: usize,
@@ -76,7 +76,7 @@ struct RoundTrips<'a> {
 
 impl RoundTrips<'_> {
     fn count(&self) -> usize {
-        ((TRIPS_PER_S * self.setting.duration_s) as usize).max(1)
+        ((TRIPS_PER_S * self.settings.duration_s) as usize).max(1)
     }
 
     /// Measures trips until their number or the maximum duration is reached, and returns their quantiles, us.
@@ -87,17 +87,17 @@ impl RoundTrips<'_> {
         for tick in 0..WARM_UP_TRIPS {
             trip(tick as u64)?;
         }
-        let limit = Duration::from_secs_f64(DURATION_FACTOR_MAX * self.setting.duration_s);
+        let limit = Duration::from_secs_f64(DURATION_FACTOR_MAX * self.settings.duration_s);
         let mut trips_ns = Vec::with_capacity(self.count());
-        let began = Instant::now();
-        let mut last = began;
+        let start = Instant::now();
+        let mut last_time = start;
         for tick in (WARM_UP_TRIPS as u64..).take(self.count()) {
             trip(tick)?;
             let now = Instant::now();
-            trips_ns.push((now - last).as_nanos() as u64);
-            last = now;
-            self.setting.check_interrupted()?;
-            if now - began > limit {
+            trips_ns.push((now - last_time).as_nanos() as u64);
+            last_time = now;
+            self.settings.check_interrupted()?;
+            if now - start > limit {
                 break;
             }
         }
@@ -106,16 +106,16 @@ impl RoundTrips<'_> {
 
     /// Measures Phalanx: the bench acts as the plant of a real agent.
     fn measure_agent(&self) -> anyhow::Result<[f64; QUANTILES.len()]> {
-        let RoundTrips { setting, cores, node, round } = self;
-        let root = setting.root;
+        let RoundTrips { settings, cores, node, round } = self;
+        let root = settings.root;
         let name = format!("alone-{round}");
         let ticks = (WARM_UP_TRIPS + self.count()) as u64;
         let scenario = ring::parse_scenario(&ring::single_robot_text(&name, ticks, PERIOD_S))?;
         let brief = briefs::agent_brief(&scenario, 0, Pace::Lockstep, root.path());
         let plant = briefs::plant_brief(&scenario, Pace::Lockstep, root.path());
-        let own = create_services(&name, node)?;
+        let services = create_services(&name, node)?;
         // The agent needs these services, but no process receives from them.
-        let _others = (
+        let _other_services = (
             service::beacon_topic(&name).create(node, Qos::for_robot(Pace::Lockstep, 0))?,
             service::status_topic(&name).create(node, Qos::for_status(1))?,
             service::latency_topic(&name).create(node, Qos::for_latency(1))?,
@@ -125,20 +125,20 @@ impl RoundTrips<'_> {
         let work_dir = WorkDir::new(root, &name)?;
         let path = work_dir.path().join("brief.toml");
         write_file(&path, &brief::to_text(&brief))?;
-        let (odometry, command) = open_ports(&own)?;
+        let (odometry, command) = open_ports(&services)?;
         let role = ProcessRole::Agent { brief: &path, program: None, incarnation: 0 };
         let log = work_dir.path().join("agent.log");
         let mut agent =
             start_on_last_core(*cores, || Launcher::for_this_executable().spawn(role, &log))?;
         let mut check_agent = || match agent.try_reap() {
-            _ if setting.stop.is_requested() => Err(Interrupted.into()),
+            _ if settings.stop.is_requested() => Err(Interrupted.into()),
             None => Ok(()),
             Some(_) => Err(exit_error("the agent exited early", &agent)),
         };
-        let began = Instant::now();
-        while own.1.number_of_publishers() == 0 {
+        let start = Instant::now();
+        while services.1.number_of_publishers() == 0 {
             check_agent()?;
-            if began.elapsed() > READY_DURATION_MAX {
+            if start.elapsed() > READY_DURATION_MAX {
                 bail!("the agent was not ready within {} s", READY_DURATION_MAX.as_secs());
             }
             std::thread::sleep(READY_POLL_INTERVAL);
@@ -148,18 +148,18 @@ impl RoundTrips<'_> {
             odometry.send_copy(Odometry { sent_ns: clock::now_ns(), ..world.odometry(0) })?;
             barrier.begin_tick(tick);
             barrier.release_group(0);
-            let (began, mut agent_state) = (Instant::now(), Ok(()));
-            let arrived = barrier.wait_for_arrivals(tick, || {
+            let (start, mut agent_state) = (Instant::now(), Ok(()));
+            let result = barrier.wait_for_arrivals(tick, || {
                 agent_state = check_agent();
-                agent_state.is_ok() && began.elapsed() < READY_DURATION_MAX
+                agent_state.is_ok() && start.elapsed() < READY_DURATION_MAX
             });
             agent_state?;
-            arrived.map_err(|_| {
+            result.map_err(|_| {
                 anyhow!("the agent did not answer within {} s", READY_DURATION_MAX.as_secs())
             })?;
-            let answer = command.receive()?.filter(|answer| answer.tick == tick);
-            let answer = answer.with_context(|| format!("no command at tick {tick}"))?;
-            world.accept_command(0, &answer).map_err(|refusal| anyhow!("{refusal}"))?;
+            let reply = command.receive()?.filter(|reply| reply.tick == tick);
+            let reply = reply.with_context(|| format!("no command at tick {tick}"))?;
+            world.accept_command(0, &reply).map_err(|refusal| anyhow!("{refusal}"))?;
             world.advance((tick + 1) * plant.period_ns);
             world.increment_tick();
             Ok(())
@@ -168,8 +168,9 @@ impl RoundTrips<'_> {
 
     /// Measures a baseline: a peer answers each sample immediately.
     fn measure_transport(&self, transport: Transport) -> anyhow::Result<[f64; QUANTILES.len()]> {
-        let RoundTrips { setting, cores, node, round } = self;
-        let work_dir = WorkDir::new(setting.root, &format!("{}-{round}", transport.to_argument()))?;
+        let RoundTrips { settings, cores, node, round } = self;
+        let work_dir =
+            WorkDir::new(settings.root, &format!("{}-{round}", transport.to_argument()))?;
         let dir = work_dir.path();
         let services =
             transport.is_iceoryx2().then(|| create_services(&robot_name(dir), node)).transpose()?;
@@ -183,16 +184,16 @@ impl RoundTrips<'_> {
             Channel::<Command>::open_receiver(transport, &dir.join("command"), subscriber)?;
         let arguments = [transport.to_argument().into()];
         let peers = start_on_last_core(*cores, || {
-            Peers::start(dir, setting.stop, 1, "round-trip", &arguments)
+            Peers::start(dir, settings.stop, 1, "round-trip", &arguments)
         })?;
         peers.wait_ready()?;
         self.measure(|tick| {
-            let sent = odometry.send(&Odometry { tick, ..Odometry::default() });
-            sent.map_err(|_| peers.wait_for_failure())?;
-            let answer =
+            let result = odometry.send(&Odometry { tick, ..Odometry::default() });
+            result.map_err(|_| peers.wait_for_failure())?;
+            let reply =
                 command.receive(|| peers.have_failed()).map_err(|_| peers.wait_for_failure())?;
-            match answer.ok_or_else(|| peers.wait_for_failure())? {
-                answer if answer.tick == tick => Ok(()),
+            match reply.ok_or_else(|| peers.wait_for_failure())? {
+                reply if reply.tick == tick => Ok(()),
                 other => bail!(
                     "{}: the answer is for tick {}, must be for tick {tick}",
                     transport.name(),
@@ -206,7 +207,7 @@ impl RoundTrips<'_> {
 /// Answers each sample until this peer is killed.
 pub(crate) fn run_peer(address: &PeerAddress, transport: Transport) -> anyhow::Result<()> {
     let dir = &address.dir;
-    let ports = || {
+    let open_iceoryx2_ports = || {
         run_root::join(
             dir.parent().context("the directory of a peer must be below the run root")?,
         )?;
@@ -214,7 +215,8 @@ pub(crate) fn run_peer(address: &PeerAddress, transport: Transport) -> anyhow::R
         let publisher = service::command_topic(&robot).open(&node)?.publisher()?;
         anyhow::Ok((publisher, service::odometry_topic(&robot).open(&node)?.subscriber()?))
     };
-    let (publisher, subscriber) = transport.is_iceoryx2().then(ports).transpose()?.unzip();
+    let (publisher, subscriber) =
+        transport.is_iceoryx2().then(open_iceoryx2_ports).transpose()?.unzip();
     let mut odometry =
         Channel::<Odometry>::open_receiver(transport, &dir.join("odometry"), subscriber)?;
     let command = Channel::open_sender(transport, &dir.join("command"), false, publisher)?;
@@ -230,10 +232,10 @@ fn create_services(
     name: &str,
     node: &Node,
 ) -> anyhow::Result<(Factory<Odometry>, Factory<Command>)> {
-    let one = Qos::for_robot(Pace::Lockstep, 1);
+    let qos = Qos::for_robot(Pace::Lockstep, 1);
     Ok((
-        service::odometry_topic(name).create(node, one)?,
-        service::command_topic(name).create(node, one)?,
+        service::odometry_topic(name).create(node, qos)?,
+        service::command_topic(name).create(node, qos)?,
     ))
 }
 

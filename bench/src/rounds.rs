@@ -57,8 +57,9 @@ impl BenchSettings<'_> {
         for round in 1..=self.rounds {
             for case in &mut cases {
                 if self.shows_progress {
-                    let shown = format!("{part}, {}, round {round} of {}", case.name, self.rounds);
-                    let _ = write!(io::stderr(), "\r\x1b[K{shown}");
+                    let progress =
+                        format!("{part}, {}, round {round} of {}", case.name, self.rounds);
+                    let _ = write!(io::stderr(), "\r\x1b[K{progress}");
                 }
                 self.check_interrupted()?;
                 table.begin_case(part, &case.name);

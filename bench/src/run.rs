@@ -25,7 +25,7 @@ pub(crate) const CPU_CONSUMERS: [&str; 3] = ["robots", "plant", "supervisor"];
 
 /// A run in progress. Dropping it ends the run.
 pub(crate) struct RunProcess<'a> {
-    setting: &'a BenchSettings<'a>,
+    settings: &'a BenchSettings<'a>,
     child: Child,
     work_dir: WorkDir,
 }
@@ -33,21 +33,21 @@ pub(crate) struct RunProcess<'a> {
 impl<'a> RunProcess<'a> {
     /// Starts `phalanx run` of this scenario text, with additional arguments.
     pub(crate) fn start(
-        setting: &'a BenchSettings<'_>,
+        settings: &'a BenchSettings<'_>,
         scenario: &str,
         pace: Pace,
         arguments: &[&str],
     ) -> anyhow::Result<RunProcess<'a>> {
-        let work_dir = WorkDir::new(setting.root, "run")?;
+        let work_dir = WorkDir::new(settings.root, "run")?;
         let (file, out) = (work_dir.path().join("scenario.toml"), work_dir.path().join("out"));
         write_file(&file, scenario)?;
         let mut command_line: Vec<OsString> =
             vec!["run".into(), file.into(), "--out".into(), out.into()];
-        let common = ["--pace", pace.keyword(), "--output=json", "--no-report"];
-        command_line.extend(common.iter().chain(arguments).map(OsString::from));
+        let run_options = ["--pace", pace.keyword(), "--output=json", "--no-report"];
+        command_line.extend(run_options.iter().chain(arguments).map(OsString::from));
         let child = Launcher::for_this_executable()
-            .spawn(ProcessRole::Bench { words: &command_line }, &work_dir.path().join("log"))?;
-        Ok(RunProcess { setting, child, work_dir })
+            .spawn(ProcessRole::Bench { arguments: &command_line }, &work_dir.path().join("log"))?;
+        Ok(RunProcess { settings, child, work_dir })
     }
 
     /// Returns the path of a robot's brief.
@@ -73,7 +73,7 @@ impl<'a> RunProcess<'a> {
 
     /// Returns an error if the run has ended or a signal has interrupted the bench.
     pub(crate) fn check_running(&mut self) -> anyhow::Result<()> {
-        self.setting.check_interrupted()?;
+        self.settings.check_interrupted()?;
         match self.child.try_reap() {
             None => Ok(()),
             Some(status) => {
@@ -89,9 +89,9 @@ impl<'a> RunProcess<'a> {
     pub(crate) fn wait_for_summary(mut self) -> anyhow::Result<Summary> {
         self.wait_for_exit()?;
         let path = self.out_dir().join("summary.json");
-        let cannot = || format!("cannot read {}", path.display());
-        let bytes = std::fs::read(&path).with_context(cannot)?;
-        serde_json::from_slice(&bytes).map(Summary).with_context(cannot)
+        let error_context = || format!("cannot read {}", path.display());
+        let bytes = std::fs::read(&path).with_context(error_context)?;
+        serde_json::from_slice(&bytes).map(Summary).with_context(error_context)
     }
 
     /// Waits for the end of the run.
@@ -99,13 +99,13 @@ impl<'a> RunProcess<'a> {
     /// # Errors
     /// If the run fails or takes more than [`MEASUREMENT_DURATION_MAX`], or if a signal interrupts the bench.
     pub(crate) fn wait_for_exit(&mut self) -> anyhow::Result<()> {
-        let began = Instant::now();
+        let start = Instant::now();
         let status = loop {
             if let Some(status) = self.child.wait_timeout(POLL_INTERVAL) {
                 break status;
             }
-            self.setting.check_interrupted()?;
-            if began.elapsed() > MEASUREMENT_DURATION_MAX {
+            self.settings.check_interrupted()?;
+            if start.elapsed() > MEASUREMENT_DURATION_MAX {
                 let limit_s = MEASUREMENT_DURATION_MAX.as_secs();
                 return Err(self.error_with_log(format!("a run took more than {limit_s} s")));
             }
@@ -118,18 +118,18 @@ impl<'a> RunProcess<'a> {
 
     /// Returns an error with the last error line of the run's log, or with the last lines of the log if it has none.
     /// The last lines alone would not do, because a run prints its summary after its error.
-    fn error_with_log(&self, what: String) -> anyhow::Error {
+    fn error_with_log(&self, message: String) -> anyhow::Error {
         let log = std::fs::read_to_string(self.work_dir.path().join("log")).unwrap_or_default();
         match log.lines().rev().find_map(|line| line.strip_prefix("error: ")) {
-            Some(error) => anyhow!("{what}: {error}"),
-            None => exit_error(&what, &self.child),
+            Some(error) => anyhow!("{message}: {error}"),
+            None => exit_error(&message, &self.child),
         }
     }
 }
 
 /// Returns an error about a process that exited, with the last lines of its log.
-pub(crate) fn exit_error(what: &str, child: &Child) -> anyhow::Error {
-    anyhow!("{what}; the last lines of its log:\n{}", child.last_lines(SHOWN_LOG_LINES))
+pub(crate) fn exit_error(message: &str, child: &Child) -> anyhow::Error {
+    anyhow!("{message}; the last lines of its log:\n{}", child.last_lines(SHOWN_LOG_LINES))
 }
 
 impl Drop for RunProcess<'_> {
@@ -151,8 +151,8 @@ impl Summary {
     /// # Errors
     /// If there is no number at the pointer.
     pub(crate) fn number_at(&self, pointer: &str) -> anyhow::Result<f64> {
-        let found = self.0.pointer(pointer).and_then(Value::as_f64);
-        found.with_context(|| format!("summary.json has no number at {pointer}"))
+        let number = self.0.pointer(pointer).and_then(Value::as_f64);
+        number.with_context(|| format!("summary.json has no number at {pointer}"))
     }
 
     /// Returns the total processor time of each of [`CPU_CONSUMERS`], s, over the lifetime of the processes.
@@ -183,8 +183,8 @@ impl Summary {
     pub(crate) fn stage_quantiles(&self, stage: Stage) -> Vec<Quantiles> {
         let rows = self.0["wall"]["latency"].as_array().into_iter().flatten();
         let rows = rows.filter(|row| row["stage"] == stage.keyword() && row["robot"] != "plant");
-        let us = |row: &Value, key: &str| row[key].as_f64().unwrap_or(f64::NAN) / 1e3;
-        rows.map(|row| QUANTILES.map(|(key, ..)| us(row, key))).collect()
+        let to_us = |row: &Value, key: &str| row[key].as_f64().unwrap_or(f64::NAN) / 1e3;
+        rows.map(|row| QUANTILES.map(|(key, ..)| to_us(row, key))).collect()
     }
 }
 
@@ -211,8 +211,8 @@ mod tests {
         fn process(&(name, user_s, system_s): &(&str, f64, f64)) -> Value {
             serde_json::json!({ "name": name, "user_s": user_s, "system_s": system_s })
         }
-        let taken = [("supervisor", 0.75, 0.5), ("plant", 0.125, 0.25), ("r1", 0.5, 0.5)];
-        let processes = taken.iter().chain(&[("r2", 0.25, 0.25), ("awake", 64.0, 8.0)]);
+        let counted = [("supervisor", 0.75, 0.5), ("plant", 0.125, 0.25), ("r1", 0.5, 0.5)];
+        let processes = counted.iter().chain(&[("r2", 0.25, 0.25), ("awake", 64.0, 8.0)]);
         let processes: Vec<Value> = processes.map(process).collect();
         let summary = Summary(serde_json::json!({ "wall": { "processes": processes } }));
         assert_eq!(summary.cpu_time_s().unwrap(), [1.5, 0.375, 1.25]);

@@ -49,21 +49,22 @@ impl MeasurementTable {
     }
 
     /// Returns the values of a quantity of the current case, if there are any.
-    fn find_quantity(&mut self, what: &str) -> Option<&mut MeasuredQuantity> {
-        let (part, what) = (self.current_part, format!("{}, {what}", self.current_case));
-        self.quantities.iter_mut().find(|figure| figure.part == part && figure.description == what)
+    fn find_quantity(&mut self, quantity: &str) -> Option<&mut MeasuredQuantity> {
+        let (part, quantity) = (self.current_part, format!("{}, {quantity}", self.current_case));
+        self.quantities.iter_mut().find(|entry| entry.part == part && entry.description == quantity)
     }
 
-    /// Records a value of the run in this round. `what` names the quantity and ends with its unit.
-    pub(crate) fn record_run(&mut self, what: &str, value: f64) {
-        match self.find_quantity(what) {
-            Some(figure) => figure.run_values.push(value),
+    /// Records a value of the run in this round. `quantity` names the quantity and ends with its unit.
+    pub(crate) fn record_run(&mut self, quantity: &str, value: f64) {
+        match self.find_quantity(quantity) {
+            Some(entry) => entry.run_values.push(value),
             None => {
-                let (part, what) = (self.current_part, format!("{}, {what}", self.current_case));
+                let (part, quantity) =
+                    (self.current_part, format!("{}, {quantity}", self.current_case));
                 let (run, baselines) = (vec![value], Vec::new());
                 self.quantities.push(MeasuredQuantity {
                     part,
-                    description: what,
+                    description: quantity,
                     run_values: run,
                     baselines,
                 });
@@ -75,20 +76,21 @@ impl MeasurementTable {
     ///
     /// # Panics
     /// If the run has no value of this quantity.
-    pub(crate) fn record_baseline(&mut self, what: &str, name: &str, value: f64) {
-        let figure = self.find_quantity(what).expect("a run is measured before its baselines");
-        match figure.baselines.iter_mut().find(|(known, _)| known == name) {
-            Some((_, rounds)) => rounds.push(value),
-            None => figure.baselines.push((name.into(), vec![value])),
+    pub(crate) fn record_baseline(&mut self, quantity: &str, name: &str, value: f64) {
+        let entry = self.find_quantity(quantity).expect("a run is measured before its baselines");
+        match entry.baselines.iter_mut().find(|(baseline, _)| baseline == name) {
+            Some((_, values)) => values.push(value),
+            None => entry.baselines.push((name.into(), vec![value])),
         }
     }
 
-    /// Returns the latest value of a run in the current part. `what` is the case and the quantity, joined by a comma.
-    pub(crate) fn last_value(&self, what: &str) -> Option<f64> {
-        let same = |figure: &&MeasuredQuantity| {
-            figure.part == self.current_part && figure.description == what
+    /// Returns the latest value of a run in the current part. `description` is the case and the quantity, joined by a
+    /// comma.
+    pub(crate) fn last_value(&self, description: &str) -> Option<f64> {
+        let is_match = |entry: &&MeasuredQuantity| {
+            entry.part == self.current_part && entry.description == description
         };
-        self.quantities.iter().find(same)?.run_values.last().copied()
+        self.quantities.iter().find(is_match)?.run_values.last().copied()
     }
 
     /// Records the trajectory hash of a run or baseline (`source`). All hashes for a number of robots and of ticks must
@@ -100,15 +102,17 @@ impl MeasurementTable {
         source: &str,
         hash: &str,
     ) {
-        let hashed = (source.to_owned(), hash.to_owned());
+        let source_and_hash = (source.to_owned(), hash.to_owned());
         let is_same =
-            |known: &&mut TrajectoryHashes| (known.robots, known.ticks) == (robots, ticks);
+            |recorded: &&mut TrajectoryHashes| (recorded.robots, recorded.ticks) == (robots, ticks);
         match self.trajectories.iter_mut().find(is_same) {
-            Some(trajectory) if trajectory.hashes.contains(&hashed) => {}
-            Some(trajectory) => trajectory.hashes.push(hashed),
-            None => {
-                self.trajectories.push(TrajectoryHashes { robots, ticks, hashes: vec![hashed] })
-            }
+            Some(trajectory) if trajectory.hashes.contains(&source_and_hash) => {}
+            Some(trajectory) => trajectory.hashes.push(source_and_hash),
+            None => self.trajectories.push(TrajectoryHashes {
+                robots,
+                ticks,
+                hashes: vec![source_and_hash],
+            }),
         }
     }
 
@@ -127,7 +131,7 @@ impl MeasurementTable {
 impl MeasuredQuantity {
     /// Returns a row for each baseline, or one row without a baseline if there is none.
     fn to_rows(&self) -> Vec<ReportRow> {
-        let alone = ReportRow {
+        let row = ReportRow {
             part: self.part,
             what: self.description.clone(),
             ours: Spread::from_rounds(&self.run_values),
@@ -135,7 +139,7 @@ impl MeasuredQuantity {
             floor: None,
             ratio: None,
         };
-        let against = self.baselines.iter().map(|(name, baseline)| {
+        let baseline_rows = self.baselines.iter().map(|(name, baseline)| {
             let ratios: Vec<f64> = self
                 .run_values
                 .iter()
@@ -150,11 +154,11 @@ impl MeasuredQuantity {
                     .iter()
                     .all(|ratio| ratio.is_finite())
                     .then(|| Spread::from_rounds(&ratios)),
-                ..alone.clone()
+                ..row.clone()
             }
         });
-        let against: Vec<ReportRow> = against.collect();
-        if against.is_empty() { vec![alone] } else { against }
+        let baseline_rows: Vec<ReportRow> = baseline_rows.collect();
+        if baseline_rows.is_empty() { vec![row] } else { baseline_rows }
     }
 }
 
@@ -175,7 +179,8 @@ impl Spread {
     /// If there are no rounds or no finite values.
     fn from_rounds(rounds: &[f64]) -> Spread {
         let median = finite_median(rounds).expect("at least one round");
-        let [min, max] = [f64::min, f64::max].map(|pick| rounds.iter().copied().fold(median, pick));
+        let [min, max] =
+            [f64::min, f64::max].map(|choose| rounds.iter().copied().fold(median, choose));
         Spread { median, min, max, rounds: rounds.to_vec() }
     }
 
@@ -232,9 +237,11 @@ impl Report {
     /// Returns an error message about the first number of robots and ticks for which the hashes differ; `None` if all
     /// are equal.
     pub(crate) fn find_trajectory_mismatch(&self) -> Option<String> {
-        let differs =
-            |t: &&TrajectoryHashes| t.hashes.iter().any(|(_, hash)| *hash != t.hashes[0].1);
-        let TrajectoryHashes { robots, hashes, .. } = self.trajectories.iter().find(differs)?;
+        let has_difference = |trajectory: &&TrajectoryHashes| {
+            trajectory.hashes.iter().any(|(_, hash)| *hash != trajectory.hashes[0].1)
+        };
+        let TrajectoryHashes { robots, hashes, .. } =
+            self.trajectories.iter().find(has_difference)?;
         Some(format!(
             "trajectories of {robots} robots differ, so their speeds cannot be compared: {hashes:?}"
         ))
@@ -278,17 +285,17 @@ impl Report {
         lines.extend(self.rows.iter().map(|row| (row.part, cells(row))));
         let width = |column: usize| lines.iter().map(|(_, cells)| cells[column].len()).max();
         let widths: [usize; 6] = std::array::from_fn(|column| width(column).unwrap_or(0));
-        let (mut text, mut last) = (String::new(), "");
+        let (mut text, mut last_part) = (String::new(), "");
         for (part, cells) in &lines {
-            if *part != last {
+            if *part != last_part {
                 let _ = writeln!(text, "{}", if *part == "floors" { "baselines" } else { part });
-                last = part;
+                last_part = part;
             }
-            let mut shown = String::new();
+            let mut line = String::new();
             for (cell, width) in cells.iter().zip(widths) {
-                let _ = write!(shown, "  {cell:<width$}");
+                let _ = write!(line, "  {cell:<width$}");
             }
-            let _ = writeln!(text, "{}", shown.trim_end());
+            let _ = writeln!(text, "{}", line.trim_end());
         }
         text
     }

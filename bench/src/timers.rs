@@ -42,16 +42,16 @@ pub(crate) struct TimerResult {
 
 /// Runs one process for each robot at the same time and returns their combined result.
 pub(crate) fn measure(
-    setting: &BenchSettings<'_>,
+    settings: &BenchSettings<'_>,
     robots: usize,
     task: TimerTask,
 ) -> anyhow::Result<TimerResult> {
-    let work_dir = WorkDir::new(setting.root, "timers")?;
+    let work_dir = WorkDir::new(settings.root, "timers")?;
     let numbers =
         [task.period_ns, task.ticks, task.busy_ns].map(|number| number.to_string().into());
     let mut arguments: Vec<OsString> = numbers.into();
     arguments.extend(task.realtime_priority.then(|| "--realtime-priority".into()));
-    let peers = Peers::start(work_dir.path(), setting.stop, robots, "timer", &arguments)?;
+    let peers = Peers::start(work_dir.path(), settings.stop, robots, "timer", &arguments)?;
     let results: Vec<TimerResult> = peers.wait_for_results()?;
     let latencies: Vec<Quantiles> = results.iter().map(|result| result.latency_us).collect();
     let latency_us =
@@ -68,26 +68,26 @@ pub(crate) fn run_peer(address: &PeerAddress, task: TimerTask) -> anyhow::Result
     process::request_time_slice(TimeSlice::Short);
     address.wait_for_start()?;
     let period_ns = task.period_ns;
-    let mut late_ns = Vec::with_capacity(task.ticks as usize);
+    let mut lateness_ns = Vec::with_capacity(task.ticks as usize);
     let (mut missed, mut busy_until_ns) = (0, thread_cpu_time_ns());
     let phase_ns = (golden_phase(address.index + 1) * period_ns as f64) as u64;
     let mut timer = Timer::new(period_ns, phase_ns);
-    while (late_ns.len() as u64) < task.ticks {
+    while (lateness_ns.len() as u64) < task.ticks {
         let Some(wake) = timer.wait() else { continue };
-        for overslept in 0..=wake.lateness_ns / period_ns {
-            late_ns.push(wake.lateness_ns - overslept * period_ns);
+        for missed_periods in 0..=wake.lateness_ns / period_ns {
+            lateness_ns.push(wake.lateness_ns - missed_periods * period_ns);
         }
         // The processor time is cumulative: a period that used more leaves less for the next ones.
         busy_until_ns += task.busy_ns;
         while thread_cpu_time_ns() < busy_until_ns {}
         missed += (clock::now_ns() - wake.due_ns) / period_ns;
     }
-    let latency_us = quantiles_us(late_ns).unwrap_or_default();
+    let latency_us = quantiles_us(lateness_ns).unwrap_or_default();
     address.report_result(&TimerResult { latency_us, missed })
 }
 
 /// Returns the processor time of the calling thread, ns.
 fn thread_cpu_time_ns() -> u64 {
-    let busy = rustix::time::clock_gettime(ClockId::ThreadCPUTime);
-    busy.tv_sec as u64 * 1_000_000_000 + busy.tv_nsec as u64
+    let time = rustix::time::clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }

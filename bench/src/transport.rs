@@ -94,20 +94,26 @@ struct CountedMessage<M> {
 }
 
 impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
-    /// Opens the sending end at `path`. `requests` is `true` for the requesting process, which may open a pipe before
-    /// the other end. `port` is the iceoryx2 port, if the transport uses iceoryx2.
+    /// Opens the sending end at `path`. `is_requester` is `true` for the requesting process, which may open a pipe
+    /// before the other end. `port` is the iceoryx2 port, if the transport uses iceoryx2.
     pub(crate) fn open_sender(
         transport: Transport,
         path: &Path,
-        requests: bool,
+        is_requester: bool,
         port: Option<Publisher<M>>,
     ) -> anyhow::Result<Channel<M>> {
-        let cannot = || format!("cannot open {}", path.display());
+        let error_context = || format!("cannot open {}", path.display());
         let carrier = match transport {
             // Opening a pipe for reading as well does not block until the other end is open.
             Transport::Pipe => {
                 let mut options = OpenOptions::new();
-                Carrier::Pipe(options.read(requests).write(true).open(path).with_context(cannot)?)
+                Carrier::Pipe(
+                    options
+                        .read(is_requester)
+                        .write(true)
+                        .open(path)
+                        .with_context(error_context)?,
+                )
             }
             _ => port.map_or(Carrier::Memory, Carrier::Publisher),
         };
@@ -120,25 +126,25 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
         path: &Path,
         port: Option<Subscriber<M>>,
     ) -> anyhow::Result<Channel<M>> {
-        let cannot = || format!("cannot open {}", path.display());
+        let error_context = || format!("cannot open {}", path.display());
         let carrier = match transport {
-            Transport::Pipe => Carrier::Pipe(open_for_reading(path).with_context(cannot)?),
+            Transport::Pipe => Carrier::Pipe(open_for_reading(path).with_context(error_context)?),
             _ => port.map_or(Carrier::Memory, Carrier::Subscriber),
         };
         Channel::new(transport, path, carrier)
     }
 
     fn new(transport: Transport, path: &Path, carrier: Carrier<M>) -> anyhow::Result<Channel<M>> {
-        let sleeps = transport.uses_futex();
+        let uses_futex = transport.uses_futex();
         let path = path.with_extension("counted");
-        let counted = (sleeps || transport == Transport::Spin)
+        let counted_message = (uses_futex || transport == Transport::Spin)
             // SAFETY: messages and counters are numbers, for which all-zero bytes are valid.
             .then(|| unsafe { Mapping::new(&path, 1) });
         Ok(Channel {
             carrier,
-            counted_message: counted.transpose()?,
+            counted_message: counted_message.transpose()?,
             received_count: 0,
-            sleeps_on_counter: sleeps,
+            sleeps_on_counter: uses_futex,
         })
     }
 
@@ -152,34 +158,41 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
             }
             Carrier::Memory | Carrier::Subscriber(_) => {}
         }
-        if let Some(counted) = self.counted_message.as_ref().map(|counted| &counted[0]) {
+        if let Some(counted_message) =
+            self.counted_message.as_ref().map(|counted_message| &counted_message[0])
+        {
             if matches!(self.carrier, Carrier::Memory) {
-                counted.message.write(*message);
+                counted_message.message.write(*message);
             }
-            counted.counter.0.fetch_add(1, SeqCst);
+            counted_message.counter.0.fetch_add(1, SeqCst);
             if self.sleeps_on_counter {
                 // Fails only if the futex word is not mapped.
-                let _ = futex::wake(&counted.counter.0, futex::Flags::empty(), 1);
+                let _ = futex::wake(&counted_message.counter.0, futex::Flags::empty(), 1);
             }
         }
         Ok(())
     }
 
-    /// Waits for the next message. `None` if `sender_gone` returns `true` first.
+    /// Waits for the next message. `None` if `is_sender_gone` returns `true` first.
     ///
     /// # Errors
     /// If a pipe is closed or iceoryx2 fails.
-    pub(crate) fn receive(&mut self, sender_gone: impl Fn() -> bool) -> anyhow::Result<Option<M>> {
-        if let Some(counted) = self.counted_message.as_ref().map(|counted| &counted[0]) {
-            let word = &counted.counter.0;
-            while word.load(SeqCst) == self.received_count {
-                if sender_gone() {
+    pub(crate) fn receive(
+        &mut self,
+        is_sender_gone: impl Fn() -> bool,
+    ) -> anyhow::Result<Option<M>> {
+        if let Some(counted_message) =
+            self.counted_message.as_ref().map(|counted_message| &counted_message[0])
+        {
+            let counter = &counted_message.counter.0;
+            while counter.load(SeqCst) == self.received_count {
+                if is_sender_gone() {
                     return Ok(None);
                 }
                 if self.sleeps_on_counter {
-                    // The counter tells whether the wait was woken, timed out or was interrupted.
+                    // The counter shows whether a message arrived, or the wait timed out or was interrupted.
                     let _ = futex::wait(
-                        word,
+                        counter,
                         futex::Flags::empty(),
                         self.received_count,
                         Some(&FUTEX_WAIT_TIMEOUT),
@@ -188,9 +201,9 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
                     std::hint::spin_loop();
                 }
             }
-            self.received_count = word.load(SeqCst);
+            self.received_count = counter.load(SeqCst);
             if matches!(self.carrier, Carrier::Memory) {
-                return Ok(Some(counted.message.read()));
+                return Ok(Some(counted_message.message.read()));
             }
         }
         match &self.carrier {
@@ -203,7 +216,7 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
             Carrier::Subscriber(port) => loop {
                 match port.receive()? {
                     Some(sample) => return Ok(Some(*sample)),
-                    None if sender_gone() => return Ok(None),
+                    None if is_sender_gone() => return Ok(None),
                     None => std::hint::spin_loop(),
                 }
             },
@@ -214,8 +227,8 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
 
 /// Creates a named pipe.
 pub(crate) fn make_pipe(path: &Path) -> anyhow::Result<()> {
-    let made = mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0);
-    made.with_context(|| format!("cannot create {}", path.display()))
+    let result = mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0);
+    result.with_context(|| format!("cannot create {}", path.display()))
 }
 
 /// Opens a pipe for reading only, without waiting for a writer. Its reads block, and end when the last writer has

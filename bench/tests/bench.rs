@@ -54,9 +54,9 @@ impl BenchProcess {
     /// hangs or leaves files or processes behind.
     fn finish(mut self, until: impl Fn(&Path) -> bool) -> Output {
         let mut child = self.command.spawn().unwrap();
-        let (began, mut interrupted) = (Instant::now(), false);
+        let (start, mut interrupted) = (Instant::now(), false);
         while child.try_wait().unwrap().is_none() {
-            if began.elapsed() > DURATION_MAX {
+            if start.elapsed() > DURATION_MAX {
                 let _ = child.kill();
                 let _ = child.wait();
                 panic!("{:?} hangs", self.command);
@@ -70,10 +70,10 @@ impl BenchProcess {
             std::thread::sleep(Duration::from_millis(2));
         }
         let output = child.wait_with_output().unwrap();
-        let left =
+        let remaining =
             (files_below(self.run_root.path()), command_lines_with_path(self.run_root.path()));
         assert_eq!(
-            left,
+            remaining,
             (vec![], vec![]),
             "{:?} left files or processes behind\n{output:?}",
             self.command
@@ -168,9 +168,12 @@ fn growth_reports_time_per_tick_and_exponent() {
         assert!((parts_us.iter().sum::<f64>() / all_us - 1.0).abs() < 1e-9, "{report:#}");
         all_us
     });
-    let power = median("5 robots, exponent of the time per tick, from 2");
-    let grown = 5.0 * all_us[1] / (2.0 * all_us[0]);
-    assert!((formation::portable_math::pow(2.5, power) / grown - 1.0).abs() < 1e-9, "{report:#}");
+    let exponent = median("5 robots, exponent of the time per tick, from 2");
+    let growth = 5.0 * all_us[1] / (2.0 * all_us[0]);
+    assert!(
+        (formation::portable_math::pow(2.5, exponent) / growth - 1.0).abs() < 1e-9,
+        "{report:#}"
+    );
     assert!(
         report["notes"][0].as_str().unwrap().contains("grow with the number of robots of the ring")
     );
@@ -210,9 +213,9 @@ fn interrupted_bench_leaves_no_process_or_file() {
         ("replacement", "50", "peer-0.log"),
     ] {
         let args = ["--only", part, "--robots", "3", "--seconds", seconds, "--kills", "10000"];
-        let is_there =
+        let has_awaited_file =
             |root: &Path| files_below(root).iter().any(|file| file.ends_with(awaited_file));
-        let output = bench_process("", &args).finish(is_there);
+        let output = bench_process("", &args).finish(has_awaited_file);
         assert_eq!(output.status.code(), Some(130), "{part}: {output:?}");
         assert!(output.stdout.is_empty(), "{part}: {output:?}");
     }

@@ -52,13 +52,13 @@ impl<'s> AgentBriefs<'s> {
         } = self;
         let robot = &scenario.robots[i];
         let receiver = rewiring.receiver(i);
-        let leaves_out_liars = robot.liars_max() > 0;
-        // The place of a free robot says nothing of the formation.
-        let leads = |other: usize| {
+        let is_resilient = robot.liars_max() > 0;
+        // The position of a free robot gives no information on the formation.
+        let is_leader = |other: usize| {
             let reference = scenario.robots[other].role.reference;
             reference.is_local() && reference != Reference::LawTarget
         };
-        let trusts = |other: usize| leaves_out_liars && leads(other);
+        let is_trusted = |other: usize| is_resilient && is_leader(other);
         let sender = |edge: &Edge, faults: Vec<LinkFault>, range| NeighborBrief {
             range,
             name: scenario.robots[edge.from].name.clone(),
@@ -66,13 +66,13 @@ impl<'s> AgentBriefs<'s> {
             offset_m: edge.offset_m.into(),
             faults,
             lies: lie_faults(scenario, edge.from, i),
-            trusted: trusts(edge.from),
+            trusted: is_trusted(edge.from),
             replaces: receiver.in_neighbors_replaced_by(edge.from).map(|lost| lost + 1).collect(),
             message: scenario.message_format(edge.from).cloned(),
             params: scenario.edge_params.get(&[edge.from, i]).cloned().unwrap_or_default(),
         };
-        let in_graph = scenario.graph.edges().len();
-        let split = incoming[i].partition_point(|&e| e < in_graph);
+        let edge_count = scenario.graph.edges().len();
+        let split = incoming[i].partition_point(|&e| e < edge_count);
         let (neighbors, spares) = incoming[i].split_at(split);
         let neighbors = neighbors.iter().map(|&e| {
             sender(&receivers.edges()[e], link_faults(scenario, e), scenario.communication_range(e))
@@ -162,28 +162,28 @@ fn link_faults(scenario: &Scenario, e: usize) -> Vec<LinkFault> {
 
 /// Returns the seed of the random numbers of robot `i`'s own law, at most 63 bits because TOML has no more.
 fn law_seed(seed: u64, i: usize) -> u64 {
-    let place = (i as u64 + 1).to_le_bytes();
-    hash_bytes(hash_bytes(0, &seed.to_le_bytes()), &place) >> 1
+    let robot_number = (i as u64 + 1).to_le_bytes();
+    hash_bytes(hash_bytes(0, &seed.to_le_bytes()), &robot_number) >> 1
 }
 
-/// Returns the backup leaders of the leaders that a robot hears.
+/// Returns the backup leaders of the leaders among the in-neighbors of a robot.
 fn succession_briefs(receiver: &Receiver, i: usize) -> Vec<SuccessionBrief> {
     let senders = receiver.senders().iter();
-    let own = senders.filter(|sender| sender.purpose == SenderPurpose::KeepLeaderSlot);
-    let own: Vec<usize> = own.map(|sender| sender.robot + 1).collect();
-    let told = receiver.successions().iter().map(|one| SuccessionBrief {
-        leader: one.leader + 1,
-        deputies: one.deputies.iter().map(|deputy| deputy + 1).collect(),
-        by: if one.deputies.contains(&i) { own.clone() } else { Vec::new() },
+    let slot_keepers = senders.filter(|sender| sender.purpose == SenderPurpose::KeepLeaderSlot);
+    let slot_keepers: Vec<usize> = slot_keepers.map(|sender| sender.robot + 1).collect();
+    let briefs = receiver.successions().iter().map(|succession| SuccessionBrief {
+        leader: succession.leader + 1,
+        deputies: succession.deputies.iter().map(|deputy| deputy + 1).collect(),
+        by: if succession.deputies.contains(&i) { slot_keepers.clone() } else { Vec::new() },
     });
-    told.collect()
+    briefs.collect()
 }
 
 /// Returns the configuration of a backup leader.
 fn deputy_brief(scenario: &Scenario, i: usize) -> Option<DeputyBrief> {
     let rank = 1 + scenario.repair_plan.deputies.iter().position(|&deputy| deputy == i)? as u64;
     let (leader, lead) = (scenario.leader()?, scenario.lead.clone()?);
-    let places = planned_positions(scenario)?;
+    let positions = planned_positions(scenario)?;
     let Robot {
         front_point_m,
         drive_kind,
@@ -192,7 +192,7 @@ fn deputy_brief(scenario: &Scenario, i: usize) -> Option<DeputyBrief> {
         acceleration_limits: limits,
         ..
     } = scenario.robots[leader];
-    let place_m = (places[i] - places[leader]).into();
+    let place_m = (positions[i] - positions[leader]).into();
     Some(DeputyBrief {
         rank,
         place_m,
@@ -208,8 +208,9 @@ fn deputy_brief(scenario: &Scenario, i: usize) -> Option<DeputyBrief> {
 /// Returns the configuration of the avoidance method, with only the gains of that method.
 fn avoidance_brief(scenario: &Scenario, i: usize, pace: Pace) -> AvoidanceBrief {
     let mut avoidance = scenario.avoidance_of(i, pace).into_owned();
-    let own = |key: &str| scenario.avoidance_method.gains.iter().any(|gain| gain.key == key);
-    avoidance.gains.retain(|key, _| own(key));
+    let is_own_gain =
+        |key: &str| scenario.avoidance_method.gains.iter().any(|gain| gain.key == key);
+    avoidance.gains.retain(|key, _| is_own_gain(key));
     avoidance
 }
 
@@ -261,11 +262,11 @@ pub fn plant_brief(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBri
     }
 }
 
-/// Returns the Byzantine faults of `robot` in its beacons to `hearer`.
-fn lie_faults(scenario: &Scenario, robot: usize, hearer: usize) -> Vec<LieFault> {
+/// Returns the Byzantine faults of `robot` in its beacons to `receiver`.
+fn lie_faults(scenario: &Scenario, robot: usize, receiver: usize) -> Vec<LieFault> {
     collect_faults(scenario, |fault, span, seed| match fault.kind {
-        FaultKind::Lie { robot: liar, receiver: only, lie }
-            if liar == robot && only.is_none_or(|only| only == hearer) =>
+        FaultKind::Lie { robot: sender, receiver: affected, lie }
+            if sender == robot && affected.is_none_or(|affected| affected == receiver) =>
         {
             Some(LieFault { span, lie, seed })
         }
@@ -274,18 +275,21 @@ fn lie_faults(scenario: &Scenario, robot: usize, hearer: usize) -> Vec<LieFault>
 }
 
 /// Returns the faults of a message stream of a robot.
-fn stream_faults(scenario: &Scenario, i: usize, of: RobotStream) -> Vec<LinkFault> {
+fn stream_faults(scenario: &Scenario, i: usize, affected_stream: RobotStream) -> Vec<LinkFault> {
     collect_faults(scenario, |fault, span, seed| match &fault.kind {
-        FaultKind::Stream { robot, stream, kind } if *robot == i && *stream == of => {
+        FaultKind::Stream { robot, stream, kind } if *robot == i && *stream == affected_stream => {
             Some(LinkFault { span, kind: kind.clone(), seed })
         }
         _ => None,
     })
 }
 
-/// Returns the results of `of` for the faults of the scenario, skipping `None`. Each gets a seed of its own.
-fn collect_faults<T>(scenario: &Scenario, of: impl Fn(&Fault, Span, u64) -> Option<T>) -> Vec<T> {
+/// Returns the results of `select` for the faults of the scenario, skipping `None`. Each gets a seed of its own.
+fn collect_faults<T>(
+    scenario: &Scenario,
+    select: impl Fn(&Fault, Span, u64) -> Option<T>,
+) -> Vec<T> {
     let numbered = (0u64..).zip(&scenario.faults);
     let seed = |number: u64| scenario.seed.wrapping_mul(1 << 20).wrapping_add(number);
-    numbered.filter_map(|(number, fault)| of(fault, fault.span(), seed(number))).collect()
+    numbered.filter_map(|(number, fault)| select(fault, fault.span(), seed(number))).collect()
 }

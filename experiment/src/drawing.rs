@@ -79,9 +79,9 @@ fn quote_for_dot(text: &str) -> String {
 
 /// Returns the offset of an edge, or `None` if the receiver's law uses no offsets.
 fn edge_label(scenario: &Scenario, edge: &Edge) -> Option<String> {
-    let at = edge.offset_m;
+    let offset_m = edge.offset_m;
     (scenario.robots[edge.to].role.reference == Reference::Offsets)
-        .then(|| format!("({:.3}, {:.3}) m", at.x, at.y))
+        .then(|| format!("({:.3}, {:.3}) m", offset_m.x, offset_m.y))
 }
 
 #[cfg(test)]

@@ -18,8 +18,8 @@ use crate::scenario::{
 
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// Returns three robots in a row along x, 1 m apart: r1 leads, r2 hears r1, r3 hears r2. The run takes 20 s with a
-/// period of 1 s and d = 0.2 m.
+/// Returns three robots in a row along x, 1 m apart: r1 leads, r2 receives from r1, r3 receives from r2. The run takes
+/// 20 s with a period of 1 s and d = 0.2 m.
 pub fn row_of_three() -> Scenario {
     let robot = |name: &str| Robot {
         role: Role::FORMATION,

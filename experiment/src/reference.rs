@@ -31,12 +31,12 @@ pub fn reference_page(catalog: &Catalog) -> String {
     page
 }
 
-/// Returns a table of keys for each section, in Markdown. `whole` is the heading of the first section.
-pub fn format_sections(format: &FileFormat, whole: &str) -> String {
+/// Returns a table of keys for each section, in Markdown. `root_heading` is the heading of the first section.
+pub fn format_sections(format: &FileFormat, root_heading: &str) -> String {
     let mut page = String::new();
     for section in &format.sections {
         let heading = match std::ptr::eq(section, format.root()) {
-            true => whole.to_owned(),
+            true => root_heading.to_owned(),
             false => format!("`{}`", section.name),
         };
         write_table(&mut page, section, &heading, format);
@@ -71,9 +71,13 @@ fn write_table(page: &mut String, section: &Section, heading: &str, format: &Fil
             "\n| `kind` | description | required keys | optional keys |\n|---|---|---|---|"
         );
         for kind in &section.kinds {
-            let (needs, may) =
+            let (required_keys, optional_keys) =
                 (format_names(&kind.required_keys), format_names(&kind.optional_keys));
-            let _ = writeln!(page, "| `{}` | {} | {needs} | {may} |", kind.name, kind.description);
+            let _ = writeln!(
+                page,
+                "| `{}` | {} | {required_keys} | {optional_keys} |",
+                kind.name, kind.description
+            );
         }
     }
 }
@@ -200,9 +204,10 @@ fn write_laws(page: &mut String, catalog: &Catalog) {
     );
     for law in &catalog.laws {
         let gains = format_names(law.gain_keys);
-        let used = if law.feed_forward { "yes" } else { "no" };
-        let (name, source, does) = (law.name, law.source, law.role.verb_phrase);
-        let _ = writeln!(page, "| `{name}` | {source} | {does} | {gains} | {used} |");
+        let feed_forward = if law.feed_forward { "yes" } else { "no" };
+        let (name, source, verb_phrase) = (law.name, law.source, law.role.verb_phrase);
+        let _ =
+            writeln!(page, "| `{name}` | {source} | {verb_phrase} | {gains} | {feed_forward} |");
     }
 }
 
@@ -210,10 +215,10 @@ fn write_methods(page: &mut String, catalog: &Catalog) {
     page.push_str("\n## Avoidance methods\n\n| `kind` | source | needs `speed_max_m_s` | own keys |\n|---|---|---|---|\n");
     for method in &catalog.methods {
         let own: Vec<&str> = method.gains.iter().map(|gain| gain.key).collect();
-        let limited = if method.clamps_speed { "yes" } else { "no" };
+        let clamps_speed = if method.clamps_speed { "yes" } else { "no" };
         let _ = writeln!(
             page,
-            "| `{}` | {} | {limited} | {} |",
+            "| `{}` | {} | {clamps_speed} | {} |",
             method.name,
             method.source,
             format_names(&own)

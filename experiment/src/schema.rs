@@ -17,13 +17,13 @@ pub fn scenario_schema(catalog: &Catalog) -> String {
     schema["anyOf"] = json!([{ "required": ["robot"] }, { "required": ["graph"] }]);
     // The scenario chooses the names and gains of its external laws.
     for name in ["robot", "robot_defaults"] {
-        let mut own = definitions[name].clone();
-        own["properties"]["law"] = json!({ "type": "string" });
-        own["additionalProperties"] = number_schema(NumberRange::Positive, NUMBER_MAX);
-        definitions.insert(format!("{name}_with_laws"), own);
+        let mut definition = definitions[name].clone();
+        definition["properties"]["law"] = json!({ "type": "string" });
+        definition["additionalProperties"] = number_schema(NumberRange::Positive, NUMBER_MAX);
+        definitions.insert(format!("{name}_with_laws"), definition);
     }
-    let robots = |with: &str| {
-        let reference = |name: &str| json!({ "$ref": format!("#/definitions/{name}{with}") });
+    let robots = |suffix: &str| {
+        let reference = |name: &str| json!({ "$ref": format!("#/definitions/{name}{suffix}") });
         json!({ "properties": {
             "robot": { "items": reference("robot") },
             "robot_defaults": reference("robot_defaults"),
@@ -83,11 +83,11 @@ fn table_schema(section: &Section, format: &FileFormat) -> Value {
 /// Returns the schema of the tables of one kind.
 fn kind_schema(section: &Section, kind: &KindSpec, format: &FileFormat) -> Value {
     let keys: Vec<&KeySpec> = section.keys.iter().filter(|key| kind.allows_key(key.name)).collect();
-    let by_default = section.find_key("kind").is_some_and(|row| match &row.if_missing {
+    let is_default_kind = section.find_key("kind").is_some_and(|row| match &row.if_missing {
         IfMissing::Default(word) => word.as_str() == Some(kind.name),
         _ => false,
     });
-    let required = (!by_default).then_some("kind");
+    let required = (!is_default_kind).then_some("kind");
     let needed = required.into_iter().chain(kind.required_keys.iter().copied());
     let mut object = object_schema(kind.description, &keys, needed.collect(), format);
     object["properties"]["kind"] = json!({ "const": kind.name });
@@ -97,13 +97,13 @@ fn kind_schema(section: &Section, kind: &KindSpec, format: &FileFormat) -> Value
 /// Returns whether `key` is required in this table itself. The keys of robots can also be in `robot_defaults` and in
 /// the nodes of an imported graph, which can supply all robots.
 fn is_required_in_table(section: &Section, key: &KeySpec) -> bool {
-    let elsewhere = match section.name {
+    let may_be_inherited = match section.name {
         "scenario" => key.name == "robot",
         "robot" => key.name != "name",
         "robot_defaults" => true,
         _ => false,
     };
-    matches!(key.if_missing, IfMissing::Required) && !elsewhere
+    matches!(key.if_missing, IfMissing::Required) && !may_be_inherited
 }
 
 fn object_schema(
@@ -200,7 +200,7 @@ fn value_schema(key: &KeySpec, format: &FileFormat) -> Value {
 fn default_to_json(default: &DeValue<'_>) -> Value {
     match default {
         DeValue::String(word) => word.as_ref().into(),
-        DeValue::Boolean(truth) => (*truth).into(),
+        DeValue::Boolean(value) => (*value).into(),
         number => format_as_toml(number).parse::<serde_json::Number>().expect("a number").into(),
     }
 }

@@ -18,7 +18,7 @@ pub fn closest_pair(points: &[Vec2]) -> Option<ClosestPair> {
     for (i, a) in points.iter().enumerate() {
         for (j, b) in points.iter().enumerate().skip(i + 1) {
             let square = (a - b).norm_squared();
-            if closest.is_none_or(|(_, least)| square < least) {
+            if closest.is_none_or(|(_, smallest)| square < smallest) {
                 closest = Some(([i, j], square));
             }
         }

@@ -26,12 +26,12 @@ impl Target {
 /// Returns the desired position and velocity (alpha*_i, alpha*_i'): the mean over the in-neighbors j of
 /// (alpha_j + C_ji), and its derivative. (13) (24) (45); with C = 0, (46).
 ///
-/// Each item of `heard` is the estimate of alpha_j and the desired relative position C_ji. Returns `None` if
-/// `heard` is empty.
-pub fn mean_target(heard: impl IntoIterator<Item = (Target, Target)>) -> Option<Target> {
+/// Each item of `received` is the estimate of alpha_j and the desired relative position C_ji. Returns `None` if
+/// `received` is empty.
+pub fn mean_target(received: impl IntoIterator<Item = (Target, Target)>) -> Option<Target> {
     let mut sum = Target::at_rest(Vec2::zeros());
     let mut count = 0u32;
-    heard.into_iter().for_each(|(alpha_j, c_ji)| {
+    received.into_iter().for_each(|(alpha_j, c_ji)| {
         sum.position += alpha_j.position + c_ji.position;
         sum.velocity += alpha_j.velocity + c_ji.velocity;
         count += 1;
@@ -55,23 +55,23 @@ mod tests {
         fn target_later_moves_at_its_velocity(target in targets(), dt_s in -3.0..3.0f64) {
             let later = target.extrapolate(dt_s);
             prop_assert_eq!(later.velocity, target.velocity);
-            let way = later.position - target.position;
-            prop_assert!((way - target.velocity * dt_s).norm() < 1e-12);
+            let displacement = later.position - target.position;
+            prop_assert!((displacement - target.velocity * dt_s).norm() < 1e-12);
         }
 
         #[test]
         fn desired_target_is_the_mean_over_in_neighbors(
-            heard in proptest::collection::vec((targets(), targets()), 0..9),
+            received in proptest::collection::vec((targets(), targets()), 0..9),
         ) {
-            let desired = mean_target(heard.iter().copied());
-            prop_assert_eq!(desired.is_some(), !heard.is_empty());
+            let desired = mean_target(received.iter().copied());
+            prop_assert_eq!(desired.is_some(), !received.is_empty());
             let Some(desired) = desired else { return Ok(()) };
-            let off = |asked: Vec2, of: fn(&Target) -> Vec2| {
-                let sum: Vec2 = heard.iter().map(|(alpha, c)| of(alpha) + of(c)).sum();
-                (asked * heard.len() as f64 - sum).norm()
+            let error = |desired: Vec2, of: fn(&Target) -> Vec2| {
+                let sum: Vec2 = received.iter().map(|(alpha, c)| of(alpha) + of(c)).sum();
+                (desired * received.len() as f64 - sum).norm()
             };
-            prop_assert!(off(desired.position, |target| target.position) < 1e-9);
-            prop_assert!(off(desired.velocity, |target| target.velocity) < 1e-9);
+            prop_assert!(error(desired.position, |target| target.position) < 1e-9);
+            prop_assert!(error(desired.velocity, |target| target.velocity) < 1e-9);
         }
     }
 }

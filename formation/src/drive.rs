@@ -82,9 +82,9 @@ impl Drive {
     /// Returns the twist of a car with this speed, m/s, and the curvature of `twist`, at most kappa; straight ahead if
     /// `twist` has no speed.
     pub fn along_curve(self, twist: Twist, v_m_s: f64) -> Twist {
-        let most = self.curvature_max_per_m;
+        let curvature_max = self.curvature_max_per_m;
         let curvature = if twist.v_m_s == 0.0 { 0.0 } else { twist.w_rad_s / twist.v_m_s };
-        Twist::new(v_m_s, curvature.clamp(-most, most) * v_m_s)
+        Twist::new(v_m_s, curvature.clamp(-curvature_max, curvature_max) * v_m_s)
     }
 
     /// Returns `true` if the turn rate is independent of the velocity of the controlled point.
@@ -305,15 +305,15 @@ mod tests {
         fn front_point_limits_scale_both_parts_of_a_twist(
             v in -2.0..2.0f64, w in -9.0..9.0f64, speed in 0.05..1.0f64, time in 0.05..1.0f64,
         ) {
-            let given = twist(v, w);
+            let requested = twist(v, w);
             for found in [
-                FRONT_POINT_DRIVE.clamp(speed, given),
-                FRONT_POINT_DRIVE.clamp_braking_time(ACCELERATIONS, given, time),
-                FRONT_POINT_DRIVE.nearest_reachable_twist(ACCELERATIONS, Twist::ZERO, given, time),
+                FRONT_POINT_DRIVE.clamp(speed, requested),
+                FRONT_POINT_DRIVE.clamp_braking_time(ACCELERATIONS, requested, time),
+                FRONT_POINT_DRIVE.nearest_reachable_twist(ACCELERATIONS, Twist::ZERO, requested, time),
             ] {
                 prop_assert!((found.v_m_s * w - found.w_rad_s * v).abs() < 1e-12, "{found:?}");
             }
-            let found = FRONT_POINT_DRIVE.clamp(speed, given);
+            let found = FRONT_POINT_DRIVE.clamp(speed, requested);
             prop_assert!(front_speed(0.1, found) < speed + 1e-12);
             prop_assert!(found.w_rad_s.abs() < FRONT_POINT_DRIVE.turn_rate_bound(speed) + 1e-12);
         }

@@ -40,10 +40,10 @@ impl LeaderFrame {
 
     /// Returns the frame extrapolated by `age_s`, with constant turn acceleration and constant scale rate.
     pub fn extrapolate(self, age_s: f64) -> LeaderFrame {
-        let gained = self.turn_acceleration_rad_s2 * age_s;
+        let turn_rate_gain = self.turn_acceleration_rad_s2 * age_s;
         LeaderFrame {
-            heading_rad: self.heading_rad + (self.turn_rate_rad_s + 0.5 * gained) * age_s,
-            turn_rate_rad_s: self.turn_rate_rad_s + gained,
+            heading_rad: self.heading_rad + (self.turn_rate_rad_s + 0.5 * turn_rate_gain) * age_s,
+            turn_rate_rad_s: self.turn_rate_rad_s + turn_rate_gain,
             scale: self.scale + self.scale_rate_per_s * age_s,
             ..self
         }
@@ -51,8 +51,8 @@ impl LeaderFrame {
 
     /// Returns a frame with the current heading and scale and all rates 0.
     pub fn with_zero_rates(self) -> LeaderFrame {
-        let still = LeaderFrame::IDENTITY;
-        LeaderFrame { heading_rad: self.heading_rad, scale: self.scale, ..still }
+        let identity = LeaderFrame::IDENTITY;
+        LeaderFrame { heading_rad: self.heading_rad, scale: self.scale, ..identity }
     }
 
     /// Returns the desired relative position C_ji and its derivative C'_ji for the static offset c_ji, m.
@@ -78,10 +78,11 @@ impl OffsetTransform {
     #[inline]
     pub fn apply(&self, c_ji: Vec2) -> Target {
         let OffsetTransform { frame, rotation } = self;
-        let turned = rotation.apply(c_ji); // R c
-        let quarter = Vec2::new(-turned.y, turned.x); // (23): R' c = w times this
-        let offset = frame.scale * turned; // (20)
-        let rate = frame.scale_rate_per_s * turned + frame.scale * frame.turn_rate_rad_s * quarter; // (22)
+        let rotated = rotation.apply(c_ji); // R c
+        let perpendicular = Vec2::new(-rotated.y, rotated.x); // (23): R' c = w times this
+        let offset = frame.scale * rotated; // (20)
+        let rate =
+            frame.scale_rate_per_s * rotated + frame.scale * frame.turn_rate_rad_s * perpendicular; // (22)
         Target { position: offset, velocity: rate }
     }
 }

@@ -23,8 +23,8 @@ pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
 pub fn front_point_and_velocity(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
     let (sin, cos) = portable_math::sin_cos(pose.heading_rad);
     let alpha = Vec2::new(pose.x_m + ell_m * cos, pose.y_m + ell_m * sin);
-    let (v, across) = (twist.v_m_s, twist.side_m_s + ell_m * twist.w_rad_s);
-    (alpha, Vec2::new(cos * v - sin * across, sin * v + cos * across))
+    let (v, lateral) = (twist.v_m_s, twist.side_m_s + ell_m * twist.w_rad_s);
+    (alpha, Vec2::new(cos * v - sin * lateral, sin * v + cos * lateral))
 }
 
 /// Returns the twist that gives the front point the velocity `u`: A(theta)^-1 u. (17)
@@ -51,12 +51,12 @@ pub fn towed_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 
     }
     let direction_rad = portable_math::atan2(u.y, u.x);
     let half_rad = 0.5 * wrap_angle(heading_rad - direction_rad);
-    let closed = portable_math::exp(-speed_m_s * time_s / ell_m);
+    let decay = portable_math::exp(-speed_m_s * time_s / ell_m);
     wrap_angle(
         direction_rad
             + 2.0
                 * portable_math::atan2(
-                    portable_math::sin(half_rad) * closed,
+                    portable_math::sin(half_rad) * decay,
                     portable_math::cos(half_rad),
                 ),
     )

@@ -67,12 +67,14 @@ impl FormationGraph {
 
     /// Returns for each robot whether the information of one of `sources` reaches it. The sources count as reached.
     pub fn robots_reached_from(&self, sources: &[usize]) -> Vec<bool> {
-        let hearers = self.out_neighbors();
+        let out_neighbors = self.out_neighbors();
         let mut reached = vec![false; self.robot_count];
         let mut open = sources.to_vec();
         while let Some(robot) = open.pop() {
             if !std::mem::replace(&mut reached[robot], true) {
-                open.extend(hearers[robot].iter().filter(|&&hearer| !reached[hearer]));
+                open.extend(
+                    out_neighbors[robot].iter().filter(|&&out_neighbor| !reached[out_neighbor]),
+                );
             }
         }
         reached
@@ -80,11 +82,11 @@ impl FormationGraph {
 
     /// Returns the receivers of each robot.
     fn out_neighbors(&self) -> Vec<Vec<usize>> {
-        let mut hearers = vec![Vec::new(); self.robot_count];
+        let mut out_neighbors = vec![Vec::new(); self.robot_count];
         for edge in &self.edges {
-            hearers[edge.from].push(edge.to);
+            out_neighbors[edge.from].push(edge.to);
         }
-        hearers
+        out_neighbors
     }
 
     /// Returns for each robot the set of robots that its information reaches, itself included.
@@ -96,16 +98,16 @@ impl FormationGraph {
     /// Returns the minimum number of edges from each robot to each robot: 0 to itself, and `None` for an
     /// unreachable robot.
     pub fn hop_counts(&self) -> Vec<Vec<Option<usize>>> {
-        let hearers = self.out_neighbors();
+        let out_neighbors = self.out_neighbors();
         let from = |source: usize| {
             let mut hops = vec![None; self.robot_count];
             hops[source] = Some(0);
             let mut open = VecDeque::from([source]);
             while let Some(robot) = open.pop_front() {
-                for &hearer in &hearers[robot] {
-                    if hops[hearer].is_none() {
-                        hops[hearer] = hops[robot].map(|hop| hop + 1);
-                        open.push_back(hearer);
+                for &out_neighbor in &out_neighbors[robot] {
+                    if hops[out_neighbor].is_none() {
+                        hops[out_neighbor] = hops[robot].map(|hop| hop + 1);
+                        open.push_back(out_neighbor);
                     }
                 }
             }
@@ -118,40 +120,40 @@ impl FormationGraph {
     /// decomposes into groups that do not agree on a common position.
     pub fn roots(&self) -> Vec<usize> {
         let reached = self.reachability();
-        (0..self.robot_count).filter(|&r| reached[r].iter().all(|&yes| yes)).collect()
+        (0..self.robot_count).filter(|&r| reached[r].iter().all(|&is_reached| is_reached)).collect()
     }
 
     /// Returns positions that satisfy the offsets of a spanning forest, m, with the first robot of each
     /// connected component at the origin, and the edges whose closure error exceeds `tolerance_m`.
     pub fn positions_from_offsets(&self, tolerance_m: f64) -> (Vec<Vec2>, Vec<InconsistentOffset>) {
-        let mut place: Vec<Option<Vec2>> = vec![None; self.robot_count];
+        let mut positions: Vec<Option<Vec2>> = vec![None; self.robot_count];
         for first in 0..self.robot_count {
-            if place[first].is_some() {
+            if positions[first].is_some() {
                 continue;
             }
-            place[first] = Some(Vec2::zeros());
+            positions[first] = Some(Vec2::zeros());
             let mut open = vec![first];
             while let Some(robot) = open.pop() {
-                let here = place[robot].expect("an open robot has a place");
+                let position = positions[robot].expect("an open robot has a place");
                 for edge in &self.edges {
-                    let (other, there) = match (edge.from == robot, edge.to == robot) {
-                        (true, _) => (edge.to, here + edge.offset_m),
-                        (_, true) => (edge.from, here - edge.offset_m),
+                    let (other, other_position) = match (edge.from == robot, edge.to == robot) {
+                        (true, _) => (edge.to, position + edge.offset_m),
+                        (_, true) => (edge.from, position - edge.offset_m),
                         _ => continue,
                     };
-                    if place[other].is_none() {
-                        place[other] = Some(there);
+                    if positions[other].is_none() {
+                        positions[other] = Some(other_position);
                         open.push(other);
                     }
                 }
             }
         }
-        let place: Vec<Vec2> =
-            place.into_iter().map(|p| p.expect("every robot is placed")).collect();
+        let positions: Vec<Vec2> =
+            positions.into_iter().map(|p| p.expect("every robot is placed")).collect();
         let mut open_cycles = Vec::new();
         let reached = OnceCell::new();
         for (index, edge) in self.edges.iter().enumerate() {
-            let gap_m = (place[edge.from] + edge.offset_m - place[edge.to]).norm();
+            let gap_m = (positions[edge.from] + edge.offset_m - positions[edge.to]).norm();
             if gap_m > tolerance_m {
                 let reached = reached.get_or_init(|| self.reachability());
                 let directed = reached[edge.to][edge.from];
@@ -162,7 +164,7 @@ impl FormationGraph {
                 });
             }
         }
-        (place, open_cycles)
+        (positions, open_cycles)
     }
 }
 
@@ -177,16 +179,16 @@ mod tests {
         /// part of.
         #[test]
         fn shape_reproduces_positions_and_finds_open_cycles(
-            places in proptest::collection::vec((-4..5i32, -4..5i32), 1..8),
+            positions in proptest::collection::vec((-4..5i32, -4..5i32), 1..8),
             pairs in proptest::collection::btree_set((0..8usize, 0..8usize), 0..20),
-            off in any::<proptest::sample::Index>(),
+            changed_edge in any::<proptest::sample::Index>(),
         ) {
-            let n = places.len();
-            let places: Vec<Vec2> =
-                places.iter().map(|&(x, y)| 0.5 * Vec2::new(f64::from(x), f64::from(y))).collect();
+            let n = positions.len();
+            let positions: Vec<Vec2> =
+                positions.iter().map(|&(x, y)| 0.5 * Vec2::new(f64::from(x), f64::from(y))).collect();
             let mut edges: Vec<Edge> = Vec::new();
             for (from, to) in pairs.into_iter().map(|(from, to)| (from % n, to % n)) {
-                let offset_m = places[to] - places[from];
+                let offset_m = positions[to] - positions[from];
                 if from != to && edges.iter().all(|edge| (edge.from, edge.to) != (from, to)) {
                     edges.push(Edge { from, to, offset_m });
                 }
@@ -198,19 +200,19 @@ mod tests {
                 prop_assert_eq!(found[edge.to] - found[edge.from], edge.offset_m);
             }
             // The first robot of each component is at the origin.
-            let joined = FormationGraph::new(n, edges.iter().flat_map(|&edge| {
+            let connected = FormationGraph::new(n, edges.iter().flat_map(|&edge| {
                 let Edge { from, to, offset_m } = edge;
                 [edge, Edge { from: to, to: from, offset_m: -offset_m }]
             }).collect()).reachability();
-            for part in &joined {
-                let first = part.iter().position(|&yes| yes).unwrap();
+            for component in &connected {
+                let first = component.iter().position(|&is_connected| is_connected).unwrap();
                 prop_assert_eq!(found[first], Vec2::zeros());
             }
 
             if edges.is_empty() {
                 return Ok(());
             }
-            let wrong = off.index(edges.len());
+            let wrong = changed_edge.index(edges.len());
             edges[wrong].offset_m += Vec2::new(0.0, 0.25);
             let graph = FormationGraph::new(n, edges.clone());
             prop_assert!(graph.positions_from_offsets(0.25).1.is_empty(), "no more than the tolerance");
@@ -231,8 +233,8 @@ mod tests {
             let without = without.flat_map(|(_, &edge)| {
                 [edge, Edge { from: edge.to, to: edge.from, ..edge }]
             });
-            let joined = FormationGraph::new(n, without.collect()).reachability();
-            prop_assert_eq!(open.is_empty(), !joined[edges[wrong].from][edges[wrong].to]);
+            let connected = FormationGraph::new(n, without.collect()).reachability();
+            prop_assert_eq!(open.is_empty(), !connected[edges[wrong].from][edges[wrong].to]);
         }
     }
 
@@ -254,8 +256,8 @@ mod tests {
 
     #[test]
     fn disconnected_graph_has_no_root_and_chain_has_its_head() {
-        let apart = FormationGraph::new(4, vec![edge(0, 1, 1.0, 0.0), edge(2, 3, 1.0, 0.0)]);
-        assert!(apart.roots().is_empty());
+        let disconnected = FormationGraph::new(4, vec![edge(0, 1, 1.0, 0.0), edge(2, 3, 1.0, 0.0)]);
+        assert!(disconnected.roots().is_empty());
         let chain = FormationGraph::new(3, vec![edge(0, 1, 1.0, 0.0), edge(1, 2, 1.0, 0.0)]);
         assert_eq!(chain.roots(), vec![0]);
     }
@@ -264,9 +266,9 @@ mod tests {
     fn edge_ends_are_in_neighbor_and_out_neighbor() {
         let graph = FormationGraph::new(4, vec![edge(0, 1, 1.0, 0.0), edge(2, 1, 0.0, 1.0)]);
         assert_eq!(graph.robot_count(), 4);
-        let heard = |robot| graph.incoming_edges(robot).map(|e| e.from).collect::<Vec<_>>();
-        let hearers = |robot| graph.outgoing_edges(robot).map(|e| e.to).collect::<Vec<_>>();
-        assert_eq!((heard(1), heard(0)), (vec![0, 2], vec![]));
-        assert_eq!((hearers(2), hearers(1)), (vec![1], vec![]));
+        let in_neighbors = |robot| graph.incoming_edges(robot).map(|e| e.from).collect::<Vec<_>>();
+        let out_neighbors = |robot| graph.outgoing_edges(robot).map(|e| e.to).collect::<Vec<_>>();
+        assert_eq!((in_neighbors(1), in_neighbors(0)), (vec![0, 2], vec![]));
+        assert_eq!((out_neighbors(2), out_neighbors(1)), (vec![1], vec![]));
     }
 }

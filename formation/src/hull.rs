@@ -59,16 +59,16 @@ mod tests {
         for a in points {
             for b in points {
                 let segment = Obstacle::segment((*a).into(), (*b).into());
-                let there = if a == b { *a } else { segment.nearest_point(point) };
-                nearest = nearest.min((point - there).norm());
+                let nearest_point = if a == b { *a } else { segment.nearest_point(point) };
+                nearest = nearest.min((point - nearest_point).norm());
                 for c in points {
                     let turns = [
                         orientation(*a, *b, point),
                         orientation(*b, *c, point),
                         orientation(*c, *a, point),
                     ];
-                    let inside = turns.iter().all(|t| *t >= 0.0);
-                    if orientation(*a, *b, *c) > 1e-12 && inside {
+                    let is_inside = turns.iter().all(|t| *t >= 0.0);
+                    if orientation(*a, *b, *c) > 1e-12 && is_inside {
                         nearest = 0.0;
                     }
                 }
@@ -96,10 +96,10 @@ mod tests {
             (x, y) in (-5..6i32, -5..6i32),
             line in any::<bool>(),
         ) {
-            let place = |(x, y): (i32, i32)| {
+            let to_point = |(x, y): (i32, i32)| {
                 Vec2::new(f64::from(x), if line { 0.0 } else { f64::from(y) })
             };
-            let points: Vec<Vec2> = points.into_iter().map(place).collect();
+            let points: Vec<Vec2> = points.into_iter().map(to_point).collect();
             let hull = convex_hull(&points);
             prop_assert!(hull.iter().all(|corner| points.contains(corner)));
             if hull.len() > 2 {
@@ -111,8 +111,8 @@ mod tests {
             for &point in &points {
                 prop_assert!(hull_distance(point, &points) < 1e-12);
             }
-            let distance = hull_distance(place((x, y)), &points);
-            let expected = hull_distance_by_brute_force(place((x, y)), &points);
+            let distance = hull_distance(to_point((x, y)), &points);
+            let expected = hull_distance_by_brute_force(to_point((x, y)), &points);
             prop_assert!(distance == expected || (distance - expected).abs() < 1e-9);
         }
     }

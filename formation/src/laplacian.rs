@@ -63,12 +63,12 @@ pub fn velocity_iteration_matrix(graph: &FormationGraph, feed_forward: &[bool]) 
 /// depends on anything but the velocities of others. The spectral radius of [`velocity_iteration_matrix`] is 1 if there
 /// are such robots, and less than 1 otherwise.
 pub fn velocity_feedback_robots(graph: &FormationGraph, feed_forward: &[bool]) -> Vec<usize> {
-    let mut hears = vec![false; graph.robot_count()];
-    graph.edges().iter().for_each(|edge| hears[edge.to] = true);
-    let source = |&i: &usize| !feed_forward[i] || !hears[i];
-    let sources: Vec<usize> = (0..graph.robot_count()).filter(source).collect();
-    let damped = graph.robots_reached_from(&sources);
-    (0..graph.robot_count()).filter(|&i| !damped[i]).collect()
+    let mut has_in_neighbor = vec![false; graph.robot_count()];
+    graph.edges().iter().for_each(|edge| has_in_neighbor[edge.to] = true);
+    let is_source = |&i: &usize| !feed_forward[i] || !has_in_neighbor[i];
+    let sources: Vec<usize> = (0..graph.robot_count()).filter(is_source).collect();
+    let is_damped = graph.robots_reached_from(&sources);
+    (0..graph.robot_count()).filter(|&i| !is_damped[i]).collect()
 }
 
 /// Returns the spectral radius rho of a non-negative square matrix (Definition 7) by Gelfand's formula, the
@@ -130,9 +130,9 @@ fn spectral_radius_by_noda(matrix: &Matrix) -> f64 {
 
 /// Returns the strong components of the graph in which node i leads to the nodes `next[i]` (Kosaraju).
 fn strong_components(next: &[Vec<usize>]) -> Vec<Vec<usize>> {
-    let mut before = vec![Vec::new(); next.len()];
+    let mut predecessors = vec![Vec::new(); next.len()];
     for (i, next) in next.iter().enumerate() {
-        next.iter().for_each(|&j| before[j].push(i));
+        next.iter().for_each(|&j| predecessors[j].push(i));
     }
     let mut seen = vec![false; next.len()];
     let mut finished = Vec::new();
@@ -154,7 +154,7 @@ fn strong_components(next: &[Vec<usize>]) -> Vec<Vec<usize>> {
         while let Some(node) = open.pop() {
             if std::mem::replace(&mut seen[node], false) {
                 component.push(node);
-                open.extend(&before[node]);
+                open.extend(&predecessors[node]);
             }
         }
         if !component.is_empty() {
@@ -218,8 +218,8 @@ fn norm_by_powers(
     for _ in 0..POWER_ITERATION_STEPS_MAX {
         vector /= vector.norm().max(f64::MIN_POSITIVE);
         let image = image(&vector)?;
-        let before = std::mem::replace(&mut norm, image.norm());
-        if norm - before <= 1e-13 * norm {
+        let previous = std::mem::replace(&mut norm, image.norm());
+        if norm - previous <= 1e-13 * norm {
             break;
         }
         vector = image_of_transpose(&image)?;
@@ -247,10 +247,12 @@ impl GroupedSystem {
             rows.iter().map(|row| row.iter().map(|&(j, _)| j).collect()).collect();
         let mut group_of_row = vec![0; n];
         let groups = strong_components(&next).into_iter().rev().enumerate();
-        let groups = groups.map(|(group, own)| {
-            own.iter().for_each(|&i| group_of_row[i] = group);
-            let part = Matrix::from_fn(own.len(), own.len(), |a, b| matrix[(own[a], own[b])]);
-            (own, part.lu())
+        let groups = groups.map(|(group, group_rows)| {
+            group_rows.iter().for_each(|&i| group_of_row[i] = group);
+            let part = Matrix::from_fn(group_rows.len(), group_rows.len(), |a, b| {
+                matrix[(group_rows[a], group_rows[b])]
+            });
+            (group_rows, part.lu())
         });
         let groups = groups.collect();
         GroupedSystem { rows, groups, group_of_row }
@@ -259,39 +261,39 @@ impl GroupedSystem {
     /// Returns the solution for this right-hand side, or `None` if the system is singular.
     fn solve(&self, right: &DVector<f64>) -> Option<DVector<f64>> {
         let mut solution = right.clone();
-        for (group, (own, factors)) in self.groups.iter().enumerate() {
-            let known = |i: usize| {
+        for (group, (group_rows, factors)) in self.groups.iter().enumerate() {
+            let known_sum = |i: usize| {
                 let others = self.rows[i].iter().filter(|(j, _)| self.group_of_row[*j] != group);
                 others.map(|&(j, value)| value * solution[j]).sum::<f64>()
             };
-            let right = own.iter().map(|&i| right[i] - known(i));
-            let right = DVector::from_iterator(own.len(), right);
+            let right = group_rows.iter().map(|&i| right[i] - known_sum(i));
+            let right = DVector::from_iterator(group_rows.len(), right);
             let part = factors.solve(&right)?;
-            own.iter().zip(&part).for_each(|(&i, &value)| solution[i] = value);
+            group_rows.iter().zip(&part).for_each(|(&i, &value)| solution[i] = value);
         }
         Some(solution)
     }
 }
 
-/// Returns the positions at which the robots settle relative to `pinned`, m, at heading 0 and scale 1: the
-/// alpha that solves A alpha = C with the row of `pinned` replaced by the unit row. (29) (30) (33)
+/// Returns the positions at which the robots settle relative to `fixed`, m, at heading 0 and scale 1: the
+/// alpha that solves A alpha = C with the row of `fixed` replaced by the unit row. (29) (30) (33)
 ///
-/// Returns `None` unless every robot is reachable from `pinned`.
-pub fn settled_positions(graph: &FormationGraph, pinned: usize) -> Option<Vec<Vec2>> {
-    if !graph.reachability()[pinned].iter().all(|&reached| reached) {
+/// Returns `None` unless every robot is reachable from `fixed`.
+pub fn settled_positions(graph: &FormationGraph, fixed: usize) -> Option<Vec<Vec2>> {
+    if !graph.reachability()[fixed].iter().all(|&reached| reached) {
         return None;
     }
-    let heard: Vec<Vec<(usize, Vec2)>> = (0..graph.robot_count())
+    let in_neighbors: Vec<Vec<(usize, Vec2)>> = (0..graph.robot_count())
         .map(|i| graph.incoming_edges(i).map(|edge| (edge.from, edge.offset_m)).collect())
         .collect();
-    let mut places = vec![Vec2::zeros(); graph.robot_count()];
-    let others: Vec<usize> = (0..graph.robot_count()).filter(|&i| i != pinned).collect();
-    move_to_settled_positions(&heard, &others, &mut places)?;
-    Some(places)
+    let mut positions = vec![Vec2::zeros(); graph.robot_count()];
+    let others: Vec<usize> = (0..graph.robot_count()).filter(|&i| i != fixed).collect();
+    move_to_settled_positions(&in_neighbors, &others, &mut positions)?;
+    Some(positions)
 }
 
 /// Moves the robots `free` to the positions at which they settle, m, while all other robots keep their
-/// `places`: each free robot is at the mean over its in-neighbors of position plus offset. (24) (46)
+/// `positions`: each free robot is at the mean over its in-neighbors of position plus offset. (24) (46)
 ///
 /// Every free robot must be reachable from a robot that is not free. Returns `None` and changes no position if
 /// the linear system is numerically singular.
@@ -299,37 +301,37 @@ pub fn settled_positions(graph: &FormationGraph, pinned: usize) -> Option<Vec<Ve
 /// More than `SQUARED_MATRIX_ROWS_MAX` free robots are moved in groups that depend on each other, each after the groups
 /// on which it depends.
 pub fn move_to_settled_positions(
-    heard: &[Vec<(usize, Vec2)>],
+    in_neighbors: &[Vec<(usize, Vec2)>],
     free: &[usize],
-    places: &mut [Vec2],
+    positions: &mut [Vec2],
 ) -> Option<()> {
-    let mut row = vec![None; places.len()];
+    let mut row = vec![None; positions.len()];
     free.iter().enumerate().for_each(|(k, &i)| row[i] = Some(k));
     if free.len() <= SQUARED_MATRIX_ROWS_MAX {
-        return solve_equilibrium_system(heard, free, &row, places);
+        return solve_equilibrium_system(in_neighbors, free, &row, positions);
     }
-    let next = |&i: &usize| heard[i].iter().filter_map(|&(from, _)| row[from]).collect();
+    let next = |&i: &usize| in_neighbors[i].iter().filter_map(|&(from, _)| row[from]).collect();
     let groups = strong_components(&free.iter().map(next).collect::<Vec<_>>());
-    let mut moved = places.to_vec();
-    let mut row = vec![None; places.len()];
+    let mut moved = positions.to_vec();
+    let mut row = vec![None; positions.len()];
     // A group comes before those on which it depends.
     for group in groups.into_iter().rev() {
         let group: Vec<usize> = group.into_iter().map(|k| free[k]).collect();
         group.iter().enumerate().for_each(|(k, &i)| row[i] = Some(k));
-        solve_equilibrium_system(heard, &group, &row, &mut moved)?;
+        solve_equilibrium_system(in_neighbors, &group, &row, &mut moved)?;
         group.iter().for_each(|&i| row[i] = None);
     }
-    places.copy_from_slice(&moved);
+    positions.copy_from_slice(&moved);
     Some(())
 }
 
 /// Does the work of [`move_to_settled_positions`] by solving one linear system. `row` has the index of each free robot
 /// in `free`.
 fn solve_equilibrium_system(
-    heard: &[Vec<(usize, Vec2)>],
+    in_neighbors: &[Vec<(usize, Vec2)>],
     free: &[usize],
     row: &[Option<usize>],
-    places: &mut [Vec2],
+    positions: &mut [Vec2],
 ) -> Option<()> {
     if free.is_empty() {
         return Some(());
@@ -337,14 +339,14 @@ fn solve_equilibrium_system(
     let mut system = Matrix::identity(free.len(), free.len());
     let (mut x, mut y) = (DVector::zeros(free.len()), DVector::zeros(free.len()));
     for (k, &i) in free.iter().enumerate() {
-        let share = 1.0 / heard[i].len() as f64;
-        for &(from, offset_m) in &heard[i] {
-            let mut asked = offset_m;
+        let weight = 1.0 / in_neighbors[i].len() as f64;
+        for &(from, offset_m) in &in_neighbors[i] {
+            let mut desired = offset_m;
             match row[from] {
-                Some(column) => system[(k, column)] -= share,
-                None => asked += places[from],
+                Some(column) => system[(k, column)] -= weight,
+                None => desired += positions[from],
             }
-            (x[k], y[k]) = (x[k] + share * asked.x, y[k] + share * asked.y);
+            (x[k], y[k]) = (x[k] + weight * desired.x, y[k] + weight * desired.y);
         }
     }
     let lu = system.lu();
@@ -352,7 +354,7 @@ fn solve_equilibrium_system(
     if x.iter().chain(&y).any(|coordinate| !coordinate.is_finite()) {
         return None;
     }
-    free.iter().zip(x.iter().zip(&y)).for_each(|(&i, (&x, &y))| places[i] = Vec2::new(x, y));
+    free.iter().zip(x.iter().zip(&y)).for_each(|(&i, (&x, &y))| positions[i] = Vec2::new(x, y));
     Some(())
 }
 
@@ -384,10 +386,10 @@ mod tests {
             n in 1..9usize,
             pairs in proptest::collection::btree_set((0..9usize, 0..9usize), 0..30),
         ) -> FormationGraph {
-            let ends = pairs.into_iter().map(|(from, to)| [from % n, to % n]);
-            let kept = ends.filter(|[from, to]| from != to && !(leads && *to == 0));
-            let kept: std::collections::BTreeSet<[usize; 2]> = kept.collect();
-            graph(n, &kept.into_iter().collect::<Vec<_>>())
+            let pairs = pairs.into_iter().map(|(from, to)| [from % n, to % n]);
+            let edges = pairs.filter(|[from, to]| from != to && !(leads && *to == 0));
+            let edges: std::collections::BTreeSet<[usize; 2]> = edges.collect();
+            graph(n, &edges.into_iter().collect::<Vec<_>>())
         }
     }
 
@@ -406,11 +408,11 @@ mod tests {
             let leader = leads.then_some(0);
             let (l, a) = (laplacian(&graph), formation_matrix(&graph, leader));
             for i in 0..n {
-                let heard: Vec<usize> = graph.incoming_edges(i).map(|e| e.from).collect();
-                let g = heard.len() as f64;
+                let in_neighbors: Vec<usize> = graph.incoming_edges(i).map(|e| e.from).collect();
+                let g = in_neighbors.len() as f64;
                 for j in 0..n {
                     let unit = f64::from(u8::from(i == j));
-                    let a_d = f64::from(u8::from(heard.contains(&j))); // (6)
+                    let a_d = f64::from(u8::from(in_neighbors.contains(&j))); // (6)
                     prop_assert_eq!(l[(i, j)], g * unit - a_d); // (4) (5)
                     let lambda = if g > 0.0 && leader != Some(i) { 1.0 / g } else { 0.0 };
                     let gamma = if leader == Some(i) { unit } else { 0.0 };
@@ -465,29 +467,29 @@ mod tests {
         /// Robots that are not free may be at any position.
         #[test]
         fn settle_moves_only_free_robots_to_their_neighbor_mean(
-            graph in graphs(true), stays in proptest::collection::vec(any::<bool>(), 9),
+            graph in graphs(true), is_fixed in proptest::collection::vec(any::<bool>(), 9),
             at in proptest::collection::vec((-9.0..9.0f64, -9.0..9.0f64), 9),
         ) {
             let n = graph.robot_count();
             let reached = graph.reachability();
-            let stays = |i: usize| i == 0 || stays[i];
-            let led = |i: usize| (0..n).any(|from| stays(from) && reached[from][i]);
-            let free: Vec<usize> = (0..n).filter(|&i| !stays(i)).collect();
-            prop_assume!(free.iter().all(|&i| led(i)));
-            let heard: Vec<Vec<(usize, Vec2)>> = (0..n)
+            let is_fixed = |i: usize| i == 0 || is_fixed[i];
+            let is_reached = |i: usize| (0..n).any(|from| is_fixed(from) && reached[from][i]);
+            let free: Vec<usize> = (0..n).filter(|&i| !is_fixed(i)).collect();
+            prop_assume!(free.iter().all(|&i| is_reached(i)));
+            let in_neighbors: Vec<Vec<(usize, Vec2)>> = (0..n)
                 .map(|i| graph.incoming_edges(i).map(|edge| (edge.from, edge.offset_m)).collect())
                 .collect();
             let start: Vec<Vec2> = at[..n].iter().map(|&(x, y)| Vec2::new(x, y)).collect();
-            let mut places = start.clone();
-            prop_assert_eq!(move_to_settled_positions(&heard, &free, &mut places), Some(()));
+            let mut positions = start.clone();
+            prop_assert_eq!(move_to_settled_positions(&in_neighbors, &free, &mut positions), Some(()));
             for (i, start) in start.iter().enumerate() {
-                if stays(i) {
-                    prop_assert_eq!(&places[i], start);
+                if is_fixed(i) {
+                    prop_assert_eq!(&positions[i], start);
                     continue;
                 }
-                let asked: Vec2 = graph.incoming_edges(i).map(|e| places[e.from] + e.offset_m).sum();
-                let asked = asked / graph.incoming_edges(i).count() as f64; // (24)
-                prop_assert!((places[i] - asked).norm() < 1e-9, "robot {i}");
+                let desired: Vec2 = graph.incoming_edges(i).map(|e| positions[e.from] + e.offset_m).sum();
+                let desired = desired / graph.incoming_edges(i).count() as f64; // (24)
+                prop_assert!((positions[i] - desired).norm() < 1e-9, "robot {i}");
             }
         }
 
@@ -498,22 +500,22 @@ mod tests {
             let reached = Reachability::new(&one, Some(0), &[], &[]).defects_without_faults().unled.is_empty();
             prop_assume!(n > 1 && reached);
             let copies = SQUARED_MATRIX_ROWS_MAX / (n - 1) + 2;
-            let mut heard: Vec<Vec<(usize, Vec2)>> = vec![Vec::new()];
+            let mut in_neighbors: Vec<Vec<(usize, Vec2)>> = vec![Vec::new()];
             for copy in 0..copies {
                 let index = |robot: usize| if robot == 0 { copy * (n - 1) } else { copy * (n - 1) + robot };
                 for robot in 1..n {
                     let edges = one.incoming_edges(robot);
-                    heard.push(edges.map(|edge| (index(edge.from), edge.offset_m)).collect());
+                    in_neighbors.push(edges.map(|edge| (index(edge.from), edge.offset_m)).collect());
                 }
             }
-            let free: Vec<usize> = (1..heard.len()).collect();
+            let free: Vec<usize> = (1..in_neighbors.len()).collect();
             prop_assert!(free.len() > SQUARED_MATRIX_ROWS_MAX);
-            let mut places = vec![Vec2::zeros(); heard.len()];
-            prop_assert_eq!(move_to_settled_positions(&heard, &free, &mut places), Some(()));
+            let mut positions = vec![Vec2::zeros(); in_neighbors.len()];
+            prop_assert_eq!(move_to_settled_positions(&in_neighbors, &free, &mut positions), Some(()));
             for &i in &free {
-                let asked: Vec2 = heard[i].iter().map(|&(from, c)| places[from] + c).sum();
-                let off_m = (places[i] - asked / heard[i].len() as f64).norm();
-                prop_assert!(off_m < 1e-6, "robot {i}: {off_m}");
+                let desired: Vec2 = in_neighbors[i].iter().map(|&(from, c)| positions[from] + c).sum();
+                let error_m = (positions[i] - desired / in_neighbors[i].len() as f64).norm();
+                prop_assert!(error_m < 1e-6, "robot {i}: {error_m}");
             }
         }
 
@@ -522,14 +524,14 @@ mod tests {
             graph in graphs(true),
         ) {
             let reached = Reachability::new(&graph, Some(0), &[], &[]).defects_without_faults().unled.is_empty();
-            let places = settled_positions(&graph, 0);
-            prop_assert_eq!(places.is_some(), reached);
-            let Some(places) = places else { return Ok(()) };
-            prop_assert_eq!(places[0], Vec2::zeros());
+            let positions = settled_positions(&graph, 0);
+            prop_assert_eq!(positions.is_some(), reached);
+            let Some(positions) = positions else { return Ok(()) };
+            prop_assert_eq!(positions[0], Vec2::zeros());
             for i in 1..graph.robot_count() {
-                let asked: Vec2 = graph.incoming_edges(i).map(|e| places[e.from] + e.offset_m).sum();
-                let asked = asked / graph.incoming_edges(i).count() as f64; // (24)
-                prop_assert!((places[i] - asked).norm() < 1e-9, "robot {i}");
+                let desired: Vec2 = graph.incoming_edges(i).map(|e| positions[e.from] + e.offset_m).sum();
+                let desired = desired / graph.incoming_edges(i).count() as f64; // (24)
+                prop_assert!((positions[i] - desired).norm() < 1e-9, "robot {i}");
             }
         }
     }

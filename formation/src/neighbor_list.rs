@@ -46,17 +46,19 @@ impl NeighborList {
     /// cutoff radius, and some pairs beyond it. A point with a coordinate that is NaN is listed as a neighbor
     /// of every other point.
     pub fn update(&mut self, points: &[Vec2]) {
-        let moved = |(now, then): (&Vec2, &Vec2)| (now - then).norm_squared();
+        let displacement_squared = |(now, then): (&Vec2, &Vec2)| (now - then).norm_squared();
         let pairs = || points.iter().zip(&self.reference_points);
         let same_points = points.len() == self.reference_points.len();
         // A comparison with NaN is false, so a NaN coordinate forces a rebuild.
-        if same_points && pairs().all(|pair| moved(pair) <= self.displacement_squared_max) {
+        if same_points
+            && pairs().all(|pair| displacement_squared(pair) <= self.displacement_squared_max)
+        {
             self.updates_since_rebuild += 1;
             return;
         }
         let step_m = match same_points {
             true => {
-                pairs().map(moved).fold(0.0, f64::max).sqrt()
+                pairs().map(displacement_squared).fold(0.0, f64::max).sqrt()
                     / (self.updates_since_rebuild + 1) as f64
             }
             false => 0.0,
@@ -64,18 +66,18 @@ impl NeighborList {
         let margin_m = (MARGIN_FRACTION_MIN * self.cutoff_m)
             .max((UPDATES_PER_REBUILD * step_m).min(self.cutoff_m));
         // The permitted displacement is reduced by the rounding error, so the list radius need not be enlarged.
-        let near_m = self.cutoff_m + 2.0 * margin_m;
+        let list_radius_m = self.cutoff_m + 2.0 * margin_m;
         self.displacement_squared_max = margin_m * margin_m * (1.0 - RELATIVE_ROUNDING_ERROR_MAX);
         self.updates_since_rebuild = 0;
         self.reference_points.clear();
         self.reference_points.extend_from_slice(points);
         self.neighbors.iter_mut().for_each(Vec::clear);
         self.neighbors.resize(points.len(), Vec::new());
-        self.list_pairs(points, near_m);
+        self.list_pairs(points, list_radius_m);
     }
 
-    /// Lists all pairs up to `near_m` apart. Visits the points by x, so that pairs far apart along x are skipped.
-    fn list_pairs(&mut self, points: &[Vec2], near_m: f64) {
+    /// Lists all pairs within `list_radius_m`. Visits the points by x, so that pairs far apart along x are skipped.
+    fn list_pairs(&mut self, points: &[Vec2], list_radius_m: f64) {
         self.indices_by_x.clear();
         self.indices_by_x.extend(0..points.len());
         // With a coordinate that is not finite, all pairs are compared.
@@ -83,14 +85,14 @@ impl NeighborList {
         if is_ordered {
             self.indices_by_x.sort_unstable_by(|&i, &j| points[i].x.total_cmp(&points[j].x));
         }
-        for (place, &i) in self.indices_by_x.iter().enumerate() {
-            for &j in &self.indices_by_x[place + 1..] {
-                let apart = points[i] - points[j];
-                if is_ordered && apart.x * apart.x > near_m * near_m {
+        for (position_index, &i) in self.indices_by_x.iter().enumerate() {
+            for &j in &self.indices_by_x[position_index + 1..] {
+                let difference = points[i] - points[j];
+                if is_ordered && difference.x * difference.x > list_radius_m * list_radius_m {
                     break;
                 }
-                let far = apart.norm_squared() > near_m * near_m;
-                if !far {
+                let is_far = difference.norm_squared() > list_radius_m * list_radius_m;
+                if !is_far {
                     self.neighbors[i].push(j);
                     self.neighbors[j].push(i);
                 }
@@ -113,7 +115,7 @@ impl NeighborList {
             let later = neighbors.partition_point(|&j| j < i);
             for &j in &neighbors[later..] {
                 let square = (a - points[j]).norm_squared();
-                if closest.is_none_or(|(_, least)| square < least) {
+                if closest.is_none_or(|(_, smallest)| square < smallest) {
                     closest = Some(([i, j], square));
                 }
             }
@@ -138,8 +140,8 @@ mod tests {
             proptest::option::of(prop::sample::select(vec![f64::NAN, f64::INFINITY, 1e200]));
         (0..40_usize, step, lattice, any::<u64>(), broken).prop_map(
             |(count, step_m, lattice_m, seed, broken)| {
-                let mut dice = SplitMix64::new(seed);
-                let mut draw = |side: f64| side * (dice.draw_unit() - 0.5);
+                let mut rng = SplitMix64::new(seed);
+                let mut draw = |side: f64| side * (rng.draw_unit() - 0.5);
                 let mut points: Vec<Vec2> = (0..count)
                     .map(|_| Vec2::new(draw(8.0), draw(8.0)))
                     .map(|p| {
@@ -181,12 +183,12 @@ mod tests {
                     let listed: Vec<usize> = list.neighbors_of(i).collect();
                     prop_assert!(listed.windows(2).all(|two| two[0] < two[1]));
                     for (j, b) in points.iter().enumerate() {
-                        let within = j != i && (a - b).norm() <= cutoff_m;
-                        prop_assert!(!within || listed.binary_search(&j).is_ok());
+                        let is_within = j != i && (a - b).norm() <= cutoff_m;
+                        prop_assert!(!is_within || listed.binary_search(&j).is_ok());
                     }
                     // At a rebuild the margin of each point is at most the cutoff radius.
-                    let far = listed.iter().map(|&j| (list.reference_points[i] - list.reference_points[j]).norm());
-                    prop_assert!(far.fold(0.0, f64::max) <= 3.0 * cutoff_m * (1.0 + 1e-6));
+                    let distances = listed.iter().map(|&j| (list.reference_points[i] - list.reference_points[j]).norm());
+                    prop_assert!(distances.fold(0.0, f64::max) <= 3.0 * cutoff_m * (1.0 + 1e-6));
                 }
                 // Equal bit for bit to the search over all pairs, if the closest pair is within the cutoff
                 // radius.
@@ -199,7 +201,7 @@ mod tests {
 
     #[test]
     fn list_is_rebuilt_before_rounding_can_hide_a_pair() {
-        let points = |apart_m: f64| [Vec2::zeros(), Vec2::new(apart_m, 0.0)];
+        let points = |distance_m: f64| [Vec2::zeros(), Vec2::new(distance_m, 0.0)];
         let mut list = NeighborList::new(1.0);
         // Just beyond the list radius, then each point moves by its margin plus a few parts in 1e10.
         list.update(&points(1.25 + 1e-12));
@@ -217,20 +219,22 @@ mod tests {
         let lattice: Vec<Vec2> =
             (0..100).map(|i| Vec2::new((i % 10) as f64, (i / 10) as f64)).collect();
         // Number of rebuilds if all points move by `step_m` per instant.
-        let lists_made = |step_m: f64, instants: u32| {
+        let rebuild_count = |step_m: f64, instants: u32| {
             let mut list = NeighborList::new(0.5);
-            let made = (0..instants).map(|instant| {
-                let way = Vec2::new(step_m * f64::from(instant), 0.0);
-                list.update(&lattice.iter().map(|place| place + way).collect::<Vec<_>>());
+            let rebuilds = (0..instants).map(|instant| {
+                let displacement = Vec2::new(step_m * f64::from(instant), 0.0);
+                list.update(&lattice.iter().map(|point| point + displacement).collect::<Vec<_>>());
                 u32::from(list.updates_since_rebuild == 0)
             });
-            made.sum::<u32>()
+            rebuilds.sum::<u32>()
         };
-        assert_eq!(lists_made(0.0, 100), 1, "no point moves");
+        assert_eq!(rebuild_count(0.0, 100), 1, "no point moves");
         // The first margin is an eighth of the cutoff radius, and no margin exceeds the cutoff radius.
-        for (step_m, first, lasts) in [(0.02, 4, 16), (0.01, 7, 16), (0.1, 1, 5), (0.001, 63, 63)] {
-            let expected = 2 + (100 - first) / lasts;
-            assert_eq!(lists_made(step_m, 101), expected, "{step_m}");
+        for (step_m, first, updates_per_rebuild) in
+            [(0.02, 4, 16), (0.01, 7, 16), (0.1, 1, 5), (0.001, 63, 63)]
+        {
+            let expected = 2 + (100 - first) / updates_per_rebuild;
+            assert_eq!(rebuild_count(step_m, 101), expected, "{step_m}");
         }
     }
 }

@@ -64,17 +64,18 @@ impl Obstacle {
         // Turn angles at the ends of the sides must all have one sign and sum to one revolution.
         let turn =
             |i: usize| portable_math::atan2(side(i).perp(&side(i + 1)), side(i).dot(&side(i + 1)));
-        let around: f64 = (0..count).map(turn).sum();
-        let mut turned = 0.0;
+        let total_turn: f64 = (0..count).map(turn).sum();
+        let mut sum_of_turns = 0.0;
         for i in 0..count {
-            let turn = turn(i) * around.signum();
-            turned += turn;
-            if turn < -1e-9 || turned > std::f64::consts::TAU + 1e-6 {
+            let turn = turn(i) * total_turn.signum();
+            sum_of_turns += turn;
+            if turn < -1e-9 || sum_of_turns > std::f64::consts::TAU + 1e-6 {
                 return Err(ConvexityError::ConcaveCorner((i + 1) % count));
             }
         }
         // A degenerate polygon that doubles back turns by half a revolution twice and has no interior.
-        if around.abs() < 1.0 || (0..count).any(|i| turn(i).abs() > std::f64::consts::PI - 1e-9) {
+        if total_turn.abs() < 1.0 || (0..count).any(|i| turn(i).abs() > std::f64::consts::PI - 1e-9)
+        {
             return Err(ConvexityError::ConcaveCorner(1));
         }
         Ok(())
@@ -85,29 +86,29 @@ impl Obstacle {
         match self {
             Obstacle::Disc { center_m, radius_m } => {
                 let center = Vec2::from(*center_m);
-                let off = point - center;
-                let far = off.norm();
-                if far <= *radius_m { point } else { center + off * (radius_m / far) }
+                let offset = point - center;
+                let distance = offset.norm();
+                if distance <= *radius_m { point } else { center + offset * (radius_m / distance) }
             }
             Obstacle::Polygon { corners_m } => {
                 let count = corners_m.len();
                 let corner = |i: usize| Vec2::from(corners_m[i % count]);
                 // A point outside is on the outer side of at least one side.
-                let (mut left, mut right) = (false, false);
+                let (mut is_left, mut is_right) = (false, false);
                 let mut nearest = (f64::INFINITY, point);
                 for i in 0..count {
                     let (from, along) = (corner(i), corner(i + 1) - corner(i));
                     let side = along.perp(&(point - from));
-                    left |= side >= 0.0;
-                    right |= side <= 0.0;
-                    let share = (point - from).dot(&along) / along.norm_squared();
-                    let foot = from + share.clamp(0.0, 1.0) * along;
+                    is_left |= side >= 0.0;
+                    is_right |= side <= 0.0;
+                    let fraction = (point - from).dot(&along) / along.norm_squared();
+                    let foot = from + fraction.clamp(0.0, 1.0) * along;
                     let square = (point - foot).norm_squared();
                     if square < nearest.0 {
                         nearest = (square, foot);
                     }
                 }
-                if left && right { nearest.1 } else { point }
+                if is_left && is_right { nearest.1 } else { point }
             }
         }
     }
@@ -200,12 +201,12 @@ impl Obstacles {
 
 fn nearest_point_within(
     index: usize,
-    (part, center, around_m): &(Obstacle, Vec2, f64),
+    (part, center, bounding_radius_m): &(Obstacle, Vec2, f64),
     point: Vec2,
     radius_m: f64,
 ) -> Option<NearestObstacle> {
     // Enlarged by the rounding error. A NaN coordinate is within no radius.
-    let reach_m = (radius_m + around_m) * (1.0 + crate::RELATIVE_ROUNDING_ERROR_MAX);
+    let reach_m = (radius_m + bounding_radius_m) * (1.0 + crate::RELATIVE_ROUNDING_ERROR_MAX);
     if (point - center).norm_squared() > reach_m * reach_m {
         return None;
     }
@@ -280,7 +281,7 @@ mod tests {
 
         #[test]
         fn nearest_point_is_nearest_of_all_points_of_the_obstacle(
-            obstacle in convex_obstacles(), point in point(), shares in proptest::collection::vec(0.0..1.0f64, 9),
+            obstacle in convex_obstacles(), point in point(), fractions in proptest::collection::vec(0.0..1.0f64, 9),
         ) {
             prop_assert_eq!(obstacle.check_convex(), Ok(()));
             let nearest = obstacle.nearest_point(point);
@@ -288,13 +289,13 @@ mod tests {
             // An arbitrary point of the obstacle.
             let other = match &obstacle {
                 Obstacle::Disc { center_m, radius_m } => {
-                    let (sin, cos) = (7.0 * shares[0]).sin_cos();
-                    Vec2::from(*center_m) + shares[1] * radius_m * Vec2::new(cos, sin)
+                    let (sin, cos) = (7.0 * fractions[0]).sin_cos();
+                    Vec2::from(*center_m) + fractions[1] * radius_m * Vec2::new(cos, sin)
                 }
                 Obstacle::Polygon { corners_m } => {
-                    let sum: f64 = shares[..corners_m.len()].iter().sum();
-                    let mean = corners_m.iter().zip(&shares);
-                    mean.map(|(corner, share)| share / sum * Vec2::from(*corner)).sum()
+                    let sum: f64 = fractions[..corners_m.len()].iter().sum();
+                    let mean = corners_m.iter().zip(&fractions);
+                    mean.map(|(corner, fraction)| fraction / sum * Vec2::from(*corner)).sum()
                 }
             };
             prop_assert!(distance_m <= (point - other).norm() + 1e-12);
@@ -310,8 +311,8 @@ mod tests {
         fn vector_from_nearest_point_is_nonexpansive(
             obstacle in convex_obstacles(), from in point(), to in point(),
         ) {
-            let away = |point: Vec2| point - obstacle.nearest_point(point);
-            prop_assert!((away(from) - away(to)).norm() <= (from - to).norm() + 1e-9);
+            let offset_from = |point: Vec2| point - obstacle.nearest_point(point);
+            prop_assert!((offset_from(from) - offset_from(to)).norm() <= (from - to).norm() + 1e-9);
         }
 
         #[test]
@@ -320,12 +321,12 @@ mod tests {
         ) {
             let obstacles = Obstacles::new(&parts);
             let distance_m = |part: &Obstacle| (point - part.nearest_point(point)).norm();
-            let near = parts.iter().enumerate().filter(|(_, part)| distance_m(part) <= radius_m);
-            let near: Vec<usize> = near.map(|(index, _)| index).collect();
+            let in_range = parts.iter().enumerate().filter(|(_, part)| distance_m(part) <= radius_m);
+            let in_range: Vec<usize> = in_range.map(|(index, _)| index).collect();
             let found: Vec<usize> = obstacles.obstacles_within(point, radius_m).map(|n| n.index).collect();
-            prop_assert_eq!(found, near);
-            let least = parts.iter().map(distance_m).min_by(f64::total_cmp);
-            prop_assert_eq!(obstacles.nearest_obstacle(point).map(|n| n.distance_m), least);
+            prop_assert_eq!(found, in_range);
+            let smallest = parts.iter().map(distance_m).min_by(f64::total_cmp);
+            prop_assert_eq!(obstacles.nearest_obstacle(point).map(|n| n.distance_m), smallest);
         }
     }
 }

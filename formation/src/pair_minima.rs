@@ -51,12 +51,12 @@ impl PairMinima {
             let (row, squares_below) = std::mem::take(&mut squares).split_at_mut(x_m.len());
             let (row_times, times_below) = std::mem::take(&mut times_ns).split_at_mut(x_m.len());
             (squares, times_ns) = (squares_below, times_below);
-            let least = update_row(*point, x_m, y_m, row, row_times, t_ns);
-            if closest.is_none_or(|(_, closest)| least < closest) {
-                let is_least = |j: &usize| square_m2(*point, x_m[*j], y_m[*j]) == least;
+            let smallest = update_row(*point, x_m, y_m, row, row_times, t_ns);
+            if closest.is_none_or(|(_, closest)| smallest < closest) {
+                let is_smallest = |j: &usize| square_m2(*point, x_m[*j], y_m[*j]) == smallest;
                 // No distance is found if all are infinite or NaN.
-                let found = (0..x_m.len()).find(is_least).filter(|_| least < f64::INFINITY);
-                closest = found.map(|j| ([i, i + 1 + j], least)).or(closest);
+                let found = (0..x_m.len()).find(is_smallest).filter(|_| smallest < f64::INFINITY);
+                closest = found.map(|j| ([i, i + 1 + j], smallest)).or(closest);
             }
         }
         let (pair, square) = closest.or_else(|| {
@@ -68,14 +68,14 @@ impl PairMinima {
 
     /// Returns the square of the smallest distance of the pair i < j, m^2, and its time, ns.
     pub fn minimum_squared_and_time(&self, pair: [usize; 2]) -> (f64, u64) {
-        let place = self.pair_index(pair);
-        (self.distances_squared_m2[place], self.times_ns[place])
+        let index = self.pair_index(pair);
+        (self.distances_squared_m2[index], self.times_ns[index])
     }
 
     /// Replaces the square of the smallest distance of the pair i < j, m^2, and its time, ns.
     pub fn set_minimum(&mut self, pair: [usize; 2], square_m2: f64, t_ns: u64) {
-        let place = self.pair_index(pair);
-        (self.distances_squared_m2[place], self.times_ns[place]) = (square_m2, t_ns);
+        let index = self.pair_index(pair);
+        (self.distances_squared_m2[index], self.times_ns[index]) = (square_m2, t_ns);
     }
 
     /// Returns the index of the pair i < j.
@@ -100,37 +100,37 @@ fn update_row(
     times_ns: &mut [u64],
     t_ns: u64,
 ) -> f64 {
-    let mut least = [f64::INFINITY; LANES];
+    let mut smallest = [f64::INFINITY; LANES];
     let (x_chunks, x_rest) = x_m.as_chunks::<LANES>();
     let (y_chunks, y_rest) = y_m.as_chunks::<LANES>();
     let (square_chunks, square_rest) = squares.as_chunks_mut::<LANES>();
     let (time_chunks, time_rest) = times_ns.as_chunks_mut::<LANES>();
-    let known = square_chunks.iter_mut().zip(time_chunks);
-    for ((x_m, y_m), (known, times_ns)) in x_chunks.iter().zip(y_chunks).zip(known) {
+    let minima = square_chunks.iter_mut().zip(time_chunks);
+    for ((x_m, y_m), (minima, times_ns)) in x_chunks.iter().zip(y_chunks).zip(minima) {
         let mut now = [0.0; LANES];
         let mut is_any_smaller = false;
         for lane in 0..LANES {
             now[lane] = square_m2(point, x_m[lane], y_m[lane]);
-            least[lane] = if now[lane] < least[lane] { now[lane] } else { least[lane] };
-            is_any_smaller |= now[lane] < known[lane];
+            smallest[lane] = if now[lane] < smallest[lane] { now[lane] } else { smallest[lane] };
+            is_any_smaller |= now[lane] < minima[lane];
         }
         if is_any_smaller {
             for lane in 0..LANES {
-                let is_smaller = now[lane] < known[lane];
+                let is_smaller = now[lane] < minima[lane];
                 times_ns[lane] = if is_smaller { t_ns } else { times_ns[lane] };
-                known[lane] = if is_smaller { now[lane] } else { known[lane] };
+                minima[lane] = if is_smaller { now[lane] } else { minima[lane] };
             }
         }
     }
-    let known = square_rest.iter_mut().zip(time_rest);
-    for ((&x_m, &y_m), (known, known_ns)) in x_rest.iter().zip(y_rest).zip(known) {
+    let minima = square_rest.iter_mut().zip(time_rest);
+    for ((&x_m, &y_m), (minima, known_ns)) in x_rest.iter().zip(y_rest).zip(minima) {
         let now = square_m2(point, x_m, y_m);
-        least[0] = if now < least[0] { now } else { least[0] };
-        if now < *known {
-            (*known, *known_ns) = (now, t_ns);
+        smallest[0] = if now < smallest[0] { now } else { smallest[0] };
+        if now < *minima {
+            (*minima, *known_ns) = (now, t_ns);
         }
     }
-    least.into_iter().fold(f64::INFINITY, f64::min)
+    smallest.into_iter().fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]

@@ -87,12 +87,12 @@ impl TryFrom<Waypoints> for Path {
         if !(2..=WAYPOINTS_MAX).contains(&points_m.len()) {
             return Err(PathError::WaypointCount(points_m.len()));
         }
-        let sound = |number: f64| number.is_finite() && number > 0.0;
+        let is_positive = |number: f64| number.is_finite() && number > 0.0;
         let points: Vec<Vec2> = points_m.iter().map(|&point| point.into()).collect();
         if !points.iter().all(|point| point.norm_squared().is_finite())
             || ![speed_m_s, acceleration_m_s2, speed_m_s * speed_m_s / acceleration_m_s2]
                 .into_iter()
-                .all(sound)
+                .all(is_positive)
         {
             return Err(PathError::InvalidNumber);
         }
@@ -108,23 +108,23 @@ impl TryFrom<Waypoints> for Path {
             chords.push((chord.norm(), portable_math::atan2(chord.y, chord.x)));
         }
         // Angle between the path's direction and each chord, at its start and its end.
-        let mut starts = vec![None; legs];
-        let mut ends = vec![None; legs];
-        for here in 0..legs {
-            let before = match (here, closed) {
+        let mut start_angles = vec![None; legs];
+        let mut end_angles = vec![None; legs];
+        for leg in 0..legs {
+            let previous = match (leg, closed) {
                 (0, false) => continue,
                 (0, true) => legs - 1,
-                _ => here - 1,
+                _ => leg - 1,
             };
-            let (to_here, onward) = divide_direction_change(chords[before], chords[here]);
-            ends[before] = Some(to_here);
-            starts[here] = Some(onward);
+            let (arrival, departure) = divide_direction_change(chords[previous], chords[leg]);
+            end_angles[previous] = Some(arrival);
+            start_angles[leg] = Some(departure);
         }
         let mut pieces = Vec::with_capacity(2 * legs);
         let mut length_m = 0.0;
         for leg in 0..legs {
             // The first and the last leg of an open path are single arcs.
-            let (a, b) = match (starts[leg], ends[leg]) {
+            let (a, b) = match (start_angles[leg], end_angles[leg]) {
                 (Some(a), Some(b)) => (a, b),
                 (Some(a), None) => (a, -a),
                 (None, Some(b)) => (-b, b),
@@ -132,19 +132,20 @@ impl TryFrom<Waypoints> for Path {
             };
             let (chord_m, direction) = chords[leg];
             let half_m = chord_m / (2.0 * portable_math::cos((b - a) / 4.0));
-            let meeting = -(a + b) / 2.0;
+            let meeting_angle = -(a + b) / 2.0;
             let mut from = points[leg];
-            for (enter, leave) in [(a, meeting), (meeting, b)] {
-                let turn = leave - enter;
+            for (start_angle, end_angle) in [(a, meeting_angle), (meeting_angle, b)] {
+                let turn = end_angle - start_angle;
                 let piece_m = half_m * arc_to_chord_ratio(turn);
-                let heading_rad = wrap_angle(direction + enter);
+                let heading_rad = wrap_angle(direction + start_angle);
                 pieces.push(ArcSegment {
                     start_arc_length_m: length_m,
                     start: Pose { x_m: from.x, y_m: from.y, heading_rad },
                     curvature_per_m: turn / piece_m,
                 });
                 length_m += piece_m;
-                let (sin, cos) = portable_math::sin_cos(direction + (enter + leave) / 2.0);
+                let (sin, cos) =
+                    portable_math::sin_cos(direction + (start_angle + end_angle) / 2.0);
                 from += half_m * Vec2::new(cos, sin);
             }
         }
@@ -160,8 +161,9 @@ fn divide_direction_change(
     (next_length, next_direction): (f64, f64),
 ) -> (f64, f64) {
     let turn = wrap_angle(next_direction - direction);
-    let rest = turn.abs() - FRAC_PI_2;
-    let first = (turn.abs() * next_length / (length + next_length)).clamp(rest.max(0.0), FRAC_PI_2);
+    let excess = turn.abs() - FRAC_PI_2;
+    let first =
+        (turn.abs() * next_length / (length + next_length)).clamp(excess.max(0.0), FRAC_PI_2);
     let first = first.copysign(turn);
     (first, first - turn)
 }
@@ -199,9 +201,9 @@ impl Path {
     /// Returns the time at which the motion stops at the last waypoint, s, or `None` for a closed path.
     pub fn end_s(&self) -> Option<f64> {
         // The two ramps together add the time of one ramp.
-        let ends =
+        let end_at_speed =
             |speed_m_s| self.length_m / speed_m_s + speed_m_s / self.waypoints.acceleration_m_s2;
-        (!self.waypoints.closed).then(|| ends(self.peak_speed_m_s()))
+        (!self.waypoints.closed).then(|| end_at_speed(self.peak_speed_m_s()))
     }
 
     /// Returns the maximum speed reached, m/s.
@@ -220,18 +222,18 @@ impl Path {
         let Waypoints { acceleration_m_s2, closed, .. } = self.waypoints;
         let speed_m_s = self.peak_speed_m_s();
         let ramp_s = speed_m_s / acceleration_m_s2;
-        let speeding_up = |t_s: f64| (0.5 * acceleration_m_s2 * t_s * t_s, acceleration_m_s2 * t_s);
+        let accelerate = |t_s: f64| (0.5 * acceleration_m_s2 * t_s * t_s, acceleration_m_s2 * t_s);
         if t_s < ramp_s {
-            return speeding_up(t_s);
+            return accelerate(t_s);
         }
         // The two ramps together add the time of one ramp.
         let end_s = self.length_m / speed_m_s + ramp_s;
-        let left_s = end_s - t_s;
-        if closed || left_s > ramp_s {
+        let remaining_s = end_s - t_s;
+        if closed || remaining_s > ramp_s {
             return (speed_m_s * (t_s - 0.5 * ramp_s), speed_m_s);
         }
-        let (left_m, speed_m_s) = speeding_up(left_s.max(0.0));
-        (self.length_m - left_m, speed_m_s)
+        let (remaining_m, speed_m_s) = accelerate(remaining_s.max(0.0));
+        (self.length_m - remaining_m, speed_m_s)
     }
 
     /// Returns position and direction at an arc length along the path.
@@ -287,9 +289,9 @@ mod tests {
 
         #[test]
         fn path_passes_through_every_waypoint_in_order(path in paths()) {
-            for (piece, place) in path.pieces.iter().step_by(2).zip(waypoint_positions(&path)) {
+            for (piece, waypoint) in path.pieces.iter().step_by(2).zip(waypoint_positions(&path)) {
                 let pose = path.pose_at(piece.start_arc_length_m);
-                prop_assert!((Vec2::new(pose.x_m, pose.y_m) - place).norm() < 1e-12);
+                prop_assert!((Vec2::new(pose.x_m, pose.y_m) - waypoint).norm() < 1e-12);
             }
             let end = path.pose_at(path.length_m * (1.0 - 1e-15));
             let last = if path.waypoints.closed { waypoint_positions(&path)[0] } else { waypoint_positions(&path)[waypoint_positions(&path).len() - 1] };
@@ -342,10 +344,10 @@ mod tests {
             prop_assert!(first * turn >= 0.0 && second * turn <= 0.0);
             prop_assert!(first.abs().max(second.abs()) <= FRAC_PI_2 + 1e-12);
             // In inverse proportion to the lengths, unless a leg would bend by more than a right angle.
-            let share = turn.abs() * lengths[1] / (lengths[0] + lengths[1]);
-            let bends_fully = share.max(turn.abs() - share) >= FRAC_PI_2;
+            let fraction = turn.abs() * lengths[1] / (lengths[0] + lengths[1]);
+            let bends_fully = fraction.max(turn.abs() - fraction) >= FRAC_PI_2;
             let largest = first.abs().max(second.abs());
-            prop_assert!((first.abs() - share).abs() < 1e-12 || bends_fully);
+            prop_assert!((first.abs() - fraction).abs() < 1e-12 || bends_fully);
             prop_assert!(!bends_fully || (largest - FRAC_PI_2).abs() < 1e-12);
         }
     }
@@ -364,18 +366,18 @@ mod tests {
         #[test]
         fn open_path_motion_is_symmetric_in_time(
             length_m in 0.1..3.0f64, speed_m_s in 0.1..2.0f64, acceleration_m_s2 in 0.1..2.0f64,
-            share in 0.0..1.0f64,
+            fraction in 0.0..1.0f64,
         ) {
             let points_m = vec![[0.0, 0.0], [length_m, 0.0]];
             let line = Waypoints { points_m, speed_m_s, acceleration_m_s2, closed: false };
             let line = Path::try_from(line).unwrap();
             let peak_m_s = speed_m_s.min((acceleration_m_s2 * length_m).sqrt());
             let end_s = length_m / peak_m_s + peak_m_s / acceleration_m_s2;
-            let [there, back] = [share, 1.0 - share].map(|share| line.target_at(share * end_s));
-            prop_assert!((there.position.x + back.position.x - length_m).abs() < 1e-9);
-            prop_assert!((there.velocity - back.velocity).norm() < 1e-9);
-            let ramp_m_s = acceleration_m_s2 * end_s * share.min(1.0 - share);
-            prop_assert!((there.velocity.x - peak_m_s.min(ramp_m_s)).abs() < 1e-9);
+            let [forward, backward] = [fraction, 1.0 - fraction].map(|fraction| line.target_at(fraction * end_s));
+            prop_assert!((forward.position.x + backward.position.x - length_m).abs() < 1e-9);
+            prop_assert!((forward.velocity - backward.velocity).norm() < 1e-9);
+            let ramp_m_s = acceleration_m_s2 * end_s * fraction.min(1.0 - fraction);
+            prop_assert!((forward.velocity.x - peak_m_s.min(ramp_m_s)).abs() < 1e-9);
         }
     }
 

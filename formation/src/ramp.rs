@@ -80,27 +80,27 @@ impl AccelerationLimits {
         for _ in 0..2 {
             let change = target.minus(twist);
             let times_s = self.component_times_s(change);
-            let whole_s = times_s.into_iter().fold(0.0, f64::max);
-            if whole_s == 0.0 || dt_s <= 0.0 {
+            let total_s = times_s.into_iter().fold(0.0, f64::max);
+            if total_s == 0.0 || dt_s <= 0.0 {
                 break;
             }
-            let shares = |ramp_s: f64| match ramp {
-                Ramp::Together => [ramp_s / whole_s; 2],
+            let fractions = |ramp_s: f64| match ramp {
+                Ramp::Together => [ramp_s / total_s; 2],
                 Ramp::Independent => {
                     times_s.map(|s| if s > 0.0 { (ramp_s / s).min(1.0) } else { 1.0 })
                 }
             };
             let first_s = match ramp {
                 Ramp::Independent => {
-                    times_s.into_iter().filter(|s| *s > 0.0).fold(whole_s, f64::min)
+                    times_s.into_iter().filter(|s| *s > 0.0).fold(total_s, f64::min)
                 }
-                Ramp::Together => whole_s,
+                Ramp::Together => total_s,
             };
             let ramp_s = first_s.min(dt_s);
-            let [v, w] = shares(ramp_s);
+            let [v, w] = fractions(ramp_s);
             // Exactly the target value at the end of the ramp, regardless of rounding.
-            let part = |from: f64, to: f64, share: f64| {
-                if share >= 1.0 { to } else { from + share * (to - from) }
+            let part = |from: f64, to: f64, fraction: f64| {
+                if fraction >= 1.0 { to } else { from + fraction * (to - from) }
             };
             let next = Twist {
                 v_m_s: part(twist.v_m_s, target.v_m_s, v),
@@ -130,11 +130,11 @@ impl AccelerationLimits {
         let curvature = if curve.v_m_s == 0.0 { 0.0 } else { curve.w_rad_s / curve.v_m_s };
         let on_curve = |v_m_s: f64| Twist::new(v_m_s, curvature * v_m_s);
         let change = target.v_m_s - twist.v_m_s;
-        let whole_s = change.abs() / self.forward_m_s2;
-        let ramp_s = whole_s.min(dt_s);
-        let end = match whole_s <= dt_s {
+        let total_s = change.abs() / self.forward_m_s2;
+        let ramp_s = total_s.min(dt_s);
+        let end = match total_s <= dt_s {
             true => target,
-            false => on_curve(twist.v_m_s + change * (dt_s / whole_s)),
+            false => on_curve(twist.v_m_s + change * (dt_s / total_s)),
         };
         let pose = integrate_twist_change(pose, on_curve(twist.v_m_s), end, ramp_s);
         (if dt_s > ramp_s { integrate_arc(pose, end, dt_s - ramp_s) } else { pose }, end)
@@ -165,19 +165,19 @@ pub fn integrate_twist_change(mut pose: Pose, from: Twist, to: Twist, dt_s: f64)
 
 fn integrate_piece(pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
     let change = to.minus(from);
-    let turned = |s: f64| dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
+    let turn_after = |s: f64| dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
     let (mut x, mut y) = (0.0, 0.0);
     for (s, weight) in GAUSS_LEGENDRE_NODES {
-        let (sin, cos) = portable_math::sin_cos(pose.heading_rad + turned(s));
-        let way = weight * (from.v_m_s + s * change.v_m_s);
+        let (sin, cos) = portable_math::sin_cos(pose.heading_rad + turn_after(s));
+        let forward = weight * (from.v_m_s + s * change.v_m_s);
         let side = weight * (from.side_m_s + s * change.side_m_s);
-        x += way * cos - side * sin;
-        y += way * sin + side * cos;
+        x += forward * cos - side * sin;
+        y += forward * sin + side * cos;
     }
     Pose {
         x_m: pose.x_m + dt_s * x,
         y_m: pose.y_m + dt_s * y,
-        heading_rad: wrap_angle(pose.heading_rad + turned(1.0)),
+        heading_rad: wrap_angle(pose.heading_rad + turn_after(1.0)),
     }
 }
 
@@ -205,8 +205,8 @@ mod tests {
     fn reference_pose(from: Twist, to: Twist, dt_s: f64) -> Pose {
         let change = to.minus(from);
         let at = |s: f64| {
-            let turned = dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
-            let (sin, cos) = (START.heading_rad + turned).sin_cos();
+            let turn = dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
+            let (sin, cos) = (START.heading_rad + turn).sin_cos();
             let v = from.v_m_s + s * change.v_m_s;
             let side = from.side_m_s + s * change.side_m_s;
             [v * cos - side * sin, v * sin + side * cos]
@@ -216,16 +216,16 @@ mod tests {
         let mut sum = [0.0; 2];
         for k in 0..pieces {
             let a = f64::from(k) * h;
-            for (part, share) in [(at(a), 1.0), (at(a + 0.5 * h), 4.0), (at(a + h), 1.0)] {
-                sum[0] += share * part[0] * h / 6.0;
-                sum[1] += share * part[1] * h / 6.0;
+            for (part, weight) in [(at(a), 1.0), (at(a + 0.5 * h), 4.0), (at(a + h), 1.0)] {
+                sum[0] += weight * part[0] * h / 6.0;
+                sum[1] += weight * part[1] * h / 6.0;
             }
         }
-        let turned = dt_s * (from.w_rad_s + 0.5 * change.w_rad_s);
+        let turn = dt_s * (from.w_rad_s + 0.5 * change.w_rad_s);
         Pose {
             x_m: dt_s * sum[0],
             y_m: dt_s * sum[1],
-            heading_rad: wrap_angle(START.heading_rad + turned),
+            heading_rad: wrap_angle(START.heading_rad + turn),
         }
     }
 
@@ -249,25 +249,25 @@ mod tests {
             from in twist(), to in twist(), dt in 1e-4..0.5f64,
         ) {
             let (found, expected) = (integrate_twist_change(START, from, to, dt), reference_pose(from, to, dt));
-            let way = dt * from.planar_speed_m_s().max(to.planar_speed_m_s());
+            let distance = dt * from.planar_speed_m_s().max(to.planar_speed_m_s());
             // The reference has a rounding error of its own.
-            prop_assert!(pose_difference(found, expected) <= POSITION_ERROR_RATIO_MAX * way + 1e-14);
+            prop_assert!(pose_difference(found, expected) <= POSITION_ERROR_RATIO_MAX * distance + 1e-14);
             prop_assert!(wrap_angle(found.heading_rad - expected.heading_rad).abs() < 1e-12);
         }
 
         #[test]
         fn drive_in_two_parts_equals_drive_at_once(
             from in twist(), target in twist(), a in 0.5..3.0f64, aw in 1.0..10.0f64,
-            together in any::<bool>(), dt in 1e-3..2.0f64, cut in 0.0..1.0f64,
+            together in any::<bool>(), dt in 1e-3..2.0f64, first_part in 0.0..1.0f64,
         ) {
             let accelerations = AccelerationLimits { forward_m_s2: a, turn_rad_s2: aw };
             let ramp = if together { Ramp::Together } else { Ramp::Independent };
             let drive = |pose, twist, dt| accelerations.pose_and_twist_after(pose, twist, target, ramp, dt);
             let (pose, twist) = drive(START, from, dt);
-            let (half, on_the_way) = drive(START, from, cut * dt);
-            let (pieced, twist_pieced) = drive(half, on_the_way, dt - cut * dt);
-            prop_assert!(pose_difference(pose, pieced) < 1e-11);
-            prop_assert!(accelerations.change_time_s(twist.minus(twist_pieced)) < 1e-12);
+            let (intermediate_pose, intermediate) = drive(START, from, first_part * dt);
+            let (two_step_pose, two_step_twist) = drive(intermediate_pose, intermediate, dt - first_part * dt);
+            prop_assert!(pose_difference(pose, two_step_pose) < 1e-11);
+            prop_assert!(accelerations.change_time_s(twist.minus(two_step_twist)) < 1e-12);
         }
 
         /// Properties P2 and P3: the twist is on the segment towards the target, and at the target once the
@@ -277,12 +277,12 @@ mod tests {
             from in twist(), target in twist(), a in 0.5..3.0f64, aw in 1.0..10.0f64, part in 0.0..1.5f64,
         ) {
             let accelerations = AccelerationLimits { forward_m_s2: a, turn_rad_s2: aw };
-            let whole = accelerations.change_time_s(target.minus(from));
+            let total = accelerations.change_time_s(target.minus(from));
             let (_, twist) =
-                accelerations.pose_and_twist_after(START, from, target, Ramp::Together, part * whole);
-            let share = part.min(1.0);
-            let left = twist.minus(from.scale_by(1.0 - share));
-            prop_assert!(accelerations.change_time_s(left.minus(target.scale_by(share))) < 1e-12);
+                accelerations.pose_and_twist_after(START, from, target, Ramp::Together, part * total);
+            let fraction = part.min(1.0);
+            let remaining = twist.minus(from.scale_by(1.0 - fraction));
+            prop_assert!(accelerations.change_time_s(remaining.minus(target.scale_by(fraction))) < 1e-12);
             prop_assert!(part < 1.0 || twist == target);
         }
     }

@@ -26,10 +26,10 @@ impl SplitMix64 {
         (self.next_u64() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Returns a number between `least` and `most`, both inclusive. Computed by a remainder, so the
-    /// distribution is only approximately uniform. Requires `least <= most`.
-    pub fn draw_between(&mut self, least: u64, most: u64) -> u64 {
-        least + self.next_u64() % (most - least + 1)
+    /// Returns a number between `minimum` and `maximum`, both inclusive. Computed by a remainder, so the
+    /// distribution is only approximately uniform. Requires `minimum <= maximum`.
+    pub fn draw_between(&mut self, minimum: u64, maximum: u64) -> u64 {
+        minimum + self.next_u64() % (maximum - minimum + 1)
     }
 
     /// Returns `true` with the given probability.
@@ -93,8 +93,8 @@ mod tests {
         }
         assert!(drawn.iter().all(|&times| (850..1150).contains(&times)), "{drawn:?}");
         assert_eq!(random.draw_between(9, 9), 9);
-        let happened = (0..4000).filter(|_| random.draw_bool(0.3)).count();
-        assert!((1050..1350).contains(&happened), "{happened}");
+        let count = (0..4000).filter(|_| random.draw_bool(0.3)).count();
+        assert!((1050..1350).contains(&count), "{count}");
         assert!(!random.draw_bool(0.0) && random.draw_bool(1.0));
     }
 }

@@ -76,13 +76,13 @@ struct Failures {
 impl Reachability {
     /// Creates the query structure and computes the state without failures.
     ///
-    /// `leader` is the main leader, if there is one. `contained` are the followers and `alone` the robots that
+    /// `leader` is the main leader, if there is one. `contained` are the followers and `independent` the robots that
     /// need no in-neighbor. All other robots are formation robots. Panics if an index is out of range.
     pub fn new(
         graph: &FormationGraph,
         leader: Option<usize>,
         contained: &[usize],
-        alone: &[usize],
+        independent: &[usize],
     ) -> Reachability {
         let n = graph.robot_count();
         let mut reachability = Reachability {
@@ -97,7 +97,7 @@ impl Reachability {
             reachability.outgoing_edges[*from].push(index);
         }
         contained.iter().for_each(|&robot| reachability.is_contained[robot] = true);
-        alone.iter().for_each(|&robot| reachability.needs_no_in_neighbor[robot] = true);
+        independent.iter().for_each(|&robot| reachability.needs_no_in_neighbor[robot] = true);
         reachability.defects_without_faults = reachability.defects(&[], &[]);
         reachability
     }
@@ -122,25 +122,33 @@ impl Reachability {
             failures.is_cut[edge] |= leaders.contains(to);
         }
 
-        let living = |&robot: &usize| !failures.is_dead[robot];
-        let places: Vec<usize> = self.formation_robots().filter(living).collect();
-        let held = self.search(&places, &failures).is_reached;
-        let contained = || (0..n).filter(living).filter(|&robot| self.is_contained[robot]);
+        let is_alive = |&robot: &usize| !failures.is_dead[robot];
+        let formation_robots: Vec<usize> = self.formation_robots().filter(is_alive).collect();
+        let is_supported = self.search(&formation_robots, &failures).is_reached;
+        let contained = || (0..n).filter(is_alive).filter(|&robot| self.is_contained[robot]);
         let mut defects = Defects {
-            uncontained: contained().filter(|&robot| !held[robot]).collect(),
+            uncontained: contained().filter(|&robot| !is_supported[robot]).collect(),
             ..Defects::default()
         };
         if self.leader.is_none() {
-            defects.groups = self.separate_groups(&places, &failures);
+            defects.groups = self.separate_groups(&formation_robots, &failures);
             return defects;
         }
-        let led = self.search(leaders, &failures).is_reached;
-        let kept = |robot: &&usize| !leaders.contains(robot);
-        defects.unled = places.iter().filter(kept).copied().filter(|&r| !led[r]).collect();
-        let stray = self.search(&defects.unled, &failures).is_reached;
-        let pulled = |&robot: &usize| led[robot] && stray[robot];
-        defects.pulled = places.iter().filter(kept).copied().filter(pulled).collect();
-        defects.adrift = contained().filter(|&robot| held[robot] && !led[robot]).collect();
+        let reached_from_leaders = self.search(leaders, &failures).is_reached;
+        let is_follower = |robot: &&usize| !leaders.contains(robot);
+        defects.unled = formation_robots
+            .iter()
+            .filter(is_follower)
+            .copied()
+            .filter(|&r| !reached_from_leaders[r])
+            .collect();
+        let reached_from_unled = self.search(&defects.unled, &failures).is_reached;
+        let pulled = |&robot: &usize| reached_from_leaders[robot] && reached_from_unled[robot];
+        defects.pulled =
+            formation_robots.iter().filter(is_follower).copied().filter(pulled).collect();
+        defects.adrift = contained()
+            .filter(|&robot| is_supported[robot] && !reached_from_leaders[robot])
+            .collect();
         defects
     }
 
@@ -201,11 +209,12 @@ impl Reachability {
     pub fn cuts_causing_defects(&self) -> Vec<(usize, Defects)> {
         // Cutting an edge that no search used leaves every reached robot reachable.
         let n = self.outgoing_edges.len();
-        let whole = Failures { is_dead: vec![false; n], is_cut: vec![false; self.edges.len()] };
-        let places: Vec<usize> = self.formation_robots().collect();
-        let start = self.leader.or_else(|| self.find_root(&places, &whole));
-        let mut used = self.search(&places, &whole).predecessor_edges;
-        used.extend(self.search(start.as_slice(), &whole).predecessor_edges);
+        let no_failures =
+            Failures { is_dead: vec![false; n], is_cut: vec![false; self.edges.len()] };
+        let formation_robots: Vec<usize> = self.formation_robots().collect();
+        let start = self.leader.or_else(|| self.find_root(&formation_robots, &no_failures));
+        let mut used = self.search(&formation_robots, &no_failures).predecessor_edges;
+        used.extend(self.search(start.as_slice(), &no_failures).predecessor_edges);
         used.sort_unstable();
         used.dedup();
         let losses = used.into_iter().map(|edge| (edge, self.new_defects(&[], &[edge])));
@@ -215,7 +224,7 @@ impl Reachability {
     /// Searches the graph from `sources`, which count as reached. Dead robots neither reach nor are reached.
     fn search(&self, sources: &[usize], failures: &Failures) -> SearchResult {
         let mut reached = vec![false; self.outgoing_edges.len()];
-        let mut over = Vec::new();
+        let mut predecessor_edges = Vec::new();
         let mut open = Vec::new();
         for &source in sources.iter().filter(|&&source| !failures.is_dead[source]) {
             reached[source] = true;
@@ -225,20 +234,20 @@ impl Reachability {
             for &edge in self.outgoing_edges[robot].iter().filter(|&&edge| !failures.is_cut[edge]) {
                 let to = self.edges[edge][1];
                 if !failures.is_dead[to] && !std::mem::replace(&mut reached[to], true) {
-                    over.push(edge);
+                    predecessor_edges.push(edge);
                     open.push(to);
                 }
             }
         }
-        SearchResult { is_reached: reached, predecessor_edges: over }
+        SearchResult { is_reached: reached, predecessor_edges }
     }
 
-    /// Returns one of `places` from which all of `places` are reachable, or `None`.
-    fn find_root(&self, places: &[usize], failures: &Failures) -> Option<usize> {
+    /// Returns one of `robots` from which all of `robots` are reachable, or `None`.
+    fn find_root(&self, robots: &[usize], failures: &Failures) -> Option<usize> {
         // Only the last robot that no earlier candidate reached can be a root.
         let mut seen = vec![false; self.outgoing_edges.len()];
         let mut candidate = None;
-        for &robot in places {
+        for &robot in robots {
             if !seen[robot] {
                 candidate = Some(robot);
                 let reached = self.search(&[robot], failures).is_reached;
@@ -246,21 +255,21 @@ impl Reachability {
             }
         }
         let reached = self.search(candidate.as_slice(), failures).is_reached;
-        candidate.filter(|_| places.iter().all(|&robot| reached[robot]))
+        candidate.filter(|_| robots.iter().all(|&robot| reached[robot]))
     }
 
-    /// Returns the groups among `places` that receive nothing from outside of themselves. Empty if one robot
+    /// Returns the groups among `robots` that receive nothing from outside of themselves. Empty if one robot
     /// reaches all.
-    fn separate_groups(&self, places: &[usize], failures: &Failures) -> Vec<Vec<usize>> {
-        if self.find_root(places, failures).is_some() {
+    fn separate_groups(&self, robots: &[usize], failures: &Failures) -> Vec<Vec<usize>> {
+        if self.find_root(robots, failures).is_some() {
             return Vec::new();
         }
         let reached: Vec<Vec<bool>> =
-            places.iter().map(|&robot| self.search(&[robot], failures).is_reached).collect();
+            robots.iter().map(|&robot| self.search(&[robot], failures).is_reached).collect();
         let mut groups: Vec<Vec<usize>> = Vec::new();
-        for (i, &robot) in places.iter().enumerate() {
+        for (i, &robot) in robots.iter().enumerate() {
             let closed =
-                places.iter().zip(&reached).all(|(&s, from_s)| !from_s[robot] || reached[i][s]);
+                robots.iter().zip(&reached).all(|(&s, from_s)| !from_s[robot] || reached[i][s]);
             if closed {
                 match groups.iter_mut().find(|group| reached[i][group[0]]) {
                     Some(group) => group.push(robot),
@@ -292,7 +301,7 @@ mod tests {
         assert_eq!(loss, Defects { unled: vec![3], pulled: vec![1], ..Defects::default() });
     }
 
-    /// Computes for each pair of living robots whether there is a path, by Warshall's algorithm.
+    /// Computes for each pair of alive robots whether there is a path, by Warshall's algorithm.
     fn path_matrix(edges: &[[usize; 2]], alive: &[bool], cut: Option<usize>) -> Vec<Vec<bool>> {
         let n = alive.len();
         let mut path: Vec<Vec<bool>> =
@@ -314,34 +323,41 @@ mod tests {
     fn defects_by_definition(
         edges: &[[usize; 2]],
         leader: Option<usize>,
-        [contained, alone]: [&[usize]; 2],
+        [contained, independent]: [&[usize]; 2],
         alive: &[bool],
         cut: Option<usize>,
     ) -> Defects {
         let path = path_matrix(edges, alive, cut);
-        let living = || (0..alive.len()).filter(|&r| alive[r]);
-        let place = |r: usize| !contained.contains(&r);
-        let places: Vec<usize> = living().filter(|&r| place(r) && !alone.contains(&r)).collect();
-        let led = |r: usize| leader.is_some_and(|leader| path[leader][r]);
-        let held = |r: usize| places.iter().any(|&p| path[p][r]);
-        let kept = || places.iter().copied().filter(|&r| Some(r) != leader);
-        let uncontained = living().filter(|&r| !place(r) && !held(r)).collect();
+        let alive_robots = || (0..alive.len()).filter(|&r| alive[r]);
+        let keeps_slot = |r: usize| !contained.contains(&r);
+        let formation_robots: Vec<usize> =
+            alive_robots().filter(|&r| keeps_slot(r) && !independent.contains(&r)).collect();
+        let is_led = |r: usize| leader.is_some_and(|leader| path[leader][r]);
+        let is_supported = |r: usize| formation_robots.iter().any(|&p| path[p][r]);
+        let followers = || formation_robots.iter().copied().filter(|&r| Some(r) != leader);
+        let uncontained = alive_robots().filter(|&r| !keeps_slot(r) && !is_supported(r)).collect();
         if leader.is_some() {
-            let unled: Vec<usize> = kept().filter(|&r| !led(r)).collect();
+            let unled: Vec<usize> = followers().filter(|&r| !is_led(r)).collect();
             let pulled =
-                kept().filter(|&r| led(r) && unled.iter().any(|&stray| path[stray][r])).collect();
-            let adrift = living().filter(|&r| !place(r) && held(r) && !led(r)).collect();
+                followers().filter(|&r| is_led(r) && unled.iter().any(|&u| path[u][r])).collect();
+            let adrift = alive_robots()
+                .filter(|&r| !keeps_slot(r) && is_supported(r) && !is_led(r))
+                .collect();
             return Defects { unled, pulled, uncontained, adrift, groups: vec![] };
         }
-        if places.iter().any(|&r| places.iter().all(|&s| path[r][s])) || places.is_empty() {
+        if formation_robots.iter().any(|&r| formation_robots.iter().all(|&s| path[r][s]))
+            || formation_robots.is_empty()
+        {
             return Defects { uncontained, ..Defects::default() };
         }
-        let mut groups: Vec<Vec<usize>> = places
+        let mut groups: Vec<Vec<usize>> = formation_robots
             .iter()
-            .map(|&r| places.iter().copied().filter(|&s| path[r][s] && path[s][r]).collect())
+            .map(|&r| {
+                formation_robots.iter().copied().filter(|&s| path[r][s] && path[s][r]).collect()
+            })
             .filter(|group: &Vec<usize>| {
                 let outside = |s: &&usize| !group.contains(s);
-                places.iter().filter(outside).all(|&s| !path[s][group[0]])
+                formation_robots.iter().filter(outside).all(|&s| !path[s][group[0]])
             })
             .collect();
         groups.sort();
@@ -370,7 +386,7 @@ mod tests {
             pairs in proptest::collection::btree_set((0..8usize, 0..8usize), 0..24),
             leads in any::<bool>(),
             contained in proptest::collection::btree_set(1..8usize, 0..4),
-            alone in proptest::collection::btree_set(1..8usize, 0..2),
+            independent in proptest::collection::btree_set(1..8usize, 0..2),
             dead in (0..8usize, 0..8usize),
         ) {
             // The leader has no incoming edge.
@@ -379,13 +395,13 @@ mod tests {
                 .map(|(from, to)| [from % n, to % n])
                 .filter(|[from, to]| from != to && !(leads && *to == 0))
                 .collect();
-            let alone: Vec<usize> =
-                alone.into_iter().filter(|r| *r < n && !contained.contains(r)).collect();
+            let independent: Vec<usize> =
+                independent.into_iter().filter(|r| *r < n && !contained.contains(r)).collect();
             let contained: Vec<usize> = contained.into_iter().filter(|&r| r < n).collect();
             let leader = leads.then_some(0);
-            let reachability = Reachability::new(&graph(n, &edges), leader, &contained, &alone);
+            let reachability = Reachability::new(&graph(n, &edges), leader, &contained, &independent);
             let defects = |alive: &[bool], cut| {
-                defects_by_definition(&edges, leader, [&contained, &alone], alive, cut)
+                defects_by_definition(&edges, leader, [&contained, &independent], alive, cut)
             };
             let intact = defects(&vec![true; n], None);
             prop_assert_eq!(reachability.defects_without_faults(), &intact);

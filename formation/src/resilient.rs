@@ -27,13 +27,14 @@ pub fn resilient_mean(
     liars_max: usize,
 ) -> f64 {
     let (trusted, mut others): (Vec<ReceivedValue<f64>>, Vec<ReceivedValue<f64>>) =
-        received.partition(|one| one.is_trusted);
+        received.partition(|received| received.is_trusted);
     others.sort_by(|a, b| a.value.total_cmp(&b.value));
-    let below = others.iter().filter(|one| one.value < own).count();
-    let above = others.iter().filter(|one| one.value > own).count();
+    let below = others.iter().filter(|received| received.value < own).count();
+    let above = others.iter().filter(|received| received.value > own).count();
     let kept = below.min(liars_max)..others.len() - above.min(liars_max);
     let kept = trusted.iter().chain(&others[kept]);
-    let (count, sum) = kept.fold((0u32, 0.0), |(count, sum), one| (count + 1, sum + one.value));
+    let (count, sum) =
+        kept.fold((0u32, 0.0), |(count, sum), received| (count + 1, sum + received.value));
     if count == 0 { own } else { sum / f64::from(count) }
 }
 
@@ -45,11 +46,12 @@ pub fn resilient_target(
     received: &[ReceivedValue<Target>],
     liars_max: usize,
 ) -> Target {
-    let mean = |of: fn(&Target) -> f64| {
-        let received = received
-            .iter()
-            .map(|one| ReceivedValue { value: of(&one.value), is_trusted: one.is_trusted });
-        resilient_mean(of(&own), received, liars_max)
+    let mean = |component: fn(&Target) -> f64| {
+        let received = received.iter().map(|received| ReceivedValue {
+            value: component(&received.value),
+            is_trusted: received.is_trusted,
+        });
+        resilient_mean(component(&own), received, liars_max)
     };
     Target {
         position: Vec2::new(mean(|t| t.position.x), mean(|t| t.position.y)),
@@ -63,20 +65,19 @@ pub fn resilient_target(
 /// is returned with fewer.
 pub fn resilient_frame(
     own: Option<LeaderFrame>,
-    passed_on: &[LeaderFrame],
+    relayed: &[LeaderFrame],
     liars_max: usize,
 ) -> Option<LeaderFrame> {
     let own = match own {
         Some(own) => own,
-        None if passed_on.len() > 2 * liars_max => {
-            select_most_supported_frame(passed_on, liars_max)?
-        }
+        None if relayed.len() > 2 * liars_max => select_most_supported_frame(relayed, liars_max)?,
         None => return None,
     };
-    let mean = |of: &dyn Fn(&LeaderFrame) -> f64| {
-        let received =
-            passed_on.iter().map(|frame| ReceivedValue { value: of(frame), is_trusted: false });
-        resilient_mean(of(&own), received, liars_max)
+    let mean = |component: &dyn Fn(&LeaderFrame) -> f64| {
+        let received = relayed
+            .iter()
+            .map(|frame| ReceivedValue { value: component(frame), is_trusted: false });
+        resilient_mean(component(&own), received, liars_max)
     };
     Some(LeaderFrame {
         heading_rad: own.heading_rad
@@ -91,7 +92,7 @@ pub fn resilient_frame(
 /// Returns the frame with the smallest distance to its `others`-th nearest other frame. At least one frame of
 /// this group is from an honest robot.
 fn select_most_supported_frame(frames: &[LeaderFrame], others: usize) -> Option<LeaderFrame> {
-    let apart = |a: &LeaderFrame, b: &LeaderFrame| {
+    let distance = |a: &LeaderFrame, b: &LeaderFrame| {
         wrap_angle(a.heading_rad - b.heading_rad).abs()
             + (a.turn_rate_rad_s - b.turn_rate_rad_s).abs()
             + (a.turn_acceleration_rad_s2 - b.turn_acceleration_rad_s2).abs()
@@ -99,7 +100,7 @@ fn select_most_supported_frame(frames: &[LeaderFrame], others: usize) -> Option<
             + (a.scale_rate_per_s - b.scale_rate_per_s).abs()
     };
     let spread = |frame: &LeaderFrame| {
-        let mut all: Vec<f64> = frames.iter().map(|other| apart(frame, other)).collect();
+        let mut all: Vec<f64> = frames.iter().map(|other| distance(frame, other)).collect();
         all.sort_by(f64::total_cmp);
         // The first distance is that to itself.
         all[others.min(all.len() - 1)]
@@ -138,17 +139,17 @@ mod tests {
     #[test]
     fn frame_is_agreed_across_angle_wrap_despite_one_liar() {
         let (near, far) = (std::f64::consts::PI - 0.01, 0.02 - std::f64::consts::PI);
-        let passed_on = [frame(0.0), frame(near), frame(far)];
-        let agreed = resilient_frame(None, &passed_on, 1).unwrap();
-        let off_rad = wrap_angle(agreed.heading_rad - near);
-        assert!((0.0..=0.03 + 1e-12).contains(&off_rad), "{off_rad}");
+        let relayed = [frame(0.0), frame(near), frame(far)];
+        let agreed = resilient_frame(None, &relayed, 1).unwrap();
+        let error_rad = wrap_angle(agreed.heading_rad - near);
+        assert!((0.0..=0.03 + 1e-12).contains(&error_rad), "{error_rad}");
         assert_eq!(
-            resilient_frame(None, &passed_on[..2], 1),
+            resilient_frame(None, &relayed[..2], 1),
             None,
             "two frames cannot reveal the liar"
         );
         let own = Some(frame(near));
-        assert_eq!(resilient_frame(own, &passed_on[..2], 1), own);
+        assert_eq!(resilient_frame(own, &relayed[..2], 1), own);
     }
 
     proptest! {
@@ -158,15 +159,15 @@ mod tests {
         fn f_byzantine_values_do_not_move_the_mean_out_of_the_hull(
             own in -9.0..9.0f64,
             honest in proptest::collection::vec(-9.0..9.0f64, 0..6),
-            lies in proptest::collection::vec(prop_oneof![-9.0..9.0f64, Just(1e6), Just(-1e6)], 0..4),
+            false_values in proptest::collection::vec(prop_oneof![-9.0..9.0f64, Just(1e6), Just(-1e6)], 0..4),
             at in any::<proptest::sample::Index>(),
         ) {
             let mut received = honest.clone();
-            lies.iter().for_each(|&lie| received.insert(at.index(received.len() + 1), lie));
-            let found = mean(own, &received, lies.len());
-            let least = honest.iter().fold(own, |a, &b| a.min(b));
-            let most = honest.iter().fold(own, |a, &b| a.max(b));
-            prop_assert!((least - 1e-9..=most + 1e-9).contains(&found), "{found}");
+            false_values.iter().for_each(|&false_value| received.insert(at.index(received.len() + 1), false_value));
+            let found = mean(own, &received, false_values.len());
+            let minimum = honest.iter().fold(own, |a, &b| a.min(b));
+            let maximum = honest.iter().fold(own, |a, &b| a.max(b));
+            prop_assert!((minimum - 1e-9..=maximum + 1e-9).contains(&found), "{found}");
         }
     }
 }

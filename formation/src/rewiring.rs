@@ -39,12 +39,12 @@ impl Succession {
     /// Returns the rank, from 0, of the deputy that takes the slot once the leader has failed: the first for which
     /// `has_failed` is false, or the number of deputies if there is none.
     fn acting_rank(&self, has_failed: impl Fn(usize) -> bool) -> usize {
-        let living = self.deputies.iter().position(|&deputy| !has_failed(deputy));
-        living.unwrap_or(self.deputies.len())
+        let first_alive = self.deputies.iter().position(|&deputy| !has_failed(deputy));
+        first_alive.unwrap_or(self.deputies.len())
     }
 
     /// Returns the deputy that takes the slot after the robots `dead` have failed, or `None` if there is none or the
-    /// leader lives.
+    /// leader is alive.
     pub fn acting_deputy(&self, dead: &[usize]) -> Option<usize> {
         let rank = self.acting_rank(|deputy| dead.contains(&deputy));
         self.deputies.get(rank).copied().filter(|_| dead.contains(&self.leader))
@@ -111,8 +111,8 @@ pub struct References {
 
 impl References {
     /// Returns whether a sender is a reference.
-    pub fn uses_sender(&self, place: usize) -> bool {
-        self.weights[place] > 0
+    pub fn uses_sender(&self, index: usize) -> bool {
+        self.weights[index] > 0
     }
 }
 
@@ -150,10 +150,10 @@ impl Receiver {
         let in_neighbor = |robot| Sender { robot, purpose: SenderPurpose::InNeighbor };
         let mut senders: Vec<Sender> = in_neighbors.into_iter().map(in_neighbor).collect();
         let in_neighbors = senders.len();
-        senders.extend(spares.into_iter().map(|(robot, for_slot)| {
+        senders.extend(spares.into_iter().map(|(robot, keeps_slot)| {
             let is_planned = substitutes.iter().any(|plan| plan.substitutes.contains(&robot))
-                || successions.iter().any(|one| one.deputies.contains(&robot));
-            let purpose = match (for_slot, is_planned) {
+                || successions.iter().any(|succession| succession.deputies.contains(&robot));
+            let purpose = match (keeps_slot, is_planned) {
                 (true, _) => SenderPurpose::KeepLeaderSlot,
                 (false, true) => SenderPurpose::ReplaceByPlan,
                 (false, false) => SenderPurpose::ReplaceAnyLost,
@@ -200,7 +200,7 @@ impl Receiver {
 
     /// Returns the references while no sender has failed: the in-neighbors.
     pub fn references_without_failures(&self) -> References {
-        let is_in_neighbor = |place| place < self.in_neighbor_count;
+        let is_in_neighbor = |index| index < self.in_neighbor_count;
         References {
             weights: (0..self.senders.len()).map(|k| usize::from(is_in_neighbor(k))).collect(),
             is_sender_open: (0..self.senders.len()).map(is_in_neighbor).collect(),
@@ -212,8 +212,8 @@ impl Receiver {
     /// Returns the references once the senders for which `is_lost` is true have been replaced.
     pub fn references(&self, is_lost: impl Fn(usize) -> bool) -> References {
         let mut references = self.references_without_failures();
-        let state = |place| {
-            let lost = is_lost(place);
+        let state = |index| {
+            let lost = is_lost(index);
             SenderState { has_failed: lost, is_received: !lost }
         };
         self.update_references(state, &mut references);
@@ -221,126 +221,143 @@ impl Receiver {
     }
 
     /// Updates the references to the states of the senders. An agent, which knows nothing of a closed backup neighbor,
-    /// states that it has not failed and is not heard.
+    /// states that it has not failed and is not received.
     ///
     /// A planned backup neighbor is open while an in-neighbor that it replaces has failed. The deputies of a failed
-    /// leader are open up to the first living deputy, which counts for the leader. One of the other backup neighbors is
+    /// leader are open up to the first deputy alive, which counts for the leader. One of the other backup neighbors is
     /// open for each failed in-neighbor without deputies, and a further one for each open backup neighbor that has
-    /// failed, too. A failed in-neighbor remains a reference until a replacement is heard. A robot that replaces a
-    /// leader itself uses only the senders for this purpose, as soon as it hears any of these.
+    /// failed, too. A failed in-neighbor remains a reference until a replacement is received. A robot that replaces a
+    /// leader itself uses only the senders for this purpose, as soon as it receives from any of these.
     pub fn update_references(
         &self,
         state: impl Fn(usize) -> SenderState,
         references: &mut References,
     ) {
         let in_neighbors = self.in_neighbor_count;
-        if !(0..self.senders.len()).any(|place| state(place).has_failed) {
+        if !(0..self.senders.len()).any(|index| state(index).has_failed) {
             return self.reset(references);
         }
-        let has_failed = |robot: usize| self.any_sender_is(robot, |place| state(place).has_failed);
+        let has_failed = |robot: usize| self.any_sender_is(robot, |index| state(index).has_failed);
         let References {
             weights,
-            is_sender_open: is_open,
-            keeps_leader_slot: takes_slot,
-            acting_deputy_ranks: acting,
+            is_sender_open,
+            keeps_leader_slot,
+            acting_deputy_ranks: acting_ranks,
         } = references;
-        for (one, acting) in self.successions.iter().zip(&mut *acting) {
-            *acting = has_failed(one.leader).then(|| one.acting_rank(has_failed));
+        for (succession, acting_rank) in self.successions.iter().zip(&mut *acting_ranks) {
+            *acting_rank =
+                has_failed(succession.leader).then(|| succession.acting_rank(has_failed));
         }
-        let acts = self.leaders_replaced_by(acting, self.robot).next().is_some();
+        let replaces_leader = self.leaders_replaced_by(acting_ranks, self.robot).next().is_some();
         let is_for_slot =
-            |place: &usize| self.senders[*place].purpose == SenderPurpose::KeepLeaderSlot;
-        *takes_slot =
-            acts && (0..self.senders.len()).filter(is_for_slot).any(|k| state(k).is_received);
-        let without_deputies = |&place: &usize| {
-            state(place).has_failed && !self.has_deputies(self.senders[place].robot)
+            |index: &usize| self.senders[*index].purpose == SenderPurpose::KeepLeaderSlot;
+        *keeps_leader_slot = replaces_leader
+            && (0..self.senders.len()).filter(is_for_slot).any(|k| state(k).is_received);
+        let without_deputies = |&index: &usize| {
+            state(index).has_failed && !self.has_deputies(self.senders[index].robot)
         };
-        let mut lacking = (0..in_neighbors).filter(without_deputies).count();
-        let mut replacing = 0;
-        for place in in_neighbors..self.senders.len() {
-            let Sender { robot, purpose } = self.senders[place];
-            let mut by_plan = self.in_neighbors_replaced_by(robot);
-            let planned = by_plan.any(has_failed);
-            is_open[place] = match purpose {
+        let mut unreplaced_count = (0..in_neighbors).filter(without_deputies).count();
+        let mut substitute_count = 0;
+        for index in in_neighbors..self.senders.len() {
+            let Sender { robot, purpose } = self.senders[index];
+            let mut planned_for = self.in_neighbors_replaced_by(robot);
+            let is_planned = planned_for.any(has_failed);
+            is_sender_open[index] = match purpose {
                 SenderPurpose::InNeighbor => true,
-                SenderPurpose::ReplaceAnyLost => lacking > 0,
-                SenderPurpose::KeepLeaderSlot => acts,
-                SenderPurpose::ReplaceByPlan => planned || self.must_receive_deputy(acting, robot),
+                SenderPurpose::ReplaceAnyLost => unreplaced_count > 0,
+                SenderPurpose::KeepLeaderSlot => replaces_leader,
+                SenderPurpose::ReplaceByPlan => {
+                    is_planned || self.must_receive_deputy(acting_ranks, robot)
+                }
             };
-            let is_any = purpose == SenderPurpose::ReplaceAnyLost && is_open[place];
-            lacking -= usize::from(is_any && !state(place).has_failed);
-            let is_heard = is_open[place] && state(place).is_received;
-            replacing += usize::from(is_any && is_heard);
-            let replaces =
-                is_any || planned || self.leaders_replaced_by(acting, robot).next().is_some();
-            let counts =
-                if *takes_slot { purpose == SenderPurpose::KeepLeaderSlot } else { replaces };
-            weights[place] = usize::from(is_heard && counts);
+            let is_any = purpose == SenderPurpose::ReplaceAnyLost && is_sender_open[index];
+            unreplaced_count -= usize::from(is_any && !state(index).has_failed);
+            let is_received = is_sender_open[index] && state(index).is_received;
+            substitute_count += usize::from(is_any && is_received);
+            let replaces = is_any
+                || is_planned
+                || self.leaders_replaced_by(acting_ranks, robot).next().is_some();
+            let is_reference = if *keeps_leader_slot {
+                purpose == SenderPurpose::KeepLeaderSlot
+            } else {
+                replaces
+            };
+            weights[index] = usize::from(is_received && is_reference);
         }
-        let is_heard = |place: usize| is_open[place] && state(place).is_received;
+        let is_received = |index: usize| is_sender_open[index] && state(index).is_received;
         let in_neighbors = weights.iter_mut().zip(&self.senders).enumerate().take(in_neighbors);
-        for (place, (weight, sender)) in in_neighbors {
+        for (index, (weight, sender)) in in_neighbors {
             let robot = sender.robot;
-            let stands_in =
-                |by: usize| is_heard(by) && self.replacement_count(acting, by, robot) > 0;
-            let has_failed = state(place).has_failed;
-            let by_plan = has_failed && (0..self.senders.len()).any(stands_in);
-            let by_any = has_failed && !by_plan && !self.has_deputies(robot) && replacing > 0;
-            replacing -= usize::from(by_any);
-            *weight = usize::from(!(by_plan || by_any || *takes_slot));
+            let is_substitute =
+                |by: usize| is_received(by) && self.replacement_count(acting_ranks, by, robot) > 0;
+            let has_failed = state(index).has_failed;
+            let is_replaced_by_plan = has_failed && (0..self.senders.len()).any(is_substitute);
+            let is_replaced_by_any = has_failed
+                && !is_replaced_by_plan
+                && !self.has_deputies(robot)
+                && substitute_count > 0;
+            substitute_count -= usize::from(is_replaced_by_any);
+            *weight =
+                usize::from(!(is_replaced_by_plan || is_replaced_by_any || *keeps_leader_slot));
         }
-        for place in 0..self.senders.len() {
-            if weights[place] > 0 {
+        for index in 0..self.senders.len() {
+            if weights[index] > 0 {
                 let is_used = |other: usize| weights[other] > 0;
-                weights[place] = self.reference_weight(acting, place, is_used, is_heard(place));
+                weights[index] =
+                    self.reference_weight(acting_ranks, index, is_used, is_received(index));
             }
         }
     }
 
     /// Returns the number of in-neighbors for which a sender counts, if it is a reference, from a report of the
-    /// references in use and of the senders that are heard.
+    /// references in use and of the senders that are received.
     pub fn reported_weight(
         &self,
-        place: usize,
+        index: usize,
         is_used: impl Fn(usize) -> bool,
-        is_heard: impl Fn(usize) -> bool,
+        is_received: impl Fn(usize) -> bool,
     ) -> usize {
-        let first_heard = |one: &Succession| {
-            one.deputies.iter().position(|&deputy| self.any_sender_is(deputy, &is_heard))
+        let first_received_deputy = |succession: &Succession| {
+            succession.deputies.iter().position(|&deputy| self.any_sender_is(deputy, &is_received))
         };
-        let acting: Vec<Option<usize>> = self.successions.iter().map(first_heard).collect();
-        self.reference_weight(&acting, place, is_used, is_heard(place))
+        let acting_ranks: Vec<Option<usize>> =
+            self.successions.iter().map(first_received_deputy).collect();
+        self.reference_weight(&acting_ranks, index, is_used, is_received(index))
     }
 
     /// Returns the replacements of lost in-neighbors, in the order of these and then of the plans.
     pub fn replacements(&self, references: &References) -> Vec<Replacement> {
-        let References { acting_deputy_ranks: acting, keeps_leader_slot: takes_slot, .. } =
-            references;
-        let uses = |place: &usize| references.uses_sender(*place);
-        let stands_in =
+        let References { acting_deputy_ranks: acting_ranks, keeps_leader_slot, .. } = references;
+        let uses = |index: &usize| references.uses_sender(*index);
+        let is_substitute =
             |&by: &usize| references.weights[by] > usize::from(self.counts_for_itself(by));
         let with = |purpose: SenderPurpose| {
             let all = 0..self.senders.len();
-            all.filter(uses).filter(move |&place| self.senders[place].purpose == purpose)
+            all.filter(uses).filter(move |&index| self.senders[index].purpose == purpose)
         };
         let mut any_lost = with(SenderPurpose::ReplaceAnyLost);
         let mut replacements = Vec::new();
-        for lost in (0..self.in_neighbor_count).filter(|place| !uses(place)) {
+        for lost in (0..self.in_neighbor_count).filter(|index| !uses(index)) {
             let robot = self.senders[lost].robot;
-            let deputy = self.successions.iter().zip(acting).find(|(one, _)| one.leader == robot);
-            let deputy = deputy.map(|(one, rank)| one.deputies.get((*rank)?).copied());
+            let deputy = self
+                .successions
+                .iter()
+                .zip(acting_ranks)
+                .find(|(succession, _)| succession.leader == robot);
+            let deputy =
+                deputy.map(|(succession, rank)| succession.deputies.get((*rank)?).copied());
             let by: Vec<usize> = match deputy {
-                Some(by) if *takes_slot && by == Some(self.robot) => {
+                Some(by) if *keeps_leader_slot && by == Some(self.robot) => {
                     with(SenderPurpose::KeepLeaderSlot).collect()
                 }
-                _ if *takes_slot => Vec::new(),
+                _ if *keeps_leader_slot => Vec::new(),
                 Some(by) => by.and_then(|by| self.sender_index(by)).into_iter().collect(),
                 None => {
                     let plans =
                         self.substitutes.iter().filter(|plan| plan.lost_in_neighbor == robot);
                     let by = plans.flat_map(|plan| &plan.substitutes);
                     let by: Vec<usize> = by.filter_map(|&by| self.sender_index(by)).collect();
-                    let by: Vec<usize> = by.into_iter().filter(stands_in).collect();
+                    let by: Vec<usize> = by.into_iter().filter(is_substitute).collect();
                     if by.is_empty() { any_lost.next().into_iter().collect() } else { by }
                 }
             };
@@ -355,9 +372,9 @@ impl Receiver {
     fn reset(&self, references: &mut References) {
         references.keeps_leader_slot = false;
         references.acting_deputy_ranks.fill(None);
-        for place in 0..self.senders.len() {
-            references.is_sender_open[place] = place < self.in_neighbor_count;
-            references.weights[place] = usize::from(place < self.in_neighbor_count);
+        for index in 0..self.senders.len() {
+            references.is_sender_open[index] = index < self.in_neighbor_count;
+            references.weights[index] = usize::from(index < self.in_neighbor_count);
         }
     }
 
@@ -367,62 +384,74 @@ impl Receiver {
 
     /// Returns whether `state` is true for a sender that is `robot`.
     fn any_sender_is(&self, robot: usize, state: impl Fn(usize) -> bool) -> bool {
-        self.senders.iter().enumerate().any(|(place, one)| one.robot == robot && state(place))
+        self.senders.iter().enumerate().any(|(index, sender)| sender.robot == robot && state(index))
     }
 
     fn has_deputies(&self, robot: usize) -> bool {
-        self.successions.iter().any(|one| one.leader == robot)
+        self.successions.iter().any(|succession| succession.leader == robot)
     }
 
     /// Returns the failed leaders that `robot` replaces.
     fn leaders_replaced_by(
         &self,
-        acting: &[Option<usize>],
+        acting_ranks: &[Option<usize>],
         robot: usize,
     ) -> impl Iterator<Item = usize> {
-        let ranked = self.successions.iter().zip(acting);
-        let acts = move |one: &Succession, rank: Option<usize>| {
-            rank.is_some_and(|rank| one.deputies.get(rank) == Some(&robot))
+        let ranked = self.successions.iter().zip(acting_ranks);
+        let replaces_leader = move |succession: &Succession, rank: Option<usize>| {
+            rank.is_some_and(|rank| succession.deputies.get(rank) == Some(&robot))
         };
-        ranked.filter(move |(one, rank)| acts(one, **rank)).map(|(one, _)| one.leader)
+        ranked
+            .filter(move |(succession, rank)| replaces_leader(succession, **rank))
+            .map(|(succession, _)| succession.leader)
     }
 
     /// Returns whether a deputy has to be received: it replaces a leader, or precedes the deputy that does.
-    fn must_receive_deputy(&self, acting: &[Option<usize>], robot: usize) -> bool {
-        self.successions.iter().zip(acting).any(|(one, rank)| {
-            rank.is_some_and(|rank| one.deputies.iter().take(rank + 1).any(|&by| by == robot))
+    fn must_receive_deputy(&self, acting_ranks: &[Option<usize>], robot: usize) -> bool {
+        self.successions.iter().zip(acting_ranks).any(|(succession, rank)| {
+            rank.is_some_and(|rank| {
+                succession.deputies.iter().take(rank + 1).any(|&by| by == robot)
+            })
         })
     }
 
     /// Returns how often a sender counts instead of the in-neighbor `lost`, by plan or as a deputy.
-    fn replacement_count(&self, acting: &[Option<usize>], place: usize, lost: usize) -> usize {
-        let robot = self.senders[place].robot;
-        let by_plan = self.in_neighbors_replaced_by(robot).filter(|&one| one == lost).count();
-        by_plan + self.leaders_replaced_by(acting, robot).filter(|&leader| leader == lost).count()
+    fn replacement_count(
+        &self,
+        acting_ranks: &[Option<usize>],
+        index: usize,
+        lost: usize,
+    ) -> usize {
+        let robot = self.senders[index].robot;
+        let planned_count =
+            self.in_neighbors_replaced_by(robot).filter(|&robot| robot == lost).count();
+        planned_count
+            + self.leaders_replaced_by(acting_ranks, robot).filter(|&leader| leader == lost).count()
     }
 
     /// Returns whether a reference counts for itself, not only for in-neighbors that it replaces.
-    fn counts_for_itself(&self, place: usize) -> bool {
-        self.senders[place].purpose != SenderPurpose::ReplaceByPlan
+    fn counts_for_itself(&self, index: usize) -> bool {
+        self.senders[index].purpose != SenderPurpose::ReplaceByPlan
     }
 
-    /// Returns the number of in-neighbors for which a reference counts: itself, and if it is heard, the replaced ones.
+    /// Returns the number of in-neighbors for which a reference counts: itself and, if received, the replaced ones.
     fn reference_weight(
         &self,
-        acting: &[Option<usize>],
-        place: usize,
+        acting_ranks: &[Option<usize>],
+        index: usize,
         is_used: impl Fn(usize) -> bool,
-        is_heard: bool,
+        is_received: bool,
     ) -> usize {
-        let robot = self.senders[place].robot;
-        let replaced =
-            self.in_neighbors_replaced_by(robot).chain(self.leaders_replaced_by(acting, robot));
+        let robot = self.senders[index].robot;
+        let replaced = self
+            .in_neighbors_replaced_by(robot)
+            .chain(self.leaders_replaced_by(acting_ranks, robot));
         let is_unused = |lost: &usize| {
             let mut in_neighbors = self.senders[..self.in_neighbor_count].iter();
-            in_neighbors.position(|one| one.robot == *lost).is_some_and(|lost| !is_used(lost))
+            in_neighbors.position(|sender| sender.robot == *lost).is_some_and(|lost| !is_used(lost))
         };
-        let replaced = if is_heard { replaced.filter(is_unused).count() } else { 0 };
-        usize::from(self.counts_for_itself(place)) + replaced
+        let replaced = if is_received { replaced.filter(is_unused).count() } else { 0 };
+        usize::from(self.counts_for_itself(index)) + replaced
     }
 }
 
@@ -465,19 +494,20 @@ impl Rewiring {
         links.iter().enumerate().for_each(|(link, edge)| incoming[edge.to].push(link));
         let receiver = |robot: usize| {
             let own = || incoming[robot].iter().map(|&link| (link, &links[link]));
-            let heard = || own().filter(|(link, _)| *link < in_graph).map(|(_, edge)| edge.from);
+            let in_neighbors =
+                || own().filter(|(link, _)| *link < in_graph).map(|(_, edge)| edge.from);
             let spares = own().filter(|(link, _)| *link >= in_graph);
             let spares = spares.map(|(_, edge)| {
                 (edge.from, !has_offsets(robot) && edge.offset_m != Vec2::zeros())
             });
-            let substitutes = plan.substitutes.iter().filter(|one| one.robot == robot);
-            let successions = plan
-                .successions
-                .iter()
-                .filter(|one| !has_offsets(robot) && heard().any(|leader| leader == one.leader));
+            let substitutes =
+                plan.substitutes.iter().filter(|replacement| replacement.robot == robot);
+            let successions = plan.successions.iter().filter(|succession| {
+                !has_offsets(robot) && in_neighbors().any(|leader| leader == succession.leader)
+            });
             Receiver::new(
                 robot,
-                heard(),
+                in_neighbors(),
                 spares,
                 substitutes.cloned().collect(),
                 successions.cloned().collect(),
@@ -516,8 +546,8 @@ impl Rewiring {
     /// Returns the purpose of a link for its receiver.
     pub fn purpose(&self, link: usize) -> SenderPurpose {
         let to = self.links[link].to;
-        let place = self.incoming_links[to].iter().position(|&one| one == link);
-        self.receivers[to].senders[place.expect("a link enters its receiver")].purpose
+        let index = self.incoming_links[to].iter().position(|&incoming| incoming == link);
+        self.receivers[to].senders[index.expect("a link enters its receiver")].purpose
     }
 
     /// Returns whether a link carries nothing after the robots `dead` have failed and the edges `cut` are down.
@@ -525,10 +555,10 @@ impl Rewiring {
         dead.contains(&self.links[link].from) || cut.contains(&link)
     }
 
-    /// Returns the references of a living robot once the robots `dead` and the edges `cut` have been replaced.
+    /// Returns the references of an alive robot once the robots `dead` and the edges `cut` have been replaced.
     pub fn references(&self, robot: usize, dead: &[usize], cut: &[usize]) -> References {
         let incoming = &self.incoming_links[robot];
-        self.receivers[robot].references(|place| self.is_silent(incoming[place], dead, cut))
+        self.receivers[robot].references(|index| self.is_silent(incoming[index], dead, cut))
     }
 
     /// Returns the repairs in force after these failures: by deputies, by backup neighbors for any in-neighbor, by
@@ -540,7 +570,7 @@ impl Rewiring {
             for Replacement { lost_index: lost, substitute_index: by } in
                 receiver.replacements(&references)
             {
-                let [lost, by] = [lost, by].map(|place| (incoming[place], receiver.senders[place]));
+                let [lost, by] = [lost, by].map(|index| (incoming[index], receiver.senders[index]));
                 let ((lost_link, lost), (link, by)) = (lost, by);
                 let order = match by.purpose {
                     SenderPurpose::KeepLeaderSlot => (3, lost_link),
@@ -548,16 +578,11 @@ impl Rewiring {
                     _ if receiver.has_deputies(lost.robot) => (0, lost_link),
                     _ => (2, lost_link),
                 };
-                let (by, instead_of, spare) =
+                let (by, lost_in_neighbor, spare) =
                     (by.robot, lost.robot, link.checked_sub(self.graph_edge_count));
                 repairs.push((
                     order,
-                    ActiveRepair {
-                        robot,
-                        substitute: by,
-                        lost_in_neighbor: instead_of,
-                        spare_link: spare,
-                    },
+                    ActiveRepair { robot, substitute: by, lost_in_neighbor, spare_link: spare },
                 ));
             }
         }
@@ -572,16 +597,16 @@ impl Rewiring {
         let mut is_used: Vec<bool> =
             (0..self.links.len()).map(|link| link < self.graph_edge_count).collect();
         for (robot, references) in self.changed_references(dead, cut) {
-            for (place, &link) in self.incoming_links[robot].iter().enumerate() {
+            for (index, &link) in self.incoming_links[robot].iter().enumerate() {
                 is_used[link] &= !references.keeps_leader_slot;
-                is_used[link] |= link >= self.graph_edge_count && references.uses_sender(place);
+                is_used[link] |= link >= self.graph_edge_count && references.uses_sender(index);
             }
         }
         (0..self.links.len()).filter(|&link| !is_used[link]).collect()
     }
 
     /// Returns the robots that lead after these failures, in order of rank: the main leader `leader` if it is alive,
-    /// and each living robot of its `deputies` that no leader of a better rank reaches over links in use.
+    /// and each alive robot of its `deputies` that no leader of a better rank reaches over links in use.
     pub fn leading_robots(
         &self,
         leader: Option<usize>,
@@ -589,25 +614,25 @@ impl Rewiring {
         dead: &[usize],
         cut: &[usize],
     ) -> Vec<usize> {
-        let lives = |robot: &usize| !dead.contains(robot);
-        let mut leading: Vec<usize> = leader.into_iter().filter(lives).collect();
+        let is_alive = |robot: &usize| !dead.contains(robot);
+        let mut leading: Vec<usize> = leader.into_iter().filter(is_alive).collect();
         if deputies.is_empty() {
             return leading;
         }
         let unused = self.unused_links(dead, cut);
-        let mut hearers = vec![Vec::new(); self.receivers.len()];
+        let mut out_neighbors = vec![Vec::new(); self.receivers.len()];
         for (link, edge) in self.links.iter().enumerate() {
             let carries = !self.is_silent(link, dead, cut) && unused.binary_search(&link).is_err();
-            if carries && lives(&edge.to) {
-                hearers[edge.from].push(edge.to);
+            if carries && is_alive(&edge.to) {
+                out_neighbors[edge.from].push(edge.to);
             }
         }
         let mut reached = vec![false; self.receivers.len()];
         let mut open = leading.clone();
-        for &deputy in deputies.iter().filter(|deputy| lives(deputy)) {
+        for &deputy in deputies.iter().filter(|deputy| is_alive(deputy)) {
             while let Some(robot) = open.pop() {
                 if !std::mem::replace(&mut reached[robot], true) {
-                    open.extend(&hearers[robot]);
+                    open.extend(&out_neighbors[robot]);
                 }
             }
             if !reached[deputy] {
@@ -618,20 +643,22 @@ impl Rewiring {
         leading
     }
 
-    /// Returns the references of the living robots that may use others than their in-neighbors.
+    /// Returns the references of the alive robots that may use others than their in-neighbors.
     fn changed_references(
         &self,
         dead: &[usize],
         cut: &[usize],
     ) -> impl Iterator<Item = (usize, References)> {
-        let loses = |robot: usize| {
+        let has_silent_link = |robot: usize| {
             let mut incoming = self.incoming_links[robot].iter();
             incoming.any(|&link| self.is_silent(link, dead, cut))
         };
-        let changes = move |&robot: &usize| {
-            !dead.contains(&robot) && self.receivers[robot].has_repair_plan() && loses(robot)
+        let may_change = move |&robot: &usize| {
+            !dead.contains(&robot)
+                && self.receivers[robot].has_repair_plan()
+                && has_silent_link(robot)
         };
-        let changed = (0..self.receivers.len()).filter(changes);
+        let changed = (0..self.receivers.len()).filter(may_change);
         changed.map(move |robot| (robot, self.references(robot, dead, cut)))
     }
 }

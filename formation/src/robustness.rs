@@ -23,16 +23,19 @@ pub const EXACT_ROBUSTNESS_ROBOTS_MAX: usize = 14;
 pub fn bootstrap_percolation_failures(
     graph: &FormationGraph,
     trusted: &[bool],
-    needed: impl Fn(usize) -> Option<usize>,
+    threshold: impl Fn(usize) -> Option<usize>,
 ) -> Vec<usize> {
     let mut reached = trusted.to_vec();
-    let joins = |reached: &[bool], robot: usize| {
-        let heard = || graph.incoming_edges(robot).map(|edge| edge.from);
-        let enough = |needed| heard().filter(|&from| reached[from]).count() >= needed;
-        needed(robot).is_some_and(|needed| heard().any(|from| trusted[from]) || enough(needed))
+    let becomes_active = |reached: &[bool], robot: usize| {
+        let in_neighbors = || graph.incoming_edges(robot).map(|edge| edge.from);
+        let has_enough =
+            |threshold| in_neighbors().filter(|&from| reached[from]).count() >= threshold;
+        threshold(robot).is_some_and(|threshold| {
+            in_neighbors().any(|from| trusted[from]) || has_enough(threshold)
+        })
     };
     while let Some(robot) =
-        (0..graph.robot_count()).find(|&robot| !reached[robot] && joins(&reached, robot))
+        (0..graph.robot_count()).find(|&robot| !reached[robot] && becomes_active(&reached, robot))
     {
         reached[robot] = true;
     }
@@ -55,28 +58,32 @@ pub type DisjointRobotSets = [Vec<usize>; 2];
 pub fn max_s_for_r(graph: &FormationGraph, r: usize) -> (usize, Option<DisjointRobotSets>) {
     let n = graph.robot_count();
     assert!(n <= EXACT_ROBUSTNESS_ROBOTS_MAX, "{n} robots");
-    let mut heard = vec![0u32; n];
-    graph.edges().iter().for_each(|edge| heard[edge.to] |= 1 << edge.from);
+    let mut in_neighbors = vec![0u32; n];
+    graph.edges().iter().for_each(|edge| in_neighbors[edge.to] |= 1 << edge.from);
     let all = (1u32 << n) - 1;
     // Number of robots of a set with r in-neighbors outside of it. If all have them, the maximum n, since such
     // a set imposes no limit.
     let reaching = |set: u32| {
-        let hears = |&robot: &usize| (heard[robot] & !set).count_ones() as usize >= r;
+        let is_reachable = |&robot: &usize| (in_neighbors[robot] & !set).count_ones() as usize >= r;
         let of_set = (0..n).filter(|robot| set >> robot & 1 == 1);
-        let count = of_set.filter(hears).count();
+        let count = of_set.filter(is_reachable).count();
         if count == set.count_ones() as usize { n } else { count }
     };
     // For each set, its subset with the smallest such number.
-    let mut least: Vec<(usize, u32)> = vec![(n, 0)];
+    let mut minimum_of_subsets: Vec<(usize, u32)> = vec![(n, 0)];
     for set in 1..=all {
         let subsets = (0..n)
             .filter(|robot| set >> robot & 1 == 1)
-            .map(|robot| least[(set & !(1 << robot)) as usize]);
-        least.push(subsets.chain([(reaching(set), set)]).min().unwrap_or((n, 0)));
+            .map(|robot| minimum_of_subsets[(set & !(1 << robot)) as usize]);
+        minimum_of_subsets.push(subsets.chain([(reaching(set), set)]).min().unwrap_or((n, 0)));
     }
     let pairs = (1..all).map(|set| {
-        let (other_reaching, other) = least[(all & !set) as usize];
-        (least[set as usize].0 + other_reaching, least[set as usize].1, other)
+        let (other_reaching, other) = minimum_of_subsets[(all & !set) as usize];
+        (
+            minimum_of_subsets[set as usize].0 + other_reaching,
+            minimum_of_subsets[set as usize].1,
+            other,
+        )
     });
     match pairs.min() {
         Some((s, a, b)) if s < n && a != 0 && b != 0 => {
@@ -108,7 +115,7 @@ pub fn robustness_upper_bound(graph: &FormationGraph) -> usize {
 /// for more than [`EXACT_ROBUSTNESS_ROBOTS_MAX`] robots.
 pub fn liars_total_max(graph: &FormationGraph) -> usize {
     (1..graph.robot_count())
-        .take_while(|&liars| max_s_for_r(graph, liars + 1).0 > liars)
+        .take_while(|&byzantine_count| max_s_for_r(graph, byzantine_count + 1).0 > byzantine_count)
         .last()
         .unwrap_or(0)
 }
@@ -132,13 +139,13 @@ mod tests {
     #[test]
     fn complete_graph_reaches_the_robustness_bound() {
         for n in 2..9 {
-            let whole = complete_graph(n);
+            let complete = complete_graph(n);
             assert_eq!(
-                (robustness(&whole), robustness_upper_bound(&whole)),
+                (robustness(&complete), robustness_upper_bound(&complete)),
                 (n.div_ceil(2), n.div_ceil(2))
             );
             // The honest robots must outnumber the Byzantine ones. (LeBlanc et al. 2013)
-            assert_eq!(liars_total_max(&whole), (n - 1) / 2, "{n}");
+            assert_eq!(liars_total_max(&complete), (n - 1) / 2, "{n}");
         }
     }
 
@@ -148,8 +155,8 @@ mod tests {
         assert_eq!((robustness(&ring), liars_total_max(&ring)), (1, 0));
         let (s, sets) = max_s_for_r(&ring, 2);
         assert_eq!((s, sets.is_some()), (0, true));
-        let apart = graph(4, [(0, 1), (1, 0), (2, 3), (3, 2)]);
-        assert_eq!(robustness(&apart), 0);
+        let disconnected = graph(4, [(0, 1), (1, 0), (2, 3), (3, 2)]);
+        assert_eq!(robustness(&disconnected), 0);
     }
 
     #[test]

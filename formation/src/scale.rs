@@ -47,10 +47,10 @@ impl Scale {
                 let step = |begin_s: f64| half_cosine_step((t_s - begin_s) / over_s);
                 let (closed, rate) = step(hold_s);
                 let (mut open, mut rate) = (1.0 - closed, -rate);
-                for &opens_s in reopen_at_s {
-                    let ([up, up_rate], [down, down_rate]) =
-                        (step(opens_s).into(), step(opens_s + over_s + hold_s).into());
-                    (open, rate) = (open + (up - down), rate + (up_rate - down_rate));
+                for &reopen_s in reopen_at_s {
+                    let ([rise, rise_rate], [fall, fall_rate]) =
+                        (step(reopen_s).into(), step(reopen_s + over_s + hold_s).into());
+                    (open, rate) = (open + (rise - fall), rate + (rise_rate - fall_rate));
                 }
                 (1.0 + (from - 1.0) * open, (from - 1.0) * rate / over_s)
             }
@@ -86,21 +86,21 @@ impl Scale {
         match self {
             Scale::Sine { .. } => None,
             Scale::Closing { hold_s, over_s, reopen_at_s, .. } => {
-                let last = reopen_at_s.last().map_or(0.0, |opens_s| opens_s + over_s);
+                let last = reopen_at_s.last().map_or(0.0, |reopen_s| reopen_s + over_s);
                 Some(last + hold_s + over_s)
             }
         }
     }
 }
 
-/// Returns a half-cosine step, which rises from 0 to 1 while `share` goes from 0 to 1, and its derivative with
-/// respect to `share`.
-fn half_cosine_step(share: f64) -> (f64, f64) {
-    match share {
-        share if share <= 0.0 => (0.0, 0.0),
-        share if share >= 1.0 => (1.0, 0.0),
-        share => {
-            let (sin, cos) = portable_math::sin_cos(PI * share);
+/// Returns a half-cosine step, which rises from 0 to 1 while `fraction` goes from 0 to 1, and its derivative with
+/// respect to `fraction`.
+fn half_cosine_step(fraction: f64) -> (f64, f64) {
+    match fraction {
+        fraction if fraction <= 0.0 => (0.0, 0.0),
+        fraction if fraction >= 1.0 => (1.0, 0.0),
+        fraction => {
+            let (sin, cos) = portable_math::sin_cos(PI * fraction);
             (0.5 - 0.5 * cos, 0.5 * PI * sin)
         }
     }
@@ -134,11 +134,11 @@ mod tests {
 
         #[test]
         fn closing_scale_is_smooth_and_its_rate_is_its_derivative(
-            scale in scales(), share in 0.0..1.2f64,
+            scale in scales(), fraction in 0.0..1.2f64,
         ) {
             let closed_s = scale.closing_end_s().unwrap();
             let Scale::Closing { from, over_s, .. } = scale else { unreachable!() };
-            let (t, h) = (share * closed_s, 1e-5);
+            let (t, h) = (fraction * closed_s, 1e-5);
             let [before, now, after] = [t - h, t, t + h].map(|t| scale.value_and_rate_at(t));
             let slope = (after.0 - before.0) / (2.0 * h);
             // The second derivative is at most (from - 1) pi^2 / (2 over^2), and is discontinuous at both ends.
@@ -150,21 +150,21 @@ mod tests {
 
         #[test]
         fn closing_scale_stays_open_then_shrinks_to_exactly_1(
-            scale in scales(), share in 0.0..1.0f64,
+            scale in scales(), fraction in 0.0..1.0f64,
         ) {
             let Scale::Closing { from, hold_s, over_s, ref reopen_at_s } = scale else {
                 unreachable!()
             };
-            prop_assert_eq!(scale.value_and_rate_at(share * hold_s), (from, 0.0));
-            let (earlier, later) = (scale.value_and_rate_at(hold_s + share * over_s).0, scale.value_and_rate_at(hold_s + over_s));
+            prop_assert_eq!(scale.value_and_rate_at(fraction * hold_s), (from, 0.0));
+            let (earlier, later) = (scale.value_and_rate_at(hold_s + fraction * over_s).0, scale.value_and_rate_at(hold_s + over_s));
             prop_assert!(earlier >= later.0);
             prop_assert_eq!(later.0, 1.0);
-            for opens_s in reopen_at_s {
-                prop_assert_eq!(scale.value_and_rate_at(*opens_s).0, 1.0);
-                let (open, rate) = scale.value_and_rate_at(opens_s + over_s + share * hold_s);
+            for reopen_s in reopen_at_s {
+                prop_assert_eq!(scale.value_and_rate_at(*reopen_s).0, 1.0);
+                let (open, rate) = scale.value_and_rate_at(reopen_s + over_s + fraction * hold_s);
                 prop_assert!((open - from).abs() < 1e-9 && rate.abs() < 1e-9);
             }
-            prop_assert_eq!(scale.value_and_rate_at(scale.closing_end_s().unwrap() + 1e-6 + share), (1.0, 0.0));
+            prop_assert_eq!(scale.value_and_rate_at(scale.closing_end_s().unwrap() + 1e-6 + fraction), (1.0, 0.0));
         }
     }
 

@@ -70,23 +70,24 @@ impl Trajectory {
         heading_rad: f64,
         keeps_heading: bool,
     ) -> Direction {
-        let heading_at = |t_s: f64, near_rad: f64| {
+        let heading_at = |t_s: f64, reference_rad: f64| {
             let velocity = self.target_at(t_s).velocity;
-            let ahead = towing_velocity(near_rad, velocity, keeps_heading);
+            let direction = towing_velocity(reference_rad, velocity, keeps_heading);
             match velocity.norm_squared() > 0.0 {
-                true => portable_math::atan2(ahead.y, ahead.x),
-                false => near_rad,
+                true => portable_math::atan2(direction.y, direction.x),
+                false => reference_rad,
             }
         };
         let half_s = 0.5 * step_s;
-        let now_rad = heading_at(t_s, heading_rad);
-        let turns = [-half_s, half_s].map(|s| wrap_angle(heading_at(t_s + s, now_rad) - now_rad));
+        let center_rad = heading_at(t_s, heading_rad);
+        let turns =
+            [-half_s, half_s].map(|s| wrap_angle(heading_at(t_s + s, center_rad) - center_rad));
         let [before, after] = match turns.iter().all(|turn| turn.abs() <= HALF_STEP_TURN_RAD_MAX) {
             true => turns,
             false => [0.0; 2],
         };
         Direction {
-            heading_rad: now_rad,
+            heading_rad: center_rad,
             turn_rate_rad_s: (after - before) / step_s,
             turn_acceleration_rad_s2: (after + before) / (half_s * half_s),
         }
@@ -112,17 +113,17 @@ impl Trajectory {
             Trajectory::Circle { center_m, radius_m, period_s } => {
                 let w = TAU / period_s;
                 let (sin, cos) = portable_math::sin_cos(w * t_s);
-                let place = Vec2::from(center_m) + radius_m * Vec2::new(cos, sin);
-                (place, radius_m * w * Vec2::new(-sin, cos))
+                let position = Vec2::from(center_m) + radius_m * Vec2::new(cos, sin);
+                (position, radius_m * w * Vec2::new(-sin, cos))
             }
             Trajectory::Quadrifolium { center_m, radius_m, period_s } => {
                 let w = TAU / period_s;
                 let (sin, cos) = portable_math::sin_cos(w * t_s);
                 let (sin_2, cos_2) = portable_math::sin_cos(2.0 * w * t_s);
-                let place = Vec2::from(center_m) + radius_m * sin_2 * Vec2::new(cos, sin);
+                let position = Vec2::from(center_m) + radius_m * sin_2 * Vec2::new(cos, sin);
                 let slope =
                     Vec2::new(2.0 * cos_2 * cos - sin_2 * sin, 2.0 * cos_2 * sin + sin_2 * cos);
-                (place, radius_m * w * slope)
+                (position, radius_m * w * slope)
             }
             Trajectory::Lissajous { center_m, radii_m, cycles, phase_rad, period_s } => {
                 let w = cycles.map(|n| f64::from(n) * TAU / period_s);
@@ -138,13 +139,13 @@ impl Trajectory {
                 let w = TAU / period_s;
                 let (sin, cos) = portable_math::sin_cos(w * t_s);
                 let q = 1.0 / (1.0 + sin * sin);
-                let place = Vec2::from(center_m) + radius_m * q * Vec2::new(cos, sin * cos);
+                let position = Vec2::from(center_m) + radius_m * q * Vec2::new(cos, sin * cos);
                 // (cos q)' = -sin q (1 + 2 cos^2 q), (sin cos q)' = (1 - 3 sin^2) q^2, by wt.
                 let slope = Vec2::new(
                     -sin * q * (1.0 + 2.0 * cos * cos * q),
                     (1.0 - 3.0 * sin * sin) * q * q,
                 );
-                (place, radius_m * w * slope)
+                (position, radius_m * w * slope)
             }
             Trajectory::Waypoints(ref path) => return path.target_at(t_s),
         };
@@ -200,8 +201,8 @@ mod tests {
         // In reverse, with the nearer of the two headings.
         let found = circle.direction_at(10.0, 0.01, 1.0, true);
         assert!(found.heading_rad.abs() < 1e-12, "{found:?}");
-        let still = Trajectory::Still { center_m: [1.0, 1.0] };
-        let found = still.direction_at(10.0, 0.01, 1.0, false);
+        let at_rest = Trajectory::Still { center_m: [1.0, 1.0] };
+        let found = at_rest.direction_at(10.0, 0.01, 1.0, false);
         assert_eq!((found.heading_rad, found.turn_rate_rad_s), (1.0, 0.0));
     }
 
@@ -240,8 +241,8 @@ mod tests {
         };
         let square = text("[[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]");
         let trajectory: Trajectory = toml::from_str(&square).unwrap();
-        let again: Trajectory = toml::from_str(&toml::to_string(&trajectory).unwrap()).unwrap();
-        assert_eq!(again, trajectory);
+        let reread: Trajectory = toml::from_str(&toml::to_string(&trajectory).unwrap()).unwrap();
+        assert_eq!(reread, trajectory);
         let error = toml::from_str::<Trajectory>(&text("[[0.0, 0.0]]")).unwrap_err();
         assert!(error.to_string().contains("there are 1 waypoints"), "{error}");
         assert!(toml::from_str::<Trajectory>(&format!("{square}rate_hz = 1\n")).is_err());
@@ -251,12 +252,12 @@ mod tests {
         /// Compares each periodic trajectory with its defining formula, for any period.
         #[test]
         fn periodic_trajectory_matches_its_defining_formula(
-            period_s in prop_oneof![0.5..60.0f64, -60.0..-0.5f64], share in -2.0..2.0f64, phase_rad in -3.0..3.0f64,
+            period_s in prop_oneof![0.5..60.0f64, -60.0..-0.5f64], fraction in -2.0..2.0f64, phase_rad in -3.0..3.0f64,
             radii_m in [0.1..3.0f64, 0.1..3.0f64], cycles in [1..5u32, 1..5u32],
         ) {
-            let (center_m, radius_m, turn) = ([1.0, -2.0], radii_m[0], share * TAU);
+            let (center_m, radius_m, turn) = ([1.0, -2.0], radii_m[0], fraction * TAU);
             let (sin, cos) = turn.sin_cos();
-            let eight = radius_m * cos / (1.0 + sin * sin);
+            let eight_factor = radius_m * cos / (1.0 + sin * sin);
             let [n_x, n_y] = cycles.map(f64::from);
             let lissajous =
                 Trajectory::Lissajous { center_m, radii_m, cycles, phase_rad, period_s };
@@ -272,9 +273,9 @@ mod tests {
                     radii_m[0] * (n_x * turn + phase_rad).sin(),
                     radii_m[1] * (n_y * turn).sin(),
                 ),
-                (Trajectory::Lemniscate { center_m, radius_m, period_s }, eight, eight * sin),
+                (Trajectory::Lemniscate { center_m, radius_m, period_s }, eight_factor, eight_factor * sin),
             ] {
-                let found = trajectory.target_at(share * period_s).position - Vec2::from(center_m);
+                let found = trajectory.target_at(fraction * period_s).position - Vec2::from(center_m);
                 prop_assert!((found - Vec2::new(x_m, y_m)).norm() < 1e-9, "{trajectory:?}");
             }
         }

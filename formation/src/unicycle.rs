@@ -9,12 +9,12 @@ use crate::pose::{Pose, Twist, wrap_angle};
 /// The chord of the arc has length v dt sinc(w dt / 2) and points along heading + w dt / 2.
 pub fn integrate_arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
     let half_turn = 0.5 * twist.w_rad_s * dt_s;
-    let straight = sinc(half_turn);
-    let [chord, side] = [twist.v_m_s, twist.side_m_s].map(|speed| speed * dt_s * straight);
+    let chord_ratio = sinc(half_turn);
+    let [forward, side] = [twist.v_m_s, twist.side_m_s].map(|speed| speed * dt_s * chord_ratio);
     let (sin, cos) = portable_math::sin_cos(pose.heading_rad + half_turn);
     Pose {
-        x_m: pose.x_m + (chord * cos - side * sin),
-        y_m: pose.y_m + (chord * sin + side * cos),
+        x_m: pose.x_m + (forward * cos - side * sin),
+        y_m: pose.y_m + (forward * sin + side * cos),
         heading_rad: wrap_angle(pose.heading_rad + 2.0 * half_turn),
     }
 }
@@ -26,8 +26,8 @@ pub fn twist_between(from: Pose, to: Pose, dt_s: f64) -> Twist {
     let half_turn = 0.5 * wrap_angle(to.heading_rad - from.heading_rad);
     let (sin, cos) = portable_math::sin_cos(from.heading_rad + half_turn);
     let (x, y) = (to.x_m - from.x_m, to.y_m - from.y_m);
-    let along = [x * cos + y * sin, y * cos - x * sin];
-    let [v_m_s, side_m_s] = along.map(|chord| chord / sinc(half_turn) / dt_s);
+    let displacement = [x * cos + y * sin, y * cos - x * sin];
+    let [v_m_s, side_m_s] = displacement.map(|chord| chord / sinc(half_turn) / dt_s);
     Twist { v_m_s, side_m_s, w_rad_s: 2.0 * half_turn / dt_s }
 }
 
@@ -53,10 +53,10 @@ mod tests {
         ) {
             let start = Pose { x_m: 0.2, y_m: 0.1, heading_rad: heading };
             let twist = Twist { v_m_s: v, side_m_s: side, w_rad_s: w };
-            let once = integrate_arc(start, twist, dt);
-            let twice = integrate_arc(integrate_arc(start, twist, dt / 2.0), twist, dt / 2.0);
-            prop_assert!(pose_distance(once, twice) < 1e-12);
-            prop_assert_eq!(once.heading_rad, wrap_angle(once.heading_rad));
+            let single_arc = integrate_arc(start, twist, dt);
+            let two_arcs = integrate_arc(integrate_arc(start, twist, dt / 2.0), twist, dt / 2.0);
+            prop_assert!(pose_distance(single_arc, two_arcs) < 1e-12);
+            prop_assert_eq!(single_arc.heading_rad, wrap_angle(single_arc.heading_rad));
         }
 
         #[test]

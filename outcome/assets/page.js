@@ -79,10 +79,10 @@ function fronts(scene, frame) {
   });
 }
 
-function outline(wall, place, scale) {
-  if (wall.corners_m) return line(wall.corners_m.map(place)) + "Z";
+function outline(wall, project, scale) {
+  if (wall.corners_m) return line(wall.corners_m.map(project)) + "Z";
   const r = wall.radius_m * scale;
-  const [x, y] = place(wall.center_m);
+  const [x, y] = project(wall.center_m);
   return `M${x - r} ${y}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0Z`;
 }
 
@@ -110,9 +110,9 @@ function hull(points) {
 }
 
 /** 1, 2 or 5 times a power of ten, at least this. */
-function roundUp(least) {
-  const power = 10 ** Math.floor(Math.log10(least));
-  return [1, 2, 5, 10].map((times) => times * power).find((step) => step >= least * 0.999);
+function roundUp(minimum) {
+  const power = 10 ** Math.floor(Math.log10(minimum));
+  return [1, 2, 5, 10].map((times) => times * power).find((step) => step >= minimum * 0.999);
 }
 
 /** Labels of a grid that is far from 0 are relative to this round number; 0 where they need none. See outcome/src/report/axis.rs. */
@@ -123,7 +123,7 @@ function offset(low, high, step) {
 }
 
 /** Returns the caption of an axis whose labels are relative to an offset: "x \u2212 500000 m". */
-function beside(axis, offset, span) {
+function axisLabel(axis, offset, span) {
   const digits = Math.max(0, -Math.ceil(Math.log10(span)));
   return `${axis} ${offset < 0 ? "+" : "\u2212"} ${Math.abs(offset).toFixed(digits)} m`;
 }
@@ -145,7 +145,7 @@ function html(parent, tag, className = "", text = "") {
   return element;
 }
 
-function say(element, text) {
+function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
@@ -158,7 +158,7 @@ const line = (points) => "M" + points.map(([x, y]) => `${px(x)} ${px(y)}`).join(
 const COLORS = 9;
 
 /** Returns the CSS classes of each robot, in scenario order: the role determines its shape, the index its color. */
-const looks = (scene) => scene.robots.map(({ role }, i) => `${role} c${i % COLORS}`);
+const robotClasses = (scene) => scene.robots.map(({ role }, i) => `${role} c${i % COLORS}`);
 
 /** Robots, edges and hull in the plane, and the list of robots next to it. */
 class Picture {
@@ -182,15 +182,15 @@ class Picture {
     this.grid = svg(canvas, "g", { class: "grid" });
     this.walls = svg(canvas, "path", { class: "wall" });
     this.area = svg(canvas, "path", { class: "hull" });
-    const look = looks(scene);
-    this.trails = look.map((look) => svg(canvas, "path", { class: `trail ${look}` }));
+    const classes = robotClasses(scene);
+    this.trails = classes.map((names) => svg(canvas, "path", { class: `trail ${names}` }));
     this.arrows = scene.edges.map(({ spare }) => {
       const group = svg(canvas, "g", { class: spare ? "edge spare" : "edge" });
       return { group, line: svg(group, "path", { class: "line" }), head: svg(group, "path", { class: "head" }), cut: svg(group, "path", { class: "cut" }) };
     });
     const rows = root.querySelector(".robots tbody");
     this.robots = scene.robots.map((robot, i) => {
-      const group = svg(canvas, "g", { class: `robot ${look[i]}` });
+      const group = svg(canvas, "g", { class: `robot ${classes[i]}` });
       group.dataset.robot = robot.name;
       const title = svg(group, "title");
       const reach = svg(group, "circle", { class: "reach" });
@@ -207,7 +207,7 @@ class Picture {
       pick.title = `${robot.name}, ${robot.role}`;
       pick.setAttribute("aria-pressed", "false");
       pick.addEventListener("click", () => this.select(i));
-      html(pick, "i", `swatch ${look[i]}`);
+      html(pick, "i", `swatch ${classes[i]}`);
       html(pick, "span", "", robot.name);
       const cells = [html(row, "td", "state"), html(row, "td", "error")];
       return { group, title, reach, body, mark, row, pick, cells };
@@ -219,7 +219,7 @@ class Picture {
       return name;
     });
     const several = scene.robots.length > COLORS ? `: after ${COLORS} robots they repeat` : " of its own";
-    say(root.querySelector(".legend .colors"), `each robot has a color${several}, as in the list and in all figures`);
+    setText(root.querySelector(".legend .colors"), `each robot has a color${several}, as in the list and in all figures`);
     for (const item of root.querySelectorAll(".legend [data-role]")) {
       item.hidden = !scene.robots.some((robot) => robot.role === item.dataset.role);
     }
@@ -227,7 +227,7 @@ class Picture {
       item.hidden = !(item.dataset.need === "hull" ? this.contained : item.dataset.need === "spares" ? scene.edges.some(({ spare }) => spare) : scene[item.dataset.need]?.length);
     }
     this.sizes = scene.robots.some((robot) => robot.keep_m);
-    say(root.querySelector(".legend .circle"), this.sizes
+    setText(root.querySelector(".legend .circle"), this.sizes
       ? "circle of radius keep_m around the front point: while no two circles overlap, every two robots keep their minimum distance"
       : "circle of radius d / 2 around the front point: while no two circles overlap, " +
         `no two robots are nearer to each other than d = ${scene.distance_min_m} m`);
@@ -252,10 +252,10 @@ class Picture {
       apply();
     }
     this.plane.addEventListener("keydown", (event) => {
-      const way = { ArrowLeft: [40, 0], ArrowRight: [-40, 0], ArrowUp: [0, 40], ArrowDown: [0, -40] }[event.key];
-      if (!event.shiftKey || !way) return;
+      const shift = { ArrowLeft: [40, 0], ArrowRight: [-40, 0], ArrowUp: [0, 40], ArrowDown: [0, -40] }[event.key];
+      if (!event.shiftKey || !shift) return;
       event.preventDefault();
-      this.pan(...way);
+      this.pan(...shift);
     });
   }
 
@@ -272,15 +272,15 @@ class Picture {
     plane.addEventListener("pointermove", (event) => {
       const last = held.get(event.pointerId);
       if (!last) return;
-      const here = [event.clientX, event.clientY];
-      const [dx, dy] = [here[0] - last[0], here[1] - last[1]];
-      held.set(event.pointerId, here);
+      const position = [event.clientX, event.clientY];
+      const [dx, dy] = [position[0] - last[0], position[1] - last[1]];
+      held.set(event.pointerId, position);
       moved += Math.hypot(dx, dy);
       const other = [...held].find(([id]) => id !== event.pointerId)?.[1];
       if (other) {
-        const apart = (point) => Math.max(20, Math.hypot(point[0] - other[0], point[1] - other[1]));
+        const distance = (point) => Math.max(20, Math.hypot(point[0] - other[0], point[1] - other[1]));
         this.pan(dx / 2, dy / 2);
-        this.zoom(apart(here) / apart(last), (here[0] + other[0]) / 2, (here[1] + other[1]) / 2);
+        this.zoom(distance(position) / distance(last), (position[0] + other[0]) / 2, (position[1] + other[1]) / 2);
       } else if (event.pointerType !== "touch" && moved > 4) {
         plane.classList.add("moving");
         this.pan(dx, dy);
@@ -331,14 +331,14 @@ class Picture {
     const d = this.scene.distance_min_m || 0.05;
     const room = 2 * d;
     let box = this.all;
-    let wide = [box[2] - box[0], box[3] - box[1]];
+    let size = [box[2] - box[0], box[3] - box[1]];
     if (this.mode === "follow") {
-      const living = points.filter((point, i) => point && this.frame.robots[i].state !== "dead");
-      if (!living.length) return;
-      box = bounds(living);
-      wide = this.span;
+      const alive = points.filter((point, i) => point && this.frame.robots[i].state !== "dead");
+      if (!alive.length) return;
+      box = bounds(alive);
+      size = this.span;
     }
-    const scale = Math.min((width - 60) / (wide[0] + room), (height - 60) / (wide[1] + room));
+    const scale = Math.min((width - 60) / (size[0] + room), (height - 60) / (size[1] + room));
     // If the robots would be too small in a view of the whole run, the view follows them.
     const small = !this.aimed && (scale * d) / 2 < 6 && this.mode === "fit";
     this.aimed = true;
@@ -353,30 +353,30 @@ class Picture {
     const box = bounds(points);
     this.span = [Math.max(this.span[0], box[2] - box[0]), Math.max(this.span[1], box[3] - box[1])];
     const all = (this.all ??= box);
-    const more = slack * Math.max(all[2] - all[0], all[3] - all[1]);
+    const margin = slack * Math.max(all[2] - all[0], all[3] - all[1]);
     this.all = all.map((side, i) => {
-      if (i < 2) return box[i] < side ? box[i] - more : side;
-      return box[i] > side ? box[i] + more : side;
+      if (i < 2) return box[i] < side ? box[i] - margin : side;
+      return box[i] > side ? box[i] + margin : side;
     });
   }
 
   select(i) {
     this.chosen = this.chosen === i ? undefined : i;
-    this.robots.forEach(({ group, row, pick }, place) => {
-      const chosen = place === this.chosen;
+    this.robots.forEach(({ group, row, pick }, index) => {
+      const chosen = index === this.chosen;
       group.classList.toggle("selected", chosen);
       row.classList.toggle("selected", chosen);
       pick.setAttribute("aria-pressed", String(chosen));
     });
-    this.arrows.forEach(({ group }, place) => group.classList.toggle("heard", this.scene.edges[place].to === this.chosen));
+    this.arrows.forEach(({ group }, index) => group.classList.toggle("heard", this.scene.edges[index].to === this.chosen));
     this.draw();
   }
 
   pickAt(clientX, clientY) {
     const box = this.plane.getBoundingClientRect();
-    const apart = this.points.map((p) => (p ? Math.hypot(p[0] - clientX + box.left, p[1] - clientY + box.top) : Infinity));
-    const nearest = apart.indexOf(Math.min(...apart));
-    if (apart[nearest] > Math.max(16, this.radius)) return;
+    const distances = this.points.map((p) => (p ? Math.hypot(p[0] - clientX + box.left, p[1] - clientY + box.top) : Infinity));
+    const nearest = distances.indexOf(Math.min(...distances));
+    if (distances[nearest] > Math.max(16, this.radius)) return;
     this.select(nearest);
     const { row } = this.robots[nearest];
     const rows = row.closest(".rows");
@@ -399,14 +399,14 @@ class Picture {
     const points = fronts(scene, frame);
     this.camera(points, width, height);
     const [cx, cy, scale] = this.view;
-    const place = (p) => p && [width / 2 + (p[0] - cx) * scale, height / 2 - (p[1] - cy) * scale];
-    this.points = points.map(place);
+    const project = (p) => p && [width / 2 + (p[0] - cx) * scale, height / 2 - (p[1] - cy) * scale];
+    this.points = points.map(project);
     this.radius = ((scene.distance_min_m || 0) / 2) * scale;
     this.drawGrid(width, height);
-    this.walls.setAttribute("d", (scene.walls ?? []).map((w) => outline(w, place, scale)).join(""));
+    this.walls.setAttribute("d", (scene.walls ?? []).map((w) => outline(w, project, scale)).join(""));
     const leaders = this.points.filter((p, i) => p && scene.robots[i].role.endsWith("leader"));
     this.area.setAttribute("d", this.contained && leaders.length > 1 ? line(hull(leaders)) + "Z" : "");
-    this.drawTrails(place);
+    this.drawTrails(project);
     this.drawEdges();
     this.drawRobots(points);
     this.readout();
@@ -422,8 +422,8 @@ class Picture {
     const digits = Math.max(0, -Math.floor(Math.log10(step)));
     const [lines, axes] = [svg(this.grid, "path"), svg(this.grid, "path", { class: "axes" })];
     const paths = ["", ""];
-    const text = (words, x, y, anchor = "start") => {
-      svg(this.grid, "text", { x, y, "text-anchor": anchor }).textContent = words;
+    const text = (label_text, x, y, anchor = "start") => {
+      svg(this.grid, "text", { x, y, "text-anchor": anchor }).textContent = label_text;
     };
     const [left, right, low, high] = [cx - width / 2 / scale, cx + width / 2 / scale, cy - height / 2 / scale, cy + height / 2 / scale];
     const [x0, y0] = [offset(left, right, step), offset(low, high, step)];
@@ -438,17 +438,17 @@ class Picture {
       paths[i ? 0 : 1] += `M0 ${y}H${width}`;
       if (y > (y0 ? 34 : 14) && y < height - 20) text(label(i * step - y0), 4, y - 3);
     }
-    if (x0) text(beside("x", x0, right - left), width - 4, height - 5, "end");
-    if (y0) text(beside("y", y0, high - low), 4, 14);
+    if (x0) text(axisLabel("x", x0, right - left), width - 4, height - 5, "end");
+    if (y0) text(axisLabel("y", y0, high - low), 4, 14);
     lines.setAttribute("d", paths[0]);
     axes.setAttribute("d", paths[1]);
   }
 
-  drawTrails(place) {
+  drawTrails(project) {
     if (this.root.classList.contains("no-trails")) return;
     const past = [...this.past.map((frame) => fronts(this.scene, frame)), fronts(this.scene, this.frame)];
     this.trails.forEach((trail, i) => {
-      const points = past.map((points) => place(points[i])).filter(Boolean);
+      const points = past.map((points) => project(points[i])).filter(Boolean);
       trail.setAttribute("d", points.length > 1 ? line(points) : "");
     });
   }
@@ -458,21 +458,21 @@ class Picture {
     this.arrows.forEach(({ group, line: shaft, head, cut }, i) => {
       const { from, to } = this.scene.edges[i];
       const [p, q] = [this.points[from], this.points[to]];
-      const apart = p && q ? Math.hypot(q[0] - p[0], q[1] - p[1]) : 0;
+      const length = p && q ? Math.hypot(q[0] - p[0], q[1] - p[1]) : 0;
       group.dataset.state = this.frame.edges[i] ?? "fresh";
-      const shown = apart > 4 && group.dataset.state !== "closed";
-      group.style.visibility = shown ? "" : "hidden";
-      if (!shown) return;
-      const [ux, uy] = [(q[0] - p[0]) / apart, (q[1] - p[1]) / apart];
-      const aside = this.paired[i] ? 3 : 0;
-      const room = Math.min(Math.max(this.radius, 5), apart * 0.3);
-      const on = (along, off) => [p[0] + ux * along + uy * (off + aside), p[1] + uy * along - ux * (off + aside)];
-      const size = Math.min(8, apart / 4);
-      const tip = apart - room;
-      shaft.setAttribute("d", line([on(room, 0), on(tip - size, 0)]));
-      head.setAttribute("d", line([on(tip, 0), on(tip - size, size / 2), on(tip - size, -size / 2)]) + "Z");
+      const visible = length > 4 && group.dataset.state !== "closed";
+      group.style.visibility = visible ? "" : "hidden";
+      if (!visible) return;
+      const [ux, uy] = [(q[0] - p[0]) / length, (q[1] - p[1]) / length];
+      const shift = this.paired[i] ? 3 : 0;
+      const room = Math.min(Math.max(this.radius, 5), length * 0.3);
+      const pointAt = (along, side) => [p[0] + ux * along + uy * (side + shift), p[1] + uy * along - ux * (side + shift)];
+      const size = Math.min(8, length / 4);
+      const tip = length - room;
+      shaft.setAttribute("d", line([pointAt(room, 0), pointAt(tip - size, 0)]));
+      head.setAttribute("d", line([pointAt(tip, 0), pointAt(tip - size, size / 2), pointAt(tip - size, -size / 2)]) + "Z");
       const middle = (room + tip - size) / 2;
-      cut.setAttribute("d", line([on(middle - 4, 5), on(middle, -5)]) + line([on(middle, 5), on(middle + 4, -5)]));
+      cut.setAttribute("d", line([pointAt(middle - 4, 5), pointAt(middle, -5)]) + line([pointAt(middle, 5), pointAt(middle + 4, -5)]));
     });
   }
 
@@ -482,9 +482,9 @@ class Picture {
     const near = new Set();
     // The frame has the distance to the micrometer, the positions only to millimeters.
     if (frame.distance_m !== null && frame.distance_m < d - 1e-6) {
-      const least = (i, j) => (this.sizes ? scene.robots[i].keep_m + scene.robots[j].keep_m - 4e-3 : d);
+      const minimum = (i, j) => (this.sizes ? scene.robots[i].keep_m + scene.robots[j].keep_m - 4e-3 : d);
       points.forEach((p, i) => points.forEach((q, j) => {
-        if (i < j && p && q && Math.hypot(p[0] - q[0], p[1] - q[1]) < least(i, j) + 2e-3) near.add(i).add(j);
+        if (i < j && p && q && Math.hypot(p[0] - q[0], p[1] - q[1]) < minimum(i, j) + 2e-3) near.add(i).add(j);
       }));
     }
     this.robots.forEach((parts, i) => {
@@ -511,7 +511,7 @@ class Picture {
       mark.setAttribute("d", marks[robot.state] ?? "");
       if (group.dataset.state !== robot.state) {
         group.dataset.state = name.dataset.state = robot.state;
-        say(title, `${scene.robots[i].name}, ${scene.robots[i].role}, ${robot.state}`);
+        setText(title, `${scene.robots[i].name}, ${scene.robots[i].role}, ${robot.state}`);
       }
     });
   }
@@ -519,14 +519,14 @@ class Picture {
   readout() {
     const { frame, scene, fields } = this;
     const end = Number.isFinite(scene.duration_s) ? ` of ${scene.duration_s} s` : "";
-    say(fields.time, seconds(frame.t_s) + end);
+    setText(fields.time, seconds(frame.t_s) + end);
     const d = scene.distance_min_m;
     const bound = this.sizes ? "" : ` (d = ${d} m)`;
-    say(fields.distance, frame.distance_m == null ? "-" : `${meters(frame.distance_m, this.digits)} m${bound}`);
+    setText(fields.distance, frame.distance_m == null ? "-" : `${meters(frame.distance_m, this.digits)} m${bound}`);
     fields.distance.classList.toggle("under", !this.sizes && frame.distance_m != null && frame.distance_m < d - 1e-6);
-    const on = scene.faults.filter((fault) => fault.t_s <= frame.t_s && frame.t_s < (fault.until_s ?? Infinity));
-    say(fields.fault, on.map((fault) => fault.what).join(", "));
-    fields.now.classList.toggle("on", on.length > 0);
+    const active = scene.faults.filter((fault) => fault.t_s <= frame.t_s && frame.t_s < (fault.until_s ?? Infinity));
+    setText(fields.fault, active.map((fault) => fault.what).join(", "));
+    fields.now.classList.toggle("on", active.length > 0);
     // States are updated at once, numbers only as fast as they can be read.
     const numbers = !(performance.now() - this.readAt < 150) || this.exact;
     if (numbers) this.readAt = performance.now();
@@ -534,15 +534,15 @@ class Picture {
       const robot = frame.robots[i];
       if (row.dataset.state !== robot.state) {
         row.dataset.state = robot.state;
-        say(cells[0], robot.state);
+        setText(cells[0], robot.state);
         this.changed?.(i, robot.state);
       }
-      if (numbers) say(cells[1], meters(robot.error_m, this.digits));
+      if (numbers) setText(cells[1], meters(robot.error_m, this.digits));
     });
     if (!numbers) return;
     const robot = frame.robots[this.chosen];
     const name = scene.robots[this.chosen]?.name;
-    say(fields.selected, !robot || !placed(robot) ? "" :
+    setText(fields.selected, !robot || !placed(robot) ? "" :
       `${name}: x ${meters(robot.x_m, this.digits - 1)} m, y ${meters(robot.y_m, this.digits - 1)} m, heading ${robot.heading_rad.toFixed(3)} rad`);
     this.canvas.setAttribute("aria-label", `${scene.robots.length} robots in the plane; the list gives their states and errors`);
   }
@@ -551,7 +551,7 @@ class Picture {
 /** Time line from 0 to the end: smallest distance, faults, and current position. */
 class Track {
   constructor(root, scene, end_s) {
-    Object.assign(this, { track: root.querySelector(".track"), scene, end_s: Math.max(end_s, 1e-3), path: "", bin: -1, least: null });
+    Object.assign(this, { track: root.querySelector(".track"), scene, end_s: Math.max(end_s, 1e-3), path: "", bin: -1, minimum: null });
     this.top = 4 * (scene.distance_min_m || 1);
     const spark = root.querySelector(".spark");
     // Pairs of a team have different minimum distances, so that no line is a bound for all.
@@ -560,7 +560,7 @@ class Track {
     this.spark = svg(spark, "path");
     const { faults, faults_in_all } = scene;
     const left_out = faults_in_all > faults.length ? `; the first ${faults.length} of ${faults_in_all} faults are marked` : "";
-    say(root.querySelector(".scale"), `smallest distance over time, 0 to ${+this.top.toPrecision(3)} m${team ? "" : "; dashed: d"}${left_out}`);
+    setText(root.querySelector(".scale"), `smallest distance over time, 0 to ${+this.top.toPrecision(3)} m${team ? "" : "; dashed: d"}${left_out}`);
     this.marks = root.querySelector(".marks");
     this.lanes = [];
     this.marks.style.height = "0px";
@@ -575,12 +575,12 @@ class Track {
     const bin = Math.floor((frame.t_s / this.end_s) * 1000);
     if (bin !== this.bin) this.flush();
     this.bin = bin;
-    if (frame.distance_m != null) this.least = Math.min(this.least ?? Infinity, frame.distance_m);
+    if (frame.distance_m != null) this.minimum = Math.min(this.minimum ?? Infinity, frame.distance_m);
   }
 
   flush() {
-    if (this.least !== null) this.path += `${this.path ? "L" : "M"}${this.bin} ${this.height(this.least)}`;
-    this.least = null;
+    if (this.minimum !== null) this.path += `${this.path ? "L" : "M"}${this.bin} ${this.height(this.minimum)}`;
+    this.minimum = null;
     this.spark.setAttribute("d", this.path);
   }
 
@@ -650,7 +650,7 @@ function replay(root, scene, picture) {
   function go(on) {
     playing = on;
     last = performance.now();
-    say(play, on ? "Pause" : "Play");
+    setText(play, on ? "Pause" : "Play");
     if (on && now_s >= end_s) seek(0);
     if (on) requestAnimationFrame(tick);
     else seek(now_s);
@@ -689,9 +689,9 @@ function replay(root, scene, picture) {
     "-": () => faster(-1),
   };
   root.addEventListener("keydown", (event) => {
-    const own = event.target.closest("button, select, summary, input:not(.scrub)");
+    const control = event.target.closest("button, select, summary, input:not(.scrub)");
     if (event.ctrlKey || event.metaKey || event.altKey || (event.shiftKey && event.key !== "+")) return;
-    if (!keys[event.key] || (own && (event.key === " " || own.matches("select")))) return;
+    if (!keys[event.key] || (control && (event.key === " " || control.matches("select")))) return;
     event.preventDefault();
     keys[event.key]();
   });
@@ -703,24 +703,24 @@ function live(root, scene, picture, control) {
   const track = new Track(root, scene, scene.duration_s ?? 60);
   for (const fault of scene.faults) track.mark(fault.t_s, fault.until_s, fault.what);
   const feed = globalThis.phalanxFeed;
-  let [frames, waiting, drawn, heard, lost, ended] = [[], false, 0, 0, 0, false];
+  let [frames, waiting, drawn, received_ms, lost, ended] = [[], false, 0, 0, 0, false];
 
   function link(state, text) {
     lamp.dataset.link = state;
-    say(lamp, text);
+    setText(lamp, text);
   }
 
   function act(body) {
-    say(answer, "");
-    const asked = () => fetch("control" + location.search, {
+    setText(answer, "");
+    const post = () => fetch("control" + location.search, {
       method: "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(body),
     });
-    (feed ? feed.act(body) : asked()).then(async (response) => {
-      if (response.ok) mended(body.act, `${body.from}->${body.to}`);
-      else say(answer, `${body.act} ${body.robot ?? `${body.from} -> ${body.to}`}: ${(await response.text()) || response.status}`);
-    }).catch(() => say(answer, `${body.act}: the run does not answer`));
+    (feed ? feed.act(body) : post()).then(async (response) => {
+      if (response.ok) markMended(body.act, `${body.from}->${body.to}`);
+      else setText(answer, `${body.act} ${body.robot ?? `${body.from} -> ${body.to}`}: ${(await response.text()) || response.status}`);
+    }).catch(() => setText(answer, `${body.act}: the run does not answer`));
   }
 
   function button(parent, text, what, body) {
@@ -732,21 +732,21 @@ function live(root, scene, picture, control) {
   }
 
   const edges = scene.edges.map(({ from, to, spare }) => {
-    const [heard, hearer] = [scene.robots[from].name, scene.robots[to].name];
+    const [sender, receiver] = [scene.robots[from].name, scene.robots[to].name];
     const row = html(root.querySelector(".edges tbody"), "tr");
-    html(row, "th", "", `${heard} \u2192 ${hearer}`).scope = "row";
+    html(row, "th", "", `${sender} \u2192 ${receiver}`).scope = "row";
     const cell = html(row, "td", "state");
     if (!control || spare) return { row, cell };
     const acts = html(row, "td", "acts");
-    const [cut, mend] = ["cut", "mend"].map((name) => button(acts, name, `${heard} to ${hearer}`, () => ({ act: name, from: heard, to: hearer })));
+    const [cut, mend] = ["cut", "mend"].map((name) => button(acts, name, `${sender} to ${receiver}`, () => ({ act: name, from: sender, to: receiver })));
     mend.hidden = true;
     cut.disabled = scene.pace === "lockstep";
     if (cut.disabled) cut.title = "in lockstep, only the scenario can cut edges";
-    return { row, cell, cut, mend, name: `${heard}->${hearer}` };
+    return { row, cell, cut, mend, name: `${sender}->${receiver}` };
   });
 
   /** Shows that a user cut or mended an edge. Only edges that were cut by a user can be mended. */
-  function mended(act, name) {
+  function markMended(act, name) {
     if (act !== "cut" && act !== "mend") return;
     for (const edge of edges) if (edge.mend && edge.name === name) [edge.cut.hidden, edge.mend.hidden] = [act === "cut", act === "mend"];
   }
@@ -756,16 +756,16 @@ function live(root, scene, picture, control) {
     picture.robots.forEach((parts, i) => {
       const { name } = scene.robots[i];
       const acts = html(parts.row, "td", "acts");
-      const one = (text, body = text) => button(acts, text, name, () => ({ act: typeof body === "string" ? body : body(), robot: name }));
-      parts.kill = one("kill");
-      parts.restart = one("restart");
+      const addButton = (text, body = text) => button(acts, text, name, () => ({ act: typeof body === "string" ? body : body(), robot: name }));
+      parts.kill = addButton("kill");
+      parts.restart = addButton("restart");
       parts.restart.hidden = true;
-      parts.freeze = one("freeze", () => (picture.frame?.robots[i].state === "frozen" ? "thaw" : "freeze"));
+      parts.freeze = addButton("freeze", () => (picture.frame?.robots[i].state === "frozen" ? "thaw" : "freeze"));
     });
     picture.changed = (i, state) => {
       const { kill, freeze, restart } = picture.robots[i];
       const name = state === "frozen" ? "thaw" : "freeze";
-      say(freeze, name);
+      setText(freeze, name);
       freeze.setAttribute("aria-label", `${name} ${scene.robots[i].name}`);
       kill.hidden = freeze.hidden = state === "dead";
       restart.hidden = !kill.hidden;
@@ -785,20 +785,20 @@ function live(root, scene, picture, control) {
     edges.forEach(({ row, cell }, i) => {
       row.dataset.state = frame.edges[i];
       row.hidden = frame.edges[i] === "closed";
-      say(cell, frame.edges[i]);
+      setText(cell, frame.edges[i]);
     });
   }
 
   function take(event) {
     const frame = JSON.parse(event.data);
-    heard = performance.now();
+    received_ms = performance.now();
     if (frames.length && frame.t_s < frames.at(-1).t_s) frames = [];
     frames.push(frame);
     while (frame.t_s - frames[0].t_s > TRAIL_S || frames.length > 200) frames.shift();
     picture.include(frame, 0.15);
     track.add(frame);
     lost = frame.dropped ?? 0;
-    say(dropped, lost ? `${lost} frames not shown; the run is not affected` : "");
+    setText(dropped, lost ? `${lost} frames not shown; the run is not affected` : "");
     if (frame.behind_ms > 250) link("behind", `the page is behind by ${(frame.behind_ms / 1000).toFixed(1)} s; the run is not affected`);
     else link("live", "live");
     if (!waiting) requestAnimationFrame(draw);
@@ -816,22 +816,22 @@ function live(root, scene, picture, control) {
     log.prepend(item);
     while (log.childElementCount > 200) log.lastChild.remove();
     const edge = kind === "cut" || kind === "mend" ? `${other}->${robot}` : null;
-    if (edge) mended(kind, edge);
-    if (kind !== "ready") told(t_s, `${kind} ${edge ?? robot ?? ""}`, edge || ["kill", "restart", "freeze", "thaw"].includes(kind));
+    if (edge) markMended(kind, edge);
+    if (kind !== "ready") markEvent(t_s, `${kind} ${edge ?? robot ?? ""}`, edge || ["kill", "restart", "freeze", "thaw"].includes(kind));
   }
 
   let group = null;
   /** Marks an event on the time line. Its immediate consequences are in the title of the mark. */
-  function told(t_s, what, act) {
+  function markEvent(t_s, what, act) {
     if (group && Math.abs(t_s - group.t_s) < 0.1 && (!act || group.acts.length < 2)) {
       group.all.push(what);
     } else if (track.marks.childElementCount < 300) {
       group = { t_s, all: [what], acts: [], mark: null };
     } else return;
     if (act) group.acts.push(what);
-    const shown = group.acts.length ? group.acts : group.all.slice(0, 1);
-    const more = group.all.length - shown.length;
-    group.mark = track.mark(t_s, undefined, shown.join(", ") + (more ? ` (+${more})` : ""), undefined, group.mark);
+    const labels = group.acts.length ? group.acts : group.all.slice(0, 1);
+    const more = group.all.length - labels.length;
+    group.mark = track.mark(t_s, undefined, labels.join(", ") + (more ? ` (+${more})` : ""), undefined, group.mark);
     group.mark.title = group.all.map((each) => `${each}, at ${seconds(group.t_s)}`).join("; ");
   }
 
@@ -856,7 +856,7 @@ function live(root, scene, picture, control) {
       ended = true;
       source.close?.();
       link("ended", `the run has ended, exit code ${exit}`);
-      say(end, text);
+      setText(end, text);
       for (const element of root.querySelectorAll(".acts button")) element.disabled = true;
       if (frames.length) requestAnimationFrame(draw);
     });
@@ -869,8 +869,8 @@ function live(root, scene, picture, control) {
 
   setInterval(() => {
     track.flush();
-    const silent_s = (performance.now() - heard) / 1000;
-    if (!feed && heard && silent_s > 1 && !ended && lamp.dataset.link !== "reconnecting") link("behind", `no data for ${silent_s.toFixed(0)} s`);
+    const silent_s = (performance.now() - received_ms) / 1000;
+    if (!feed && received_ms && silent_s > 1 && !ended && lamp.dataset.link !== "reconnecting") link("behind", `no data for ${silent_s.toFixed(0)} s`);
   }, 500);
   connect();
 }

@@ -135,8 +135,8 @@ pub trait Table: Sized + 'static {
 
     /// Appends the line to the text of the file.
     fn append_to(&self, text: &mut String) {
-        for (place, column) in Self::COLUMNS.iter().enumerate() {
-            if place > 0 {
+        for (index, column) in Self::COLUMNS.iter().enumerate() {
+            if index > 0 {
                 text.push(',');
             }
             append_value(text, (column.value)(self));

@@ -2,7 +2,7 @@
 //!
 //! | folder | question it answers |
 //! |---|---|
-//! | `metrics/` | how is a run measured and judged? |
+//! | `metrics/` | how is a run measured and evaluated? |
 //! | `recording/` | how is a run recorded as MCAP for other tools? |
 //! | `report/` | what do the screen and the report page show? |
 //! | `results/` | which files does a run directory hold, and how are they written and read? |

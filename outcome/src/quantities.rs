@@ -49,7 +49,7 @@ macro_rules! quantities {
             ),* $(,)?
         }
         facts |$fact_of:ident| {
-            $( $shown:ident $label:literal = $fact:expr ),* $(,)?
+            $( $fact_field:ident $label:literal = $fact:expr ),* $(,)?
         }
         columns |$column_of:ident, $d_m:ident| {
             $( $column:ident $($column_text:literal)? = $value:expr ),* $(,)?
@@ -84,7 +84,7 @@ macro_rules! quantities {
             pub const FACTS: &'static [$crate::quantities::Fact<$Summary>] = &[$(
                 $crate::quantities::Fact {
                     label: {
-                        let _ = |summary: $Summary| summary.$shown;
+                        let _ = |summary: $Summary| summary.$fact_field;
                         $label
                     },
                     text: |$fact_of: &$Summary| $fact,

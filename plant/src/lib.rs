@@ -1,6 +1,6 @@
 //! Simulated hardware (the plant): bodies, the simulation step, and the loop that provides time and commands.
 //!
-//! The plant knows bodies, commands and distances. It never sees edges, roles or control laws.
+//! The plant knows bodies, commands and distances. It never receives edges, roles or control laws.
 //!
 //! | file | question it answers |
 //! |---|---|

@@ -126,11 +126,11 @@ impl<M: Motion> Motion for CheckedMotion<M> {
                 ("side_m_s", twist.side_m_s),
                 ("w_rad_s", twist.w_rad_s),
             ];
-            let wrong =
+            let is_invalid =
                 |(_, number): &(_, f64)| number.is_nan() || number.abs() > PLAUSIBLE_MAGNITUDE_MAX;
-            if let Some((what, value)) = numbers.into_iter().find(wrong) {
+            if let Some((number_name, value)) = numbers.into_iter().find(is_invalid) {
                 return Err(format!(
-                    "the plant moved {name} to {what} = {value}; the magnitude must be at most 1e9"
+                    "the plant moved {name} to {number_name} = {value}; the magnitude must be at most 1e9"
                 )
                 .into());
             }
@@ -176,12 +176,12 @@ mod tests {
 
     #[test]
     fn invalid_state_is_refused_with_robot_and_number() {
-        let said = |what: &str| {
-            Err(format!("the plant moved b to {what}; the magnitude must be at most 1e9"))
+        let error_text = |number: &str| {
+            Err(format!("the plant moved b to {number}; the magnitude must be at most 1e9"))
         };
-        assert_eq!(check_step_to(f64::NAN, 0.0, 0.0), said("x_m = NaN"));
-        assert_eq!(check_step_to(0.0, f64::INFINITY, 0.0), said("heading_rad = inf"));
-        assert_eq!(check_step_to(0.0, 0.0, -1e10), said("w_rad_s = -10000000000"));
+        assert_eq!(check_step_to(f64::NAN, 0.0, 0.0), error_text("x_m = NaN"));
+        assert_eq!(check_step_to(0.0, f64::INFINITY, 0.0), error_text("heading_rad = inf"));
+        assert_eq!(check_step_to(0.0, 0.0, -1e10), error_text("w_rad_s = -10000000000"));
     }
 
     #[test]

@@ -63,9 +63,9 @@ mod tests {
             let mut overrun = OverrunDetector::default();
             let took_s = catch_ups.into_iter().find_map(|(covered_ms, took_ms)| {
                 let (covered_ns, took_ns) = (covered_ms * NS_PER_MS, took_ms * NS_PER_MS);
-                let refused = overrun.check(covered_ns, took_ns).err();
+                let error = overrun.check(covered_ns, took_ns).err();
                 overrun.record_catch_up(covered_ns, took_ns);
-                refused.map(|error| error.elapsed_time_s)
+                error.map(|error| error.elapsed_time_s)
             });
             assert_eq!(took_s, refused_s);
         }

@@ -44,13 +44,13 @@ impl CommandSender {
     /// commands from 1.
     fn commands_lost_before(&mut self, command: &Command) -> u64 {
         let Command { incarnation, sequence, .. } = *command;
-        let known =
+        let newest_sequence =
             if incarnation == self.newest_command_key.0 { self.newest_command_key.1 } else { 0 };
-        if incarnation < self.newest_command_key.0 || sequence <= known {
+        if incarnation < self.newest_command_key.0 || sequence <= newest_sequence {
             return 0;
         }
         self.newest_command_key = (incarnation, sequence);
-        sequence - known - 1
+        sequence - newest_sequence - 1
     }
 }
 
@@ -119,8 +119,8 @@ impl<M: Motion> SimulationStepper<M> {
     }
 
     /// Records a wake-up (real time only), and the cause if it was late.
-    pub fn record_wake_up(&mut self, wake: &WakeUp, late: Option<LatenessCause>) {
-        let stages = [Some(Stage::Wake), late.map(LatenessCause::stage)].into_iter().flatten();
+    pub fn record_wake_up(&mut self, wake: &WakeUp, cause: Option<LatenessCause>) {
+        let stages = [Some(Stage::Wake), cause.map(LatenessCause::stage)].into_iter().flatten();
         stages.for_each(|stage| self.measurements.record(stage, 0, wake.lateness_ns));
     }
 
@@ -166,30 +166,30 @@ impl<M: Motion> SimulationStepper<M> {
         commands: impl IntoIterator<Item = Result<ReceivedCommand, E>>,
     ) -> Result<(), E> {
         self.world.accept_due_commands();
-        for delivery in commands {
-            let ReceivedCommand {
-                robot: place,
-                command,
-                received_ns: taken_ns,
-                is_from_dead_incarnation: is_retired,
-            } = delivery?;
-            if is_retired {
+        for received in commands {
+            let ReceivedCommand { robot: index, command, received_ns, is_from_dead_incarnation } =
+                received?;
+            if is_from_dead_incarnation {
                 self.world.count_command_of_dead_incarnation();
                 continue;
             }
-            let robot = &mut self.command_senders[place];
+            let sender = &mut self.command_senders[index];
             let from_ns = match self.pace {
                 // Stamps are simulated, so the time of sending counts.
-                Pace::Lockstep => robot.odometry_sent_ns,
+                Pace::Lockstep => sender.odometry_sent_ns,
                 Pace::Realtime => {
-                    self.measurements.count_lost_samples(robot.commands_lost_before(&command));
+                    self.measurements.count_lost_samples(sender.commands_lost_before(&command));
                     command.stamp_ns
                 }
             };
-            self.measurements.record(Stage::Command, place + 1, taken_ns.saturating_sub(from_ns));
+            self.measurements.record(
+                Stage::Command,
+                index + 1,
+                received_ns.saturating_sub(from_ns),
+            );
             // A refusal is counted. In real time one command may overtake another.
-            if let Err(refusal) = self.world.receive_command(place, &command) {
-                tracing::debug!(robot = robot.name, %refusal, "command refused");
+            if let Err(refusal) = self.world.receive_command(index, &command) {
+                tracing::debug!(robot = sender.name, %refusal, "command refused");
             }
         }
         Ok(())
@@ -197,9 +197,9 @@ impl<M: Motion> SimulationStepper<M> {
 
     /// Advances to the current time in plant ticks. Returns an error if that takes longer than real time.
     fn catch_up(&mut self, clock_ns: impl Fn() -> u64) -> Result<(), StepError> {
-        let (began_ns, from_ns) = (clock_ns(), self.world.t_ns());
-        let t_ns = (began_ns - self.start_ns).min(self.duration_ns);
-        let took_ns = || clock_ns().saturating_sub(began_ns);
+        let (catch_up_start_ns, from_ns) = (clock_ns(), self.world.t_ns());
+        let t_ns = (catch_up_start_ns - self.start_ns).min(self.duration_ns);
+        let took_ns = || clock_ns().saturating_sub(catch_up_start_ns);
         while self.world.t_ns() < t_ns {
             self.advance(t_ns.min(self.world.t_ns() + self.plant_tick_ns))?;
             self.overrun.check(self.world.t_ns() - from_ns, took_ns())?;
@@ -335,9 +335,9 @@ mod tests {
         let clock = || now_ns.replace(now_ns.get() + 50 * NS_PER_MS);
         let brief = PlantBrief { duration_ns: u64::MAX, ..brief(&[0.0]) };
         let mut stepper = SimulationStepper::new(&brief, UnicycleMotion::new(&brief));
-        let mut take = || stepper.step(std::iter::empty::<Result<_, StepError>>(), clock);
+        let mut step = || stepper.step(std::iter::empty::<Result<_, StepError>>(), clock);
         now_ns.set(10 * NS_PER_MS);
-        assert!(take().is_ok(), "once may be by chance");
-        assert!(matches!(take(), Err(StepError::PlantTooSlow(_))));
+        assert!(step().is_ok(), "once may be by chance");
+        assert!(matches!(step(), Err(StepError::PlantTooSlow(_))));
     }
 }

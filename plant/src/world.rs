@@ -122,22 +122,22 @@ impl<M: Motion> World<M> {
                 command_link: FaultyLink::new(&body.command_faults),
             })
             .collect();
-        let standing = |body: &BodyBrief| BodyState { pose: body.start, twist: Twist::ZERO };
-        let states = brief.robots.iter().map(standing).collect();
-        let arc_ns_max = match brief.pace {
+        let at_rest = |body: &BodyBrief| BodyState { pose: body.start, twist: Twist::ZERO };
+        let states = brief.robots.iter().map(at_rest).collect();
+        let arc_duration_max_ns = match brief.pace {
             Pace::Lockstep => brief.period_ns,
             Pace::Realtime => brief.plant_tick_ns,
         };
         let start = |body: &BodyBrief| front_point(body.start, body.front_point_m);
         let alphas: Vec<Vec2> = brief.robots.iter().map(start).collect();
         let closest = closest_pair(&alphas);
-        let apart_m = closest.map_or(0.0, |pair| pair.distance_m);
+        let closest_distance_m = closest.map_or(0.0, |pair| pair.distance_m);
         let members = brief.robots.iter().filter_map(|body| body.member);
         let keep_m_max = members.map(|member| member.keep_m).fold(0.0, f64::max);
-        let farthest_m = brief.distance_min_m.max(2.0 * keep_m_max);
-        let reach_m = brief.sensing_radius_m.max(farthest_m).max(apart_m);
-        let mut near = NeighborList::new(reach_m);
-        near.update(&alphas);
+        let keep_distance_max_m = brief.distance_min_m.max(2.0 * keep_m_max);
+        let reach_m = brief.sensing_radius_m.max(keep_distance_max_m).max(closest_distance_m);
+        let mut neighbor_list = NeighborList::new(reach_m);
+        neighbor_list.update(&alphas);
         let mut walls = Walls::new(brief);
         walls.update(&alphas, 0);
         let mut world = World {
@@ -145,7 +145,7 @@ impl<M: Motion> World<M> {
             start_ns: 0,
             t_ns: 0,
             tick: 0,
-            arc_duration_max_ns: arc_ns_max,
+            arc_duration_max_ns,
             command_lifetime_ns: brief.command_lifetime_ns,
             distance_min_m: brief.distance_min_m,
             has_pair_distances: keep_m_max > 0.0,
@@ -153,7 +153,7 @@ impl<M: Motion> World<M> {
             sensing_radius_m: brief.sensing_radius_m,
             senses_velocities: brief.velocities_sensed,
             front_points: alphas,
-            neighbor_list: near,
+            neighbor_list,
             motion,
             states,
             target_twists: Vec::with_capacity(robots.len()),
@@ -349,7 +349,7 @@ impl<M: Motion> World<M> {
     /// a sensor in dropout (blackout) keep them.
     pub fn sense(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
-        let works = |sensor| {
+        let is_working = |sensor| {
             !self
                 .active_sensor_faults(body, sensor)
                 .any(|fault| fault.kind == SensorFaultKind::Blackout)
@@ -358,17 +358,17 @@ impl<M: Motion> World<M> {
         sample.t_ns = self.t_ns;
         sample.stamp_ns = self.stamp_ns();
         sample.velocities_sensed = u32::from(self.senses_velocities);
-        if works(Sensor::Odometry) {
+        if is_working(Sensor::Odometry) {
             self.sense_own_state(robot, sample);
         }
-        if works(Sensor::Proximity) {
+        if is_working(Sensor::Proximity) {
             self.sense_neighbors(robot, sample);
             let radius_m = self.sensing_radius_m;
             // Noise items of walls are numbered after those of the other front points.
-            let off_m = |item| {
+            let noise_m = |item| {
                 self.position_noise_m(body, Sensor::Proximity, (PROXIMITY_MAX + item) as u64)
             };
-            self.walls.sense_walls(self.front_points[robot], radius_m, off_m, sample);
+            self.walls.sense_walls(self.front_points[robot], radius_m, noise_m, sample);
         }
     }
 
@@ -376,10 +376,10 @@ impl<M: Motion> World<M> {
     fn sense_own_state(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
         let BodyState { pose, twist } = &self.states[robot];
-        let off = self.position_noise_m(body, Sensor::Odometry, 0);
+        let noise = self.position_noise_m(body, Sensor::Odometry, 0);
         sample.pose_valid = 1;
-        sample.x_m = pose.x_m + off.x;
-        sample.y_m = pose.y_m + off.y;
+        sample.x_m = pose.x_m + noise.x;
+        sample.y_m = pose.y_m + noise.y;
         sample.heading_rad = wrap_angle(pose.heading_rad + self.heading_noise_rad(body));
         sample.v_m_s = twist.v_m_s;
         sample.side_m_s = twist.side_m_s;
@@ -390,51 +390,52 @@ impl<M: Motion> World<M> {
     fn sense_neighbors(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
         let (radius_m, own) = (self.sensing_radius_m, self.front_points[robot]);
-        let most = if self.senses_velocities { PROXIMITY_MAX / 2 } else { PROXIMITY_MAX };
-        let mut near = [(0.0, 0); PROXIMITY_MAX];
-        let mut within = 0;
+        let count_max = if self.senses_velocities { PROXIMITY_MAX / 2 } else { PROXIMITY_MAX };
+        let mut nearest = [(0.0, 0); PROXIMITY_MAX];
+        let mut in_range_count = 0;
         for other in self.neighbor_list.neighbors_of(robot) {
             let distance = (self.front_points[other] - own).norm();
             if distance <= radius_m {
-                let kept = within.min(most);
-                within += 1;
+                let count = in_range_count.min(count_max);
+                in_range_count += 1;
                 // Inserted after neighbors at the same distance, so that these stay in scenario order.
-                let mut place = kept;
-                while place > 0 && near[place - 1].0 > distance {
-                    if place < most {
-                        near[place] = near[place - 1];
+                let mut index = count;
+                while index > 0 && nearest[index - 1].0 > distance {
+                    if index < count_max {
+                        nearest[index] = nearest[index - 1];
                     }
-                    place -= 1;
+                    index -= 1;
                 }
-                if place < most {
-                    near[place] = (distance, other);
+                if index < count_max {
+                    nearest[index] = (distance, other);
                 }
             }
         }
-        let kept = within.min(most);
-        let exact = self.active_sensor_faults(body, Sensor::Proximity).next().is_none();
-        for (item, (place, (_, other))) in sample.near.iter_mut().zip(&near[..kept]).enumerate() {
+        let count = in_range_count.min(count_max);
+        let is_exact = self.active_sensor_faults(body, Sensor::Proximity).next().is_none();
+        for (item, (point, (_, other))) in sample.near.iter_mut().zip(&nearest[..count]).enumerate()
+        {
             let alpha = self.front_points[*other];
-            let off = match exact {
+            let noise = match is_exact {
                 true => Vec2::zeros(),
                 false => self.position_noise_m(body, Sensor::Proximity, item as u64 + 1),
             };
-            *place = [alpha.x + off.x, alpha.y + off.y];
+            *point = [alpha.x + noise.x, alpha.y + noise.y];
         }
-        for (class, (_, other)) in sample.near_class.iter_mut().zip(&near[..kept]) {
+        for (class, (_, other)) in sample.near_class.iter_mut().zip(&nearest[..count]) {
             *class = self.robots[*other].body.member.map_or(0, |member| member.class);
         }
         if self.senses_velocities {
-            for (place, (_, other)) in sample.near[most..].iter_mut().zip(&near[..kept]) {
+            for (sensed, (_, other)) in sample.near[count_max..].iter_mut().zip(&nearest[..count]) {
                 let front_point_m = self.robots[*other].body.front_point_m;
                 let BodyState { pose, twist } = self.states[*other];
                 let velocity = front_velocity(pose.heading_rad, front_point_m, twist);
-                *place = velocity.into();
+                *sensed = velocity.into();
             }
         }
         sample.proximity_valid = 1;
-        sample.proximity_cut = u32::from(within > most);
-        sample.proximity_count = kept as u32;
+        sample.proximity_cut = u32::from(in_range_count > count_max);
+        sample.proximity_count = count as u32;
     }
 
     /// Returns the noise of the position with number `item` in this tick's sample, m.
@@ -473,12 +474,12 @@ impl<M: Motion> World<M> {
             sent_ns: 0,
             closest_m: closest.distance_m,
             closest_t_ns,
-            closest_pair: closest.pair.map(|place| place as u32),
+            closest_pair: closest.pair.map(|robot| robot as u32),
             violations: self.distance_violations,
             clearance_m: clearance.distance_m,
             clearance_t_ns: clearance.t_ns,
             clearance_at_m: clearance.front_point.into(),
-            clearance_between: clearance.robot_and_wall_indices.map(|place| place as u32),
+            clearance_between: clearance.robot_and_wall_indices.map(|index| index as u32),
             clearance_violations: self.walls.violations(),
             commands_late: self.counters.late,
             commands_old: self.counters.not_newer,

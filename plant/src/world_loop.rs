@@ -58,12 +58,12 @@ where
     let mut stepper = SimulationStepper::new(&brief, motion);
     let ports = Ports::open(&brief, stepper.measurements_mut())?;
     let mut plant = Plant { stepper, brief, ports, stop };
-    let ended = match plant.brief.pace {
+    let result = match plant.brief.pace {
         Pace::Lockstep => plant.run_in_lockstep(),
         Pace::Realtime => plant.run_in_real_time(),
     };
     plant.ports.latency.send(plant.stepper.measurements_mut(), clock::now_ns());
-    ended
+    result
 }
 
 struct Plant<M> {
@@ -74,10 +74,10 @@ struct Plant<M> {
 }
 
 impl<M: Motion> Plant<M> {
-    /// Waits until all robots are ready. Returns `false` if `patience` ends first.
-    fn wait_until_ready(&self, mut patience: impl FnMut() -> bool) -> bool {
+    /// Waits until all robots are ready. Returns `false` if `keep_waiting` ends first.
+    fn wait_until_ready(&self, mut keep_waiting: impl FnMut() -> bool) -> bool {
         while self.ports.robots_not_ready().next().is_some() {
-            if !patience() {
+            if !keep_waiting() {
                 return false;
             }
             std::thread::sleep(READY_POLL_INTERVAL);
@@ -93,7 +93,7 @@ impl<M: Motion> Plant<M> {
         if self.wait_until_ready(supervisor.waiting_condition(&barrier, &self.stop)) {
             self.run_ticks(&barrier, &mut supervisor)?;
         }
-        supervisor.loss_reason().map_or(Ok(()), |lost| Err(lost.into()))
+        supervisor.loss_reason().map_or(Ok(()), |reason| Err(reason.into()))
     }
 
     /// Runs ticks until the end. Ends early on a stop request, or if the supervisor is gone.
@@ -102,21 +102,22 @@ impl<M: Motion> Plant<M> {
         barrier: &Barrier,
         supervisor: &mut SupervisorWatch,
     ) -> Result<(), Failure> {
-        let [often, seldom] = SUPERVISOR_WAKE_UP_TICKS_RANGE;
-        let attention_every = (ROBOT_ROWS_PER_SUPERVISOR_WAKE_UP / self.brief.robots.len() as u64)
-            .clamp(often, seldom);
+        let [min_ticks, max_ticks] = SUPERVISOR_WAKE_UP_TICKS_RANGE;
+        let attention_interval = (ROBOT_ROWS_PER_SUPERVISOR_WAKE_UP
+            / self.brief.robots.len() as u64)
+            .clamp(min_ticks, max_ticks);
         while !self.stepper.is_over() {
             let tick = self.stepper.world().tick();
             self.ports.send_truth(self.stepper.world())?;
-            if tick.is_multiple_of(attention_every) {
+            if tick.is_multiple_of(attention_interval) {
                 barrier.request_attention();
             }
-            let mut patience = supervisor.waiting_condition(barrier, &self.stop);
-            let goes_on = !self.stop.is_requested()
-                && (!barrier.is_pause_due(tick) || barrier.pause(tick, &mut patience))
-                && barrier.wait_for_lead_limit(tick, LEAD_TICKS_MAX, &mut patience);
-            drop(patience);
-            if !goes_on || self.stop.is_requested() {
+            let mut keep_waiting = supervisor.waiting_condition(barrier, &self.stop);
+            let continues = !self.stop.is_requested()
+                && (!barrier.is_pause_due(tick) || barrier.pause(tick, &mut keep_waiting))
+                && barrier.wait_for_lead_limit(tick, LEAD_TICKS_MAX, &mut keep_waiting);
+            drop(keep_waiting);
+            if !continues || self.stop.is_requested() {
                 return Ok(());
             }
             barrier.begin_tick(tick);
@@ -144,8 +145,8 @@ impl<M: Motion> Plant<M> {
     }
 
     fn run_in_real_time(&mut self) -> Result<(), Failure> {
-        let began = Instant::now();
-        if !self.wait_until_ready(|| !self.stop.is_requested() && began.elapsed() < READY_WAIT_MAX)
+        let start = Instant::now();
+        if !self.wait_until_ready(|| !self.stop.is_requested() && start.elapsed() < READY_WAIT_MAX)
         {
             if self.stop.is_requested() {
                 return Ok(());
@@ -163,18 +164,18 @@ impl<M: Motion> Plant<M> {
         let mut timer = Timer::new(tick_ns, start_ns % tick_ns);
         self.stepper.start_at(start_ns);
         self.publish()?;
-        let mut witness = LatenessDiagnosis::new(tick_ns);
+        let mut diagnosis = LatenessDiagnosis::new(tick_ns);
         while !self.stop.is_requested() && !self.stepper.is_over() {
             let Some(wake) = timer.wait() else { continue };
-            self.stepper.record_wake_up(&wake, witness.cause_if_late(&wake, false));
+            self.stepper.record_wake_up(&wake, diagnosis.cause_if_late(&wake, false));
             self.stepper.step(self.ports.receive_commands(), clock::now_ns)?;
             self.publish()?;
             let now_ns = clock::now_ns();
             self.ports.latency.send_if_due(self.stepper.measurements_mut(), now_ns);
-            witness.record_computation_end(now_ns);
+            diagnosis.record_computation_end(now_ns);
         }
-        let began = Instant::now();
-        wait_for_end_signal(|| !self.stop.is_requested() && began.elapsed() < END_SIGNAL_WAIT_MAX);
+        let start = Instant::now();
+        wait_for_end_signal(|| !self.stop.is_requested() && start.elapsed() < END_SIGNAL_WAIT_MAX);
         Ok(())
     }
 
@@ -203,24 +204,24 @@ fn receive_command_of_robot(
 ) -> Result<Option<ReceivedCommand>, Failure> {
     loop {
         match ports.receive_command(robot)? {
-            Some(delivery) if delivery.command.tick < tick => {}
-            Some(delivery) => return Ok(Some(delivery)),
+            Some(received) if received.command.tick < tick => {}
+            Some(received) => return Ok(Some(received)),
             // The robot was killed in this very tick, not by a plan.
             None if stop.is_requested() => return Ok(None),
             None if barrier.first_member_tick(robot).is_none() => return Ok(None),
             None if barrier.has_sent_nothing(robot, tick) => return Ok(None),
             None => {
                 let robot = &brief.robots[robot].name;
-                let broken = format!("{robot} arrived at tick {tick} without a command");
-                return Err(format!("lockstep is broken: {broken}").into());
+                let reason = format!("{robot} arrived at tick {tick} without a command");
+                return Err(format!("lockstep is broken: {reason}").into());
             }
         }
     }
 }
 
 /// Keeps the last ground truth available until the supervisor has received it and requests the stop.
-fn wait_for_end_signal(mut patience: impl FnMut() -> bool) {
-    while patience() {
+fn wait_for_end_signal(mut keep_waiting: impl FnMut() -> bool) {
+    while keep_waiting() {
         std::thread::sleep(READY_POLL_INTERVAL);
     }
 }

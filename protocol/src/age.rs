@@ -91,12 +91,12 @@ impl EdgeAgeIntegrator {
         let Some(stamp_ns) = self.stamp_ns.filter(|_| now_ns > self.integrated_until_ns) else {
             return;
         };
-        let over_ns = now_ns - self.integrated_until_ns;
+        let interval_ns = now_ns - self.integrated_until_ns;
         let [from_ns, to_ns] =
-            [self.integrated_until_ns, now_ns].map(|at_ns| at_ns.saturating_sub(stamp_ns));
+            [self.integrated_until_ns, now_ns].map(|time_ns| time_ns.saturating_sub(stamp_ns));
         let middle_s = 0.5 * (from_ns as f64 + to_ns as f64) / 1e9;
-        self.sums.integral_s2 += middle_s * (over_ns as f64 / 1e9);
-        self.sums.duration_ns += over_ns;
+        self.sums.integral_s2 += middle_s * (interval_ns as f64 / 1e9);
+        self.sums.duration_ns += interval_ns;
         self.sums.peak_ns = self.sums.peak_ns.max(to_ns);
         self.integrated_until_ns = now_ns;
     }
@@ -135,35 +135,35 @@ mod tests {
         /// The sums do not depend on how often they are taken.
         #[test]
         fn sums_of_intervals_equal_the_sum_of_all_time(
-            heard in prop::collection::vec((1..50u64, 0..20u64), 1..40),
-            asked in prop::collection::vec(any::<bool>(), 40),
+            samples in prop::collection::vec((1..50u64, 0..20u64), 1..40),
+            takes_sums in prop::collection::vec(any::<bool>(), 40),
         ) {
-            let (mut once, mut often) = (EdgeAgeIntegrator::default(), EdgeAgeIntegrator::default());
-            let (mut told, mut now_ns) = (AgeSums::default(), 100 * NS_PER_MS);
+            let (mut single, mut repeated) = (EdgeAgeIntegrator::default(), EdgeAgeIntegrator::default());
+            let (mut total, mut now_ns) = (AgeSums::default(), 100 * NS_PER_MS);
             let mut last_stamp_ns = 0;
-            for (&(pause_ms, old_ms), &asked) in heard.iter().zip(&asked) {
+            for (&(pause_ms, age_ms), &takes_sums) in samples.iter().zip(&takes_sums) {
                 now_ns += pause_ms * NS_PER_MS;
-                let stamp_ns = (now_ns - old_ms * NS_PER_MS).max(last_stamp_ns + 1);
+                let stamp_ns = (now_ns - age_ms * NS_PER_MS).max(last_stamp_ns + 1);
                 last_stamp_ns = stamp_ns;
-                once.record_sample(stamp_ns, now_ns);
-                often.record_sample(stamp_ns, now_ns);
-                if asked {
-                    for row in often.take_sums(now_ns + NS_PER_MS / 2).to_rows(3) {
-                        prop_assert!(told.add_row(&row) && row.from == 3);
+                single.record_sample(stamp_ns, now_ns);
+                repeated.record_sample(stamp_ns, now_ns);
+                if takes_sums {
+                    for row in repeated.take_sums(now_ns + NS_PER_MS / 2).to_rows(3) {
+                        prop_assert!(total.add_row(&row) && row.from == 3);
                     }
                     now_ns += NS_PER_MS / 2;
                 }
             }
             now_ns += NS_PER_MS;
-            often.take_sums(now_ns).to_rows(3).iter().for_each(|row| {
-                told.add_row(row);
+            repeated.take_sums(now_ns).to_rows(3).iter().for_each(|row| {
+                total.add_row(row);
             });
-            let all = once.take_sums(now_ns);
+            let all = single.take_sums(now_ns);
             prop_assert_eq!(
                 (all.sample_count, all.duration_ns, all.peak_ns),
-                (told.sample_count, told.duration_ns, told.peak_ns)
+                (total.sample_count, total.duration_ns, total.peak_ns)
             );
-            prop_assert!((all.integral_s2 - told.integral_s2).abs() <= 1e-12 * all.integral_s2.max(1e-9));
+            prop_assert!((all.integral_s2 - total.integral_s2).abs() <= 1e-12 * all.integral_s2.max(1e-9));
         }
     }
 }

@@ -439,9 +439,9 @@ impl AgentBrief {
     }
 
     /// Returns the sender with this index. Panics if the index is out of range.
-    pub fn sender(&self, place: usize) -> &NeighborBrief {
-        let in_neighbor = self.neighbors.get(place);
-        in_neighbor.unwrap_or_else(|| &self.spares[place - self.neighbors.len()])
+    pub fn sender(&self, sender_index: usize) -> &NeighborBrief {
+        let in_neighbor = self.neighbors.get(sender_index);
+        in_neighbor.unwrap_or_else(|| &self.spares[sender_index - self.neighbors.len()])
     }
 }
 
@@ -711,130 +711,136 @@ pub trait Brief: DeserializeOwned + Serialize {
 
 impl Brief for AgentBrief {
     fn find_invalid_value(&self) -> Option<String> {
-        let mut flaws = RangeChecker::default();
+        let mut checker = RangeChecker::default();
         let neighbors = self.neighbors.iter().map(|neighbor| ("neighbor.index", neighbor.index));
         let spares = self.spares.iter().map(|spare| ("spare.index", spare.index));
-        for (key, place) in neighbors.chain(spares).chain([("index", self.index)]) {
-            flaws.require(place > 0, || format!("{key} is 0, expected 1 or more"));
+        for (key, index) in neighbors.chain(spares).chain([("index", self.index)]) {
+            checker.require(index > 0, || format!("{key} is 0, expected 1 or more"));
         }
         if let Some(&DeputyBrief { rank, .. }) = self.deputy.as_ref() {
-            let is_one = (1..=DEPUTIES_MAX).contains(&rank);
-            flaws
-                .require(is_one, || format!("deputy.rank is {rank}, expected 1 to {DEPUTIES_MAX}"));
+            let is_valid_rank = (1..=DEPUTIES_MAX).contains(&rank);
+            checker.require(is_valid_rank, || {
+                format!("deputy.rank is {rank}, expected 1 to {DEPUTIES_MAX}")
+            });
         }
-        flaws.require_time_in_range("period_ns", self.period_ns);
-        flaws.require_time_in_range("plant_tick_ns", self.plant_tick_ns);
-        flaws.require_time_in_range("command_lifetime_ns", self.command_lifetime_ns);
-        flaws.check_drive("", self.drive(), self.limits.as_ref());
+        checker.require_time_in_range("period_ns", self.period_ns);
+        checker.require_time_in_range("plant_tick_ns", self.plant_tick_ns);
+        checker.require_time_in_range("command_lifetime_ns", self.command_lifetime_ns);
+        checker.check_drive("", self.drive(), self.limits.as_ref());
         let liars = self.gains.get(LIARS_MAX_KEY).copied().unwrap_or(0.0);
-        flaws.require(liars.fract() == 0.0, || {
+        checker.require(liars.fract() == 0.0, || {
             format!("gains.{LIARS_MAX_KEY} is {liars}, expected a whole number")
         });
         let avoidance = &self.avoidance;
-        flaws.require_positive("avoidance.distance_min_m", avoidance.distance_min_m);
-        flaws.require_not_negative("avoidance.sensing_error_m", avoidance.sensing_error_m);
-        flaws.require_not_negative("avoidance.heading_error_rad", avoidance.heading_error_rad);
-        flaws.require_not_negative("avoidance.braking_time_max_s", avoidance.braking_time_max_s);
-        flaws.require_not_negative("avoidance.clearance_m", avoidance.clearance_m);
-        flaws.check_classes(avoidance);
+        checker.require_positive("avoidance.distance_min_m", avoidance.distance_min_m);
+        checker.require_not_negative("avoidance.sensing_error_m", avoidance.sensing_error_m);
+        checker.require_not_negative("avoidance.heading_error_rad", avoidance.heading_error_rad);
+        checker.require_not_negative("avoidance.braking_time_max_s", avoidance.braking_time_max_s);
+        checker.require_not_negative("avoidance.clearance_m", avoidance.clearance_m);
+        checker.check_classes(avoidance);
         if let Some(limits) = &self.limits {
-            flaws.check_limits("limits", limits);
+            checker.check_limits("limits", limits);
             // Otherwise it might need longer to brake than all robots assume.
-            let (own, most) = (limits.braking_time_s, avoidance.braking_time_max_s);
-            let [found, most_told] = format_distinct(own, most);
-            flaws.require(own <= most, || {
+            let (braking_time_s, braking_time_max_s) =
+                (limits.braking_time_s, avoidance.braking_time_max_s);
+            let [found, limit_text] = format_distinct(braking_time_s, braking_time_max_s);
+            checker.require(braking_time_s <= braking_time_max_s, || {
                 format!(
                     "limits.braking_time_s is {found}, expected at most \
-                     avoidance.braking_time_max_s = {most_told}"
+                     avoidance.braking_time_max_s = {limit_text}"
                 )
             });
         }
         // Otherwise the front point could move more than ell in one period: v_max T must be less than ell.
         // Without a speed limit, no computation depends on it.
         let v_max = avoidance.speed_max_m_s;
-        let most = match self.drive().turns_freely() {
+        let speed_limit = match self.drive().turns_freely() {
             true => f64::INFINITY,
             false => self.front_point_m / (self.period_ns as f64 / 1e9),
         };
-        let sound = v_max > 0.0 && (v_max == f64::INFINITY || v_max < most);
-        let [found, most] = format_distinct(v_max, most);
-        flaws.require(sound, || {
+        let is_valid = v_max > 0.0 && (v_max == f64::INFINITY || v_max < speed_limit);
+        let [found, speed_limit] = format_distinct(v_max, speed_limit);
+        checker.require(is_valid, || {
             format!(
                 "avoidance.speed_max_m_s is {found}, expected more than 0 and less than \
-                 front_point_m / period = {most} m/s"
+                 front_point_m / period = {speed_limit} m/s"
             )
         });
-        flaws.first_flaw
+        checker.first_flaw
     }
 }
 
 impl Brief for PlantBrief {
     fn find_invalid_value(&self) -> Option<String> {
-        let mut flaws = RangeChecker::default();
-        flaws.require(!self.robots.is_empty(), || "there is no robot, expected one or more".into());
-        flaws.require_time_in_range("period_ns", self.period_ns);
-        flaws.require_time_in_range("plant_tick_ns", self.plant_tick_ns);
-        flaws.require_time_in_range("command_lifetime_ns", self.command_lifetime_ns);
-        flaws.require_time_in_range("duration_ns", self.duration_ns);
-        flaws.require_positive("distance_min_m", self.distance_min_m);
-        flaws.require_positive("speed_max_m_s", self.speed_max_m_s.unwrap_or(1.0));
-        flaws.require_not_negative("clearance_m", self.clearance_m);
+        let mut checker = RangeChecker::default();
+        checker
+            .require(!self.robots.is_empty(), || "there is no robot, expected one or more".into());
+        checker.require_time_in_range("period_ns", self.period_ns);
+        checker.require_time_in_range("plant_tick_ns", self.plant_tick_ns);
+        checker.require_time_in_range("command_lifetime_ns", self.command_lifetime_ns);
+        checker.require_time_in_range("duration_ns", self.duration_ns);
+        checker.require_positive("distance_min_m", self.distance_min_m);
+        checker.require_positive("speed_max_m_s", self.speed_max_m_s.unwrap_or(1.0));
+        checker.require_not_negative("clearance_m", self.clearance_m);
         for robot in &self.robots {
-            flaws.check_drive("robot.", robot.drive(), robot.limits.as_ref());
+            checker.check_drive("robot.", robot.drive(), robot.limits.as_ref());
             if let Some(member) = &robot.member {
-                flaws.require_positive("robot.member.keep_m", member.keep_m);
-                flaws.require_positive(
+                checker.require_positive("robot.member.keep_m", member.keep_m);
+                checker.require_positive(
                     "robot.member.speed_max_m_s",
                     member.speed_max_m_s.unwrap_or(1.0),
                 );
-                flaws.require_time_in_range(
+                checker.require_time_in_range(
                     "robot.member.command_lifetime_ns",
                     member.command_lifetime_ns,
                 );
             }
-            robot.limits.iter().for_each(|limits| flaws.check_limits("robot.limits", limits));
+            robot.limits.iter().for_each(|limits| checker.check_limits("robot.limits", limits));
         }
         for obstacle in &self.obstacles {
             let (center, radius_m) = obstacle.bounding_circle();
-            let finite = radius_m.is_finite() && radius_m >= 0.0;
-            let finite = finite && center.iter().all(|coordinate| coordinate.is_finite());
-            let convex = obstacle.check_convex();
-            flaws.require(finite && convex.is_ok(), || {
-                let why =
-                    convex.err().map_or("numbers that are none".into(), |why| why.to_string());
-                format!("obstacle is {obstacle:?}, expected a convex one of finite numbers: {why}")
+            let is_finite = radius_m.is_finite() && radius_m >= 0.0;
+            let is_finite = is_finite && center.iter().all(|coordinate| coordinate.is_finite());
+            let convexity = obstacle.check_convex();
+            checker.require(is_finite && convexity.is_ok(), || {
+                let reason = convexity
+                    .err()
+                    .map_or("numbers that are none".into(), |reason| reason.to_string());
+                format!(
+                    "obstacle is {obstacle:?}, expected a convex one of finite numbers: {reason}"
+                )
             });
         }
-        flaws.first_flaw
+        checker.first_flaw
     }
 }
 
 impl Brief for BridgeBrief {
     fn find_invalid_value(&self) -> Option<String> {
-        let mut flaws = RangeChecker::default();
+        let mut checker = RangeChecker::default();
         let hosts = self.hosts.len();
-        let mut known = |key: &str, host: usize| {
-            let wrong =
+        let mut check_host = |key: &str, host: usize| {
+            let message =
                 || format!("{key} is {host}, expected the index of one of {hosts} hosts, from 0");
-            flaws.require(host < hosts, wrong);
+            checker.require(host < hosts, message);
         };
-        known("here", self.here);
-        known("plant", self.plant);
+        check_host("here", self.here);
+        check_host("plant", self.plant);
         for robot in &self.robots {
-            known("robot.host", robot.host);
-            robot.heard_on.iter().for_each(|&host| known("robot.heard_on", host));
+            check_host("robot.host", robot.host);
+            robot.heard_on.iter().for_each(|&host| check_host("robot.heard_on", host));
         }
-        let apart = self.partitions.iter().flat_map(|partition| &partition.hosts);
-        apart.for_each(|&host| known("partition.hosts", host));
-        flaws.require(u64::from_str_radix(&self.experiment, 16).is_ok(), || {
+        let partitioned_hosts = self.partitions.iter().flat_map(|partition| &partition.hosts);
+        partitioned_hosts.for_each(|&host| check_host("partition.hosts", host));
+        checker.require(u64::from_str_radix(&self.experiment, 16).is_ok(), || {
             format!("experiment is {:?}, expected 16 hex digits", self.experiment)
         });
-        flaws.require_time_in_range("odometry_age_ns_max", self.odometry_age_ns_max);
-        flaws.require_time_in_range("beacon_age_ns_max", self.beacon_age_ns_max);
-        flaws.require_time_in_range("join_within_ns", self.join_within_ns);
-        flaws.require_time_in_range("unreachable_after_ns", self.unreachable_after_ns);
-        flaws.require_time_in_range("silence_ns_max", self.silence_ns_max);
-        flaws.first_flaw
+        checker.require_time_in_range("odometry_age_ns_max", self.odometry_age_ns_max);
+        checker.require_time_in_range("beacon_age_ns_max", self.beacon_age_ns_max);
+        checker.require_time_in_range("join_within_ns", self.join_within_ns);
+        checker.require_time_in_range("unreachable_after_ns", self.unreachable_after_ns);
+        checker.require_time_in_range("silence_ns_max", self.silence_ns_max);
+        checker.first_flaw
     }
 }
 
@@ -848,35 +854,36 @@ struct RangeChecker {
 }
 
 impl RangeChecker {
-    fn require(&mut self, sound: bool, flaw: impl FnOnce() -> String) {
-        if !sound {
+    fn require(&mut self, is_valid: bool, flaw: impl FnOnce() -> String) {
+        if !is_valid {
             self.first_flaw.get_or_insert_with(flaw);
         }
     }
 
     fn require_time_in_range(&mut self, key: &str, ns: u64) {
-        let wrong = || format!("{key} is {ns}, expected 1 to {TIME_NS_MAX}");
-        self.require((1..=TIME_NS_MAX).contains(&ns), wrong);
+        let message = || format!("{key} is {ns}, expected 1 to {TIME_NS_MAX}");
+        self.require((1..=TIME_NS_MAX).contains(&ns), message);
     }
 
     fn require_positive(&mut self, key: &str, number: f64) {
-        let wrong = || format!("{key} is {number}, expected a number above 0");
-        self.require(number.is_finite() && number > 0.0, wrong);
+        let message = || format!("{key} is {number}, expected a number above 0");
+        self.require(number.is_finite() && number > 0.0, message);
     }
 
     fn require_not_negative(&mut self, key: &str, number: f64) {
-        let wrong = || format!("{key} is {number}, expected a number of 0 or more");
-        self.require(number.is_finite() && number >= 0.0, wrong);
+        let message = || format!("{key} is {number}, expected a number of 0 or more");
+        self.require(number.is_finite() && number >= 0.0, message);
     }
 
     /// Checks a drive, whose keys begin with `path`.
     fn check_drive(&mut self, path: &str, drive: Drive, limits: Option<&AccelerationLimitsBrief>) {
         self.require_not_negative(&format!("{path}front_point_m"), drive.ell_m);
-        let most = drive.turn_rate_max_rad_s;
+        let turn_rate_max = drive.turn_rate_max_rad_s;
         // Without turning, an omnidirectional robot is a drone at fixed height.
-        let turns = most > 0.0 || (most == 0.0 && drive.kind == DriveKind::Omni);
-        self.require(turns, || {
-            format!("{path}turn_rate_max_rad_s is {most}, expected a number above 0")
+        let is_valid_rate =
+            turn_rate_max > 0.0 || (turn_rate_max == 0.0 && drive.kind == DriveKind::Omni);
+        self.require(is_valid_rate, || {
+            format!("{path}turn_rate_max_rad_s is {turn_rate_max}, expected a number above 0")
         });
         self.require(drive.kind.is_differential() || drive.turns_freely(), || {
             let ell = drive.ell_m;
@@ -890,12 +897,12 @@ impl RangeChecker {
             )
         });
         if drive.turns_freely() {
-            self.require(most.is_finite() || drive.is_car(), || {
+            self.require(turn_rate_max.is_finite() || drive.is_car(), || {
                 format!("{path}front_point_m is 0 without {path}turn_rate_max_rad_s, expected both")
             });
             // With a common ramp a slow turn would prolong the braking.
-            let independent = limits.is_none_or(|limits| !limits.ramp.is_coupled());
-            self.require(independent, || {
+            let is_independent = limits.is_none_or(|limits| !limits.ramp.is_coupled());
+            self.require(is_independent, || {
                 format!(
                     "{path}limits.ramp is \"together\" with front_point_m = 0, expected \"independent\""
                 )
@@ -910,9 +917,10 @@ impl RangeChecker {
             avoidance.command_timeout_max_s,
         );
         for class in &avoidance.classes {
-            let (own, most) = (class.distance_min_m, avoidance.distance_min_m);
-            let [found, most_text] = format_distinct(own, most);
-            self.require(own > 0.0 && own <= most, || {
+            let (distance_min_m, distance_limit_m) =
+                (class.distance_min_m, avoidance.distance_min_m);
+            let [found, most_text] = format_distinct(distance_min_m, distance_limit_m);
+            self.require(distance_min_m > 0.0 && distance_min_m <= distance_limit_m, || {
                 format!(
                     "avoidance.class.distance_min_m is {found}, expected more than 0 and at most \
                      avoidance.distance_min_m = {most_text}"
@@ -977,8 +985,8 @@ fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
 /// Returns the version of the phalanx that wrote a program's brief, whatever its format; `None` if it has none.
 pub fn read_writer_version(path: &Path) -> Option<String> {
     let text = regular_file::read_to_string(path, SymlinkPolicy::Followed, BRIEF_BYTES_MAX).ok()?;
-    let told: toml::Table = text.parse().ok()?;
-    Some(told.get("program")?.get("phalanx")?.as_str()?.to_owned())
+    let table: toml::Table = text.parse().ok()?;
+    Some(table.get("program")?.get("phalanx")?.as_str()?.to_owned())
 }
 
 fn is_false(truth: &bool) -> bool {

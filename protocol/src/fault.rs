@@ -69,7 +69,7 @@ pub enum LinkFaultKind {
     Delay { delay_ns: u64, jitter_ns: u64 },
 }
 
-/// A message, as a link sees it.
+/// Properties of a message on which the faults of its link depend.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Transmission {
     /// Tick of the message; messages of a link have different ticks.
@@ -98,27 +98,28 @@ impl LinkFault {
         if !self.span.contains(t_ns) {
             return TransmissionResult::NotBefore(t_ns);
         }
-        let lost = |lost: bool| {
-            if lost { TransmissionResult::Lost } else { TransmissionResult::NotBefore(t_ns) }
+        let result_if = |is_lost: bool| {
+            if is_lost { TransmissionResult::Lost } else { TransmissionResult::NotBefore(t_ns) }
         };
         match self.kind {
             LinkFaultKind::Cut => TransmissionResult::Lost,
             LinkFaultKind::Loss { probability, burst } => {
-                lost(draw_unit_by_number(self.seed, tick / burst.max(1)) < probability)
+                result_if(draw_unit_by_number(self.seed, tick / burst.max(1)) < probability)
             }
-            LinkFaultKind::Bursts { probability, mean_burst_ns } => {
-                lost(self.is_in_bad_state(t_ns - self.span.from_ns, probability, mean_burst_ns))
-            }
+            LinkFaultKind::Bursts { probability, mean_burst_ns } => result_if(
+                self.is_in_bad_state(t_ns - self.span.from_ns, probability, mean_burst_ns),
+            ),
             LinkFaultKind::Fading { range_m, exponent } => {
-                let through = distance_m.map_or(1.0, |r_m| {
+                let arrival_probability = distance_m.map_or(1.0, |r_m| {
                     portable_math::exp(-portable_math::pow(r_m / range_m, exponent))
                 });
-                lost(draw_unit_by_number(self.seed, tick) >= through)
+                result_if(draw_unit_by_number(self.seed, tick) >= arrival_probability)
             }
             LinkFaultKind::Delay { delay_ns, jitter_ns } => {
-                let later_ns = (draw_unit_by_number(self.seed, tick) * jitter_ns as f64) as u64;
+                let jitter_draw_ns =
+                    (draw_unit_by_number(self.seed, tick) * jitter_ns as f64) as u64;
                 TransmissionResult::NotBefore(
-                    t_ns.saturating_add(delay_ns).saturating_add(later_ns),
+                    t_ns.saturating_add(delay_ns).saturating_add(jitter_draw_ns),
                 )
             }
         }
@@ -126,34 +127,35 @@ impl LinkFault {
 }
 
 impl LinkFault {
-    /// Returns whether a link that is bad for the fraction `share` of the time is bad `since_ns` after the fault
+    /// Returns whether a link that is bad for `bad_fraction` of the time is bad `since_ns` after the fault
     /// began.
     ///
-    /// Good and bad times alternate from the beginning of each stretch of [`BLOCK_LENGTH_CYCLES`] mean cycles; the state at
-    /// the beginning of a stretch is drawn with probability `share`. The result is thus a function of time,
+    /// Good and bad times alternate from the start of each block of [`BLOCK_LENGTH_CYCLES`] mean cycles; the state at
+    /// the start of a block is drawn with probability `bad_fraction`. The result is thus a function of time,
     /// independent of the caller, and takes bounded time.
-    fn is_in_bad_state(&self, since_ns: u64, share: f64, mean_bad_ns: u64) -> bool {
+    fn is_in_bad_state(&self, since_ns: u64, bad_fraction: f64, mean_bad_ns: u64) -> bool {
         let mean_bad = mean_bad_ns as f64;
-        let mean_good = mean_bad / share - mean_bad;
-        let stretch_ns = BLOCK_LENGTH_CYCLES * mean_bad / share;
-        let stretch = (since_ns as f64 / stretch_ns).floor();
-        let mut left_ns = since_ns as f64 - stretch * stretch_ns;
-        // No stretch has as many changes as this.
-        let first = (stretch as u64) << 20;
-        let mut bad = draw_unit_by_number(self.seed, first) < share;
-        for change in first + 1.. {
-            let mean_ns = if bad { mean_bad } else { mean_good };
-            left_ns += mean_ns * portable_math::ln(1.0 - draw_unit_by_number(self.seed, change));
-            if left_ns < 0.0 {
+        let mean_good = mean_bad / bad_fraction - mean_bad;
+        let block_ns = BLOCK_LENGTH_CYCLES * mean_bad / bad_fraction;
+        let block = (since_ns as f64 / block_ns).floor();
+        let mut remaining_ns = since_ns as f64 - block * block_ns;
+        // No block has as many changes as this.
+        let first = (block as u64) << 20;
+        let mut is_bad = draw_unit_by_number(self.seed, first) < bad_fraction;
+        for index in first + 1.. {
+            let mean_ns = if is_bad { mean_bad } else { mean_good };
+            remaining_ns +=
+                mean_ns * portable_math::ln(1.0 - draw_unit_by_number(self.seed, index));
+            if remaining_ns < 0.0 {
                 break;
             }
-            bad = !bad;
+            is_bad = !is_bad;
         }
-        bad
+        is_bad
     }
 }
 
-/// Length of a stretch that is drawn at once, in mean cycles of good and bad.
+/// Length of a block that is drawn at once, in mean cycles of good and bad.
 const BLOCK_LENGTH_CYCLES: f64 = 16.0;
 
 /// Data stream between a robot and its body.
@@ -249,9 +251,9 @@ impl MessageLie {
         if self.changes_numbers() && !format.is_bytes() {
             let (numbers, _) = bytes.as_chunks_mut();
             for (counter, number) in (first..).zip(numbers) {
-                let drawn = self.noise * (2.0 * draw_unit_by_number(seed, counter) - 1.0);
+                let error = self.noise * (2.0 * draw_unit_by_number(seed, counter) - 1.0);
                 *number =
-                    (self.scale * f64::from_le_bytes(*number) + self.offset + drawn).to_le_bytes();
+                    (self.scale * f64::from_le_bytes(*number) + self.offset + error).to_le_bytes();
             }
         }
         if self.bit_flips > 0.0 {
@@ -277,17 +279,17 @@ impl LieFault {
             return;
         }
         let Broadcast { beacon, message } = broadcast;
-        let Lie { by_m, drift_m_s, random_m, turn_rad, message: of_message } = self.lie;
-        if let (Some(bytes), Some(format), false) = (&mut *message, format, of_message.is_none()) {
-            let mut changed = bytes.to_vec();
-            of_message.falsify_message(&mut changed, format, self.seed, beacon.tick);
-            *bytes = changed.into();
+        let Lie { by_m, drift_m_s, random_m, turn_rad, message: message_lie } = self.lie;
+        if let (Some(bytes), Some(format), false) = (&mut *message, format, message_lie.is_none()) {
+            let mut falsified = bytes.to_vec();
+            message_lie.falsify_message(&mut falsified, format, self.seed, beacon.tick);
+            *bytes = falsified.into();
         }
         let since_s = (t_ns - self.span.from_ns) as f64 / 1e9;
-        let drawn_m = draw_point_in_disc(self.seed, beacon.tick << 1, random_m);
-        let off_m = |axis: usize| by_m[axis] + drift_m_s[axis] * since_s + drawn_m[axis];
-        beacon.x_m += off_m(0);
-        beacon.y_m += off_m(1);
+        let random_error_m = draw_point_in_disc(self.seed, beacon.tick << 1, random_m);
+        let error_m = |axis: usize| by_m[axis] + drift_m_s[axis] * since_s + random_error_m[axis];
+        beacon.x_m += error_m(0);
+        beacon.y_m += error_m(1);
         beacon.vx_m_s += drift_m_s[0];
         beacon.vy_m_s += drift_m_s[1];
         beacon.frame_heading_rad += turn_rad;
@@ -419,10 +421,10 @@ mod tests {
     fn fault_acts_only_in_its_span() {
         let span = Span { from_ns: 100, until_ns: 1000 };
         let cut = LinkFault { span, kind: LinkFaultKind::Cut, seed: 7 };
-        let passages = [99, 100, 999, 1000]
+        let results = [99, 100, 999, 1000]
             .map(|t_ns| cut.transmission(Transmission { tick: 0, t_ns, distance_m: None }));
         assert_eq!(
-            passages,
+            results,
             [
                 TransmissionResult::NotBefore(99),
                 TransmissionResult::Lost,
@@ -443,8 +445,8 @@ mod tests {
                 50_000,
             );
             assert!((lost_fraction(&lost) - 0.3).abs() < 0.02, "{}", lost_fraction(&lost));
-            let whole = lost.chunks(burst as usize);
-            assert!(whole.clone().all(|chunk| chunk.iter().all(|&lost| lost == chunk[0])));
+            let bursts = lost.chunks(burst as usize);
+            assert!(bursts.clone().all(|chunk| chunk.iter().all(|&lost| lost == chunk[0])));
         }
     }
 
@@ -455,20 +457,21 @@ mod tests {
         {
             let bursty = link_fault(LinkFaultKind::Bursts { probability, mean_burst_ns });
             let found = lost_ticks(&bursty, None, 1_000_000);
-            let share = lost_fraction(&found);
-            assert!((share / probability - 1.0).abs() < 0.1, "{share} of {probability}");
+            let fraction = lost_fraction(&found);
+            assert!((fraction / probability - 1.0).abs() < 0.1, "{fraction} of {probability}");
             let bursts = found.chunk_by(|a, b| a == b).filter(|chunk| chunk[0]).count() as f64;
-            let mean_ms = share * 1e6 / bursts;
+            let mean_ms = fraction * 1e6 / bursts;
             // Gaps and bursts of less than a millisecond do not show.
             let expected_ms = mean_burst_ns as f64 / 1e6;
             assert!((mean_ms / expected_ms - 1.0).abs() < 0.15, "{mean_ms} of {expected_ms} ms");
-            let asked = |tick: u64| Transmission {
+            let transmission_at = |tick: u64| Transmission {
                 tick: 0,
                 t_ns: 100 + tick * NS_PER_MS,
                 distance_m: None,
             };
-            let again = |tick| bursty.transmission(asked(tick)) == TransmissionResult::Lost;
-            assert!([77_003, 5, 940_000].iter().all(|&tick| again(tick) == found[tick as usize]));
+            let is_lost =
+                |tick| bursty.transmission(transmission_at(tick)) == TransmissionResult::Lost;
+            assert!([77_003, 5, 940_000].iter().all(|&tick| is_lost(tick) == found[tick as usize]));
         }
     }
 
@@ -489,10 +492,10 @@ mod tests {
 
     #[test]
     fn delay_lies_between_its_bounds() {
-        let late = link_fault(LinkFaultKind::Delay { delay_ns: 50, jitter_ns: 10 });
+        let delayed = link_fault(LinkFaultKind::Delay { delay_ns: 50, jitter_ns: 10 });
         let sent = |tick| Transmission { tick, t_ns: 200, distance_m: None };
         let found: Vec<TransmissionResult> =
-            (0..1000).map(|tick| late.transmission(sent(tick))).collect();
+            (0..1000).map(|tick| delayed.transmission(sent(tick))).collect();
         assert!(found.iter().all(
             |p| matches!(p, TransmissionResult::NotBefore(t_ns) if (250..260).contains(t_ns))
         ));
@@ -504,25 +507,28 @@ mod tests {
         let span = Span { from_ns: 1000 * NS_PER_MS, until_ns: 3000 * NS_PER_MS };
         let lie =
             Lie { by_m: [0.5, -0.25], drift_m_s: [0.0, 0.125], turn_rad: 0.5, ..Lie::default() };
-        let said =
+        let sent_beacon =
             Beacon { tick: 3, x_m: 1.0, vx_m_s: 0.25, frame_scale: 2.0, ..Beacon::default() };
-        let heard = |lie, t_ns| {
-            let mut broadcast = Broadcast::from(said);
+        let received = |lie, t_ns| {
+            let mut broadcast = Broadcast::from(sent_beacon);
             LieFault { span, lie, seed: 7 }.falsify_broadcast(&mut broadcast, None, t_ns);
             broadcast.beacon
         };
-        assert_eq!([999 * NS_PER_MS, 3000 * NS_PER_MS].map(|t_ns| heard(lie, t_ns)), [said; 2]);
-        let expected = Beacon { x_m: 1.5, vy_m_s: 0.125, frame_heading_rad: 0.5, ..said };
-        assert_eq!(heard(lie, 2000 * NS_PER_MS), Beacon { y_m: -0.125, ..expected });
+        assert_eq!(
+            [999 * NS_PER_MS, 3000 * NS_PER_MS].map(|t_ns| received(lie, t_ns)),
+            [sent_beacon; 2]
+        );
+        let expected = Beacon { x_m: 1.5, vy_m_s: 0.125, frame_heading_rad: 0.5, ..sent_beacon };
+        assert_eq!(received(lie, 2000 * NS_PER_MS), Beacon { y_m: -0.125, ..expected });
         let random = Lie { random_m: 0.5, ..Lie::default() };
-        let drawn = heard(random, 2000 * NS_PER_MS);
-        assert_eq!(drawn, heard(random, 2500 * NS_PER_MS), "by the tick alone");
-        let off_m = (drawn.position() - said.position()).norm();
-        assert!(off_m > 0.0 && off_m <= 0.5, "{off_m}");
-        assert_eq!(Beacon { x_m: said.x_m, y_m: said.y_m, ..drawn }, said);
+        let drawn = received(random, 2000 * NS_PER_MS);
+        assert_eq!(drawn, received(random, 2500 * NS_PER_MS), "by the tick alone");
+        let error_m = (drawn.position() - sent_beacon.position()).norm();
+        assert!(error_m > 0.0 && error_m <= 0.5, "{error_m}");
+        assert_eq!(Beacon { x_m: sent_beacon.x_m, y_m: sent_beacon.y_m, ..drawn }, sent_beacon);
     }
 
-    /// Returns the message 1, -2, 0.5 at `tick` after the lie.
+    /// Returns the message 1, -2, 0.5 at `tick`, falsified.
     fn falsified_message(message: MessageLie, tick: u64) -> Vec<f64> {
         let array = MessageArray { name: "x_m".into(), shape: vec![3].into() };
         let format = MessageFormat::with_arrays(vec![array]);
@@ -530,12 +536,12 @@ mod tests {
         let span = Span { from_ns: 100, until_ns: Span::UNBOUNDED_END_NS };
         let lie = LieFault { span, lie: Lie { message, ..Lie::default() }, seed: 7 };
         let sent = Broadcast { beacon: Beacon { tick, ..Beacon::default() }, message: Some(bytes) };
-        let (mut early, mut late) = (sent.clone(), sent.clone());
+        let (mut early, mut delayed) = (sent.clone(), sent.clone());
         lie.falsify_broadcast(&mut early, Some(&format), 99);
-        lie.falsify_broadcast(&mut late, Some(&format), 100);
+        lie.falsify_broadcast(&mut delayed, Some(&format), 100);
         assert_eq!(early, sent, "before the fault");
-        assert_eq!(late.beacon, sent.beacon);
-        let (_, numbers) = format.decode_arrays(late.message.as_ref().unwrap()).next().unwrap();
+        assert_eq!(delayed.beacon, sent.beacon);
+        let (_, numbers) = format.decode_arrays(delayed.message.as_ref().unwrap()).next().unwrap();
         numbers
     }
 
@@ -567,8 +573,8 @@ mod tests {
             pairs.map(|(a, b)| (a.to_bits() ^ b.to_bits()).count_ones()).sum::<u32>()
         };
         assert_eq!(flipped(1.0, 3), 192);
-        let share = (0..1000).map(|tick| flipped(0.1, tick)).sum::<u32>() as f64 / 192e3;
-        assert!((share - 0.1).abs() < 0.005, "{share}");
+        let fraction = (0..1000).map(|tick| flipped(0.1, tick)).sum::<u32>() as f64 / 192e3;
+        assert!((fraction - 0.1).abs() < 0.005, "{fraction}");
     }
 
     #[test]
@@ -583,16 +589,16 @@ mod tests {
             .map(|n| noisy.position_error_m(n / 8, n % 8))
             .map(|[x, y]| x.hypot(y))
             .collect();
-        assert!(offsets.iter().all(|&off| off <= 0.02));
+        assert!(offsets.iter().all(|&error_m| error_m <= 0.02));
         // Half of the disc's area lies within 0.71 of its radius.
-        let inner = offsets.iter().filter(|&&off| off < 0.02 * 0.5f64.sqrt()).count();
+        let inner = offsets.iter().filter(|&&error_m| error_m < 0.02 * 0.5f64.sqrt()).count();
         assert!((4700..5300).contains(&inner), "{inner}");
-        let turned: Vec<f64> = (0..10_000).map(|tick| noisy.heading_error_rad(tick)).collect();
-        assert!(turned.iter().all(|turned_rad| turned_rad.abs() <= 0.3));
+        let errors_rad: Vec<f64> = (0..10_000).map(|tick| noisy.heading_error_rad(tick)).collect();
+        assert!(errors_rad.iter().all(|error_rad| error_rad.abs() <= 0.3));
         for part in 0..6 {
             let from = -0.3 + 0.1 * f64::from(part);
-            let within = turned.iter().filter(|&&rad| rad >= from && rad < from + 0.1).count();
-            assert!((1500..1850).contains(&within), "{within} from {from}");
+            let count = errors_rad.iter().filter(|&&rad| rad >= from && rad < from + 0.1).count();
+            assert!((1500..1850).contains(&count), "{count} from {from}");
         }
     }
 }

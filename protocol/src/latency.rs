@@ -82,8 +82,8 @@ impl LatencyRecorder {
 
     /// Returns whether a batch should be sent at `now_ns`.
     pub fn is_due(&self, now_ns: u64) -> bool {
-        let waited = now_ns >= self.last_send_ns.saturating_add(SEND_INTERVAL_MAX_NS);
-        !self.rows.is_empty() && (waited || self.is_half_full())
+        let is_interval_over = now_ns >= self.last_send_ns.saturating_add(SEND_INTERVAL_MAX_NS);
+        !self.rows.is_empty() && (is_interval_over || self.is_half_full())
     }
 
     /// Returns whether half of the capacity is used.

@@ -84,7 +84,7 @@ impl Role {
         leads: false,
         gives_way: false,
     };
-    /// Free robot: its law decides where it goes, and may name a target by which it is judged.
+    /// Free robot: its law decides where it goes, and may name a target, to which the metrics refer.
     pub const FREE: Role = Role {
         name: "free",
         verb_phrase: "follow their own laws",

@@ -117,9 +117,13 @@ impl MessageFormat {
     pub fn check_bytes(&self, bytes: &[u8]) -> Result<(), MessageFlaw> {
         let found = bytes.len();
         if self.is_bytes() {
-            let fits = (1..=self.bytes_max).contains(&found);
+            let is_valid_length = (1..=self.bytes_max).contains(&found);
             let expected = format!("1 to {}", self.bytes_max);
-            return if fits { Ok(()) } else { Err(MessageFlaw::WrongLength { found, expected }) };
+            return if is_valid_length {
+                Ok(())
+            } else {
+                Err(MessageFlaw::WrongLength { found, expected })
+            };
         }
         if found != self.bytes_max {
             let expected = format!("{}: {}", self.bytes_max, self.describe());
@@ -128,7 +132,7 @@ impl MessageFormat {
         for (array, numbers) in self.split_arrays(bytes) {
             let mut numbers = numbers.iter().map(|number| f64::from_le_bytes(*number));
             // All numbers without a branch, which is faster than up to the first that is not finite.
-            if numbers.clone().fold(true, |finite, number| finite & number.is_finite()) {
+            if numbers.clone().fold(true, |all_finite, number| all_finite & number.is_finite()) {
                 continue;
             }
             let number = numbers.find(|number| !number.is_finite()).unwrap_or_default();
@@ -184,9 +188,9 @@ impl MessageFormat {
     ) -> impl Iterator<Item = (&'a MessageArray, &'a [[u8; 8]])> {
         let mut rest = bytes;
         self.arrays.iter().map(move |array| {
-            let (own, behind) = rest.split_at((8 * array.count()).min(rest.len()));
-            rest = behind;
-            let (numbers, _) = own.as_chunks();
+            let (array_bytes, remaining) = rest.split_at((8 * array.count()).min(rest.len()));
+            rest = remaining;
+            let (numbers, _) = array_bytes.as_chunks();
             (array, numbers)
         })
     }
@@ -196,7 +200,7 @@ fn decode_numbers(numbers: &[[u8; 8]]) -> Vec<f64> {
     numbers.iter().map(|number| f64::from_le_bytes(*number)).collect()
 }
 
-/// Message of an in-neighbor, as a law sees it.
+/// Message of an in-neighbor, as passed to a law.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReceivedMessage {
     /// Format of the sender's law.
@@ -279,9 +283,9 @@ pub struct SentCounts {
 
 impl SentCounts {
     /// Counts what leaves with the answer to the sample of `tick`.
-    pub fn count_sent(&mut self, tick: u64, outgoing: &SendDecision) {
-        self.beacons += u64::from(*outgoing != SendDecision::Withheld);
-        if let SendDecision::Message(bytes) = outgoing {
+    pub fn count_sent(&mut self, tick: u64, decision: &SendDecision) {
+        self.beacons += u64::from(*decision != SendDecision::Withheld);
+        if let SendDecision::Message(bytes) = decision {
             self.messages += 1;
             let hash = hash_bytes(self.message_hash, &tick.to_le_bytes());
             self.message_hash = hash_words(hash, bytes);
@@ -315,13 +319,13 @@ impl GapCounter {
     /// before the first one, and of an earlier incarnation, do not count.
     pub fn record_beacon(&mut self, beacon: &Beacon, has_message: bool) -> u64 {
         let (incarnation, number) = (beacon.incarnation, beacon.messages_sent);
-        let before = self.newest_incarnation_and_number.filter(|(of, _)| *of == incarnation);
+        let previous = self.newest_incarnation_and_number.filter(|(of, _)| *of == incarnation);
         match self.newest_incarnation_and_number {
             Some(newest) if newest > (incarnation, number) => return 0,
             _ => self.newest_incarnation_and_number = Some((incarnation, number)),
         }
         let between = |(_, newest): (u64, u64)| number - newest;
-        before.map_or(0, between).saturating_sub(u64::from(has_message))
+        previous.map_or(0, between).saturating_sub(u64::from(has_message))
     }
 }
 
@@ -366,11 +370,11 @@ mod tests {
     fn arrays_round_trip_through_their_bytes() {
         let plan = [0.0, 1.0, 2.0, 3.0, 4.0, -5.5];
         let bytes = format().encode(&[("plan_m", &plan), ("bid", &[7.0])]).unwrap();
-        let heard = ReceivedMessage { format: format().into(), bytes, age_s: 0.0 };
-        assert_eq!(heard.bytes.len(), 56);
-        assert_eq!(heard.numbers("bid"), Some(vec![7.0]));
-        assert_eq!(heard.numbers("plan_m"), Some(plan.to_vec()));
-        assert_eq!(heard.numbers("other"), None);
+        let received = ReceivedMessage { format: format().into(), bytes, age_s: 0.0 };
+        assert_eq!(received.bytes.len(), 56);
+        assert_eq!(received.numbers("bid"), Some(vec![7.0]));
+        assert_eq!(received.numbers("plan_m"), Some(plan.to_vec()));
+        assert_eq!(received.numbers("other"), None);
     }
 
     #[test]
@@ -468,8 +472,8 @@ mod tests {
             let format = format();
             if format.check_bytes(&bytes).is_ok() {
                 prop_assert_eq!(bytes.len(), format.bytes_max);
-                let finite = |(_, numbers): (_, Vec<f64>)| numbers.iter().all(|n| n.is_finite());
-                prop_assert!(format.decode_arrays(&bytes).all(finite));
+                let all_finite = |(_, numbers): (_, Vec<f64>)| numbers.iter().all(|n| n.is_finite());
+                prop_assert!(format.decode_arrays(&bytes).all(all_finite));
             }
         }
     }

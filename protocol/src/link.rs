@@ -32,8 +32,8 @@ impl<M: Clone> FaultyLink<M> {
     }
 
     /// Cuts the link or restores it, on behalf of a user. Messages in transit still arrive.
-    pub fn set_cut(&mut self, cut: bool) {
-        self.is_cut = cut;
+    pub fn set_cut(&mut self, is_cut: bool) {
+        self.is_cut = is_cut;
     }
 
     /// Returns whether every message passes at once: the link has no faults and is not cut.
@@ -52,7 +52,7 @@ impl<M: Clone> FaultyLink<M> {
         let mut due_ns = t_ns;
         for fault in &self.faults {
             match fault.transmission(transmission) {
-                TransmissionResult::NotBefore(at_ns) => due_ns = due_ns.max(at_ns),
+                TransmissionResult::NotBefore(earliest_ns) => due_ns = due_ns.max(earliest_ns),
                 TransmissionResult::Lost => {
                     self.lost_count += 1;
                     return None;
@@ -73,9 +73,9 @@ impl<M: Clone> FaultyLink<M> {
     /// Returns the next message in transit that may be received at `t_ns` of run time.
     pub fn next_due_message(&mut self, t_ns: u64) -> Option<M> {
         // `min_by_key` returns the first of equal keys, so messages stay in order.
-        let (place, (due_ns, _)) =
+        let (index, (due_ns, _)) =
             self.in_transit_messages.iter().enumerate().min_by_key(|(_, (due_ns, _))| *due_ns)?;
-        (*due_ns <= t_ns).then(|| self.in_transit_messages.remove(place).1)
+        (*due_ns <= t_ns).then(|| self.in_transit_messages.remove(index).1)
     }
 
     /// Returns the number of lost messages.

@@ -187,9 +187,9 @@ impl Odometry {
 
     /// Returns the velocities of these front points, m/s, in the same order; empty if they are not sensed.
     pub fn proximity_velocities(&self) -> impl Iterator<Item = Vec2> {
-        let (most, count) = (self.proximity_max(), self.proximity_count as usize);
-        let sensed = if self.velocities_sensed == 1 { count.min(most) } else { 0 };
-        self.near[PROXIMITY_MAX - most..][..sensed].iter().map(|&[x, y]| Vec2::new(x, y))
+        let (count_max, count) = (self.proximity_max(), self.proximity_count as usize);
+        let sensed = if self.velocities_sensed == 1 { count.min(count_max) } else { 0 };
+        self.near[PROXIMITY_MAX - count_max..][..sensed].iter().map(|&[x, y]| Vec2::new(x, y))
     }
 
     /// Returns the nearest points of the walls within the sensing radius, nearest first, m.
@@ -306,15 +306,15 @@ impl Beacon {
 
     /// Returns a copy of the beacon with this frame.
     pub fn with_leader_frame(self, frame: Option<(u64, LeaderFrame)>) -> Beacon {
-        let (stamp_ns, known) = frame.unwrap_or((0, LeaderFrame::IDENTITY));
+        let (stamp_ns, leader_frame) = frame.unwrap_or((0, LeaderFrame::IDENTITY));
         Beacon {
             frame_known: u64::from(frame.is_some()),
             frame_stamp_ns: stamp_ns,
-            frame_heading_rad: known.heading_rad,
-            frame_turn_rate_rad_s: known.turn_rate_rad_s,
-            frame_turn_acceleration_rad_s2: known.turn_acceleration_rad_s2,
-            frame_scale: known.scale,
-            frame_scale_rate_per_s: known.scale_rate_per_s,
+            frame_heading_rad: leader_frame.heading_rad,
+            frame_turn_rate_rad_s: leader_frame.turn_rate_rad_s,
+            frame_turn_acceleration_rad_s2: leader_frame.turn_acceleration_rad_s2,
+            frame_scale: leader_frame.scale,
+            frame_scale_rate_per_s: leader_frame.scale_rate_per_s,
             ..self
         }
     }
@@ -327,10 +327,11 @@ impl Beacon {
 
     /// Returns whether a working robot could have sent this, so that no law overflows on it.
     pub fn is_plausible(&self) -> bool {
-        let within = |numbers: &[f64], max: f64| numbers.iter().all(|number| number.abs() <= max);
-        within(&[self.x_m, self.y_m], POSITION_MAX_M)
-            && within(&[self.vx_m_s, self.vy_m_s], SPEED_MAX_M_S)
-            && within(&self.frame_numbers(), ANGLE_SCALE_AND_RATE_MAX)
+        let is_within =
+            |numbers: &[f64], max: f64| numbers.iter().all(|number| number.abs() <= max);
+        is_within(&[self.x_m, self.y_m], POSITION_MAX_M)
+            && is_within(&[self.vx_m_s, self.vy_m_s], SPEED_MAX_M_S)
+            && is_within(&self.frame_numbers(), ANGLE_SCALE_AND_RATE_MAX)
             && self.incarnation <= INCARNATION_MAX
             && self.frame_rank <= DEPUTIES_MAX
     }

@@ -11,9 +11,9 @@ pub fn format_short(number: f64) -> String {
 /// they are not equal.
 pub fn format_distinct(a: f64, b: f64) -> [String; 2] {
     // 17 digits distinguish any two doubles.
-    let shown = (6..=17).map(|digits| [a, b].map(|number| format_significant(number, digits)));
-    let mut shown = shown.skip_while(|[one, other]| one == other && a != b);
-    shown.next().unwrap_or_else(|| [a, b].map(|number| number.to_string()))
+    let candidates = (6..=17).map(|digits| [a, b].map(|number| format_significant(number, digits)));
+    let mut candidates = candidates.skip_while(|[one, other]| one == other && a != b);
+    candidates.next().unwrap_or_else(|| [a, b].map(|number| number.to_string()))
 }
 
 /// Formats a number with `digits` significant digits, without trailing zeros. A magnitude below 1e-6 has an exponent.

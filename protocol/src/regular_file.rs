@@ -23,11 +23,11 @@ pub enum SymlinkPolicy {
 ///
 /// The file is missing, is a directory, named pipe, socket or device, or is a symbolic link and these are refused.
 pub fn open(path: &Path, links: SymlinkPolicy) -> io::Result<File> {
-    let found = match links {
+    let metadata = match links {
         SymlinkPolicy::Followed => fs::metadata(path),
         SymlinkPolicy::Refused => fs::symlink_metadata(path),
     }?;
-    check_is_regular(&found)?;
+    check_is_regular(&metadata)?;
     let file = File::open(path)?;
     // The path may refer to another file by now.
     check_is_regular(&file.metadata()?)?;
@@ -39,8 +39,8 @@ pub fn open(path: &Path, links: SymlinkPolicy) -> io::Result<File> {
 /// # Errors
 ///
 /// The error says which kind of file it is instead.
-pub fn check_is_regular(found: &fs::Metadata) -> io::Result<()> {
-    match (found.is_file(), found.is_symlink(), found.is_dir()) {
+pub fn check_is_regular(metadata: &fs::Metadata) -> io::Result<()> {
+    match (metadata.is_file(), metadata.is_symlink(), metadata.is_dir()) {
         (true, ..) => Ok(()),
         (_, true, _) => Err(io::Error::other("it is a symbolic link, expected a regular file")),
         (.., true) => Err(io::Error::other("it is no regular file but a directory")),
@@ -67,8 +67,8 @@ pub fn read_rest(file: &File, bytes_max: u64) -> io::Result<Vec<u8>> {
     // One byte more detects a file that is larger; it may grow while it is read.
     file.take(bytes_max.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > bytes_max {
-        let why = format!("it has more than {bytes_max} bytes, the maximum");
-        return Err(io::Error::other(why));
+        let reason = format!("it has more than {bytes_max} bytes, the maximum");
+        return Err(io::Error::other(reason));
     }
     Ok(bytes)
 }

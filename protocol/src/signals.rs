@@ -26,10 +26,11 @@ impl SignalValues {
 
     /// Creates the values from their form in a status message. A value that is not finite is left out.
     pub fn from_parts(recorded: u64, values: [f64; SIGNALS_MAX]) -> SignalValues {
-        let mut taken = SignalValues::NONE;
-        let given = values.into_iter().enumerate().filter(|(i, _)| recorded >> i & 1 == 1);
-        given.for_each(|(i, value)| taken.set(i, value));
-        taken
+        let mut signals = SignalValues::NONE;
+        let recorded_values =
+            values.into_iter().enumerate().filter(|(i, _)| recorded >> i & 1 == 1);
+        recorded_values.for_each(|(i, value)| signals.set(i, value));
+        signals
     }
 
     /// Returns the values in the form of a status message: a bit for each recorded signal, and all values.

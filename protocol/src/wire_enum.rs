@@ -3,7 +3,7 @@
 /// Declares an enum with a number on the wire and a keyword for each variant: `Value = number "keyword"`.
 macro_rules! wire_enum {
     ($(#[$doc:meta])* $name:ident: $number:ident {
-        $($(#[$value_doc:meta])* $value:ident = $n:literal $word:literal,)+
+        $($(#[$value_doc:meta])* $value:ident = $n:literal $keyword:literal,)+
     }) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -25,7 +25,7 @@ macro_rules! wire_enum {
             /// Returns the keyword in files.
             pub fn keyword(self) -> &'static str {
                 match self {
-                    $($name::$value => $word,)+
+                    $($name::$value => $keyword,)+
                 }
             }
         }
@@ -34,10 +34,10 @@ macro_rules! wire_enum {
 
 /// Returns the nonzero counts with their keywords. `counts` is indexed by number.
 pub(crate) fn nonzero_counts<const N: usize>(
-    words: [&'static str; N],
+    keywords: [&'static str; N],
     counts: &[u64],
 ) -> impl Iterator<Item = (&'static str, u64)> {
-    words.into_iter().zip(counts.to_vec()).filter(|&(_, count)| count > 0)
+    keywords.into_iter().zip(counts.to_vec()).filter(|&(_, count)| count > 0)
 }
 
 #[cfg(test)]
@@ -52,14 +52,14 @@ mod tests {
     fn values_have_consecutive_numbers_and_unique_words() {
         fn check<T: PartialEq + std::fmt::Debug>(
             all: &[T],
-            place: impl Fn(&T) -> usize,
+            index: impl Fn(&T) -> usize,
             from_number: impl Fn(usize) -> Option<T>,
-            word: impl Fn(&T) -> &'static str,
+            keyword: impl Fn(&T) -> &'static str,
         ) {
-            let words: std::collections::BTreeSet<_> = all.iter().map(word).collect();
-            assert_eq!(words.len(), all.len(), "{words:?}");
+            let keywords: std::collections::BTreeSet<_> = all.iter().map(keyword).collect();
+            assert_eq!(keywords.len(), all.len(), "{keywords:?}");
             for (number, value) in all.iter().enumerate() {
-                assert_eq!((place(value), from_number(number).as_ref()), (number, Some(value)));
+                assert_eq!((index(value), from_number(number).as_ref()), (number, Some(value)));
             }
             assert_eq!(from_number(all.len()), None);
         }

@@ -23,8 +23,8 @@ use protocol::brief::{AgentBrief, Pace};
 use protocol::law_message::Broadcast;
 use protocol::message::Odometry;
 
-use crate::course::{RecordSink, RunStateMachine};
 use crate::lifecycle::{DriverOrder, LifecycleEvent, ProcessDeath, ProcessState};
+use crate::state_machine::{RecordSink, RunStateMachine};
 
 /// Exit cause of a killed process, as text.
 const KILLED_CAUSE: &str = "signal 9";
@@ -89,8 +89,11 @@ impl RobotProcess {
 impl<F: Fn(&AgentBrief, u64) -> Controller> InProcessRun<F> {
     /// Creates the run at the start, before the first sample, without records. Fails if the scenario needs separate
     /// processes.
-    pub fn new(scenario: Scenario, think: F) -> Result<InProcessRun<F>, InProcessError> {
-        InProcessRun::with_journal(scenario, think, ())
+    pub fn new(
+        scenario: Scenario,
+        create_controller: F,
+    ) -> Result<InProcessRun<F>, InProcessError> {
+        InProcessRun::with_journal(scenario, create_controller, ())
     }
 }
 
@@ -99,7 +102,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
     /// needs separate processes.
     pub fn with_journal(
         scenario: Scenario,
-        think: F,
+        create_controller: F,
         journal: J,
     ) -> Result<InProcessRun<F, J>, InProcessError> {
         if scenario.plant_program.is_some() {
@@ -109,22 +112,24 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
             return Err(InProcessError::PlantKill);
         }
         let plant = briefs::plant_brief(&scenario, Pace::Lockstep, "/nowhere".as_ref());
-        let agents: Vec<AgentBrief> = agent_briefs(&scenario).collect();
-        let cycle = |brief: &AgentBrief| ControlCycle::new(brief.clone(), think(brief, 0), 0);
-        let robot = |brief| RobotProcess { cycle: Some(cycle(brief)), ..RobotProcess::default() };
-        let robots: Vec<RobotProcess> = agents.iter().map(robot).collect();
+        let agent_briefs: Vec<AgentBrief> = agent_briefs(&scenario).collect();
+        let new_cycle =
+            |brief: &AgentBrief| ControlCycle::new(brief.clone(), create_controller(brief, 0), 0);
+        let new_robot =
+            |brief| RobotProcess { cycle: Some(new_cycle(brief)), ..RobotProcess::default() };
+        let robots: Vec<RobotProcess> = agent_briefs.iter().map(new_robot).collect();
         Ok(InProcessRun {
             plant: SimulationStepper::new(&plant, UnicycleMotion::new(&plant)),
             ticks: plant.duration_ns / plant.period_ns,
-            senders: agents.iter().map(sender_indices).collect(),
+            senders: agent_briefs.iter().map(sender_indices).collect(),
             beacons: vec![None; robots.len()],
             commands: Vec::with_capacity(robots.len()),
             state_machine: RunStateMachine::new(&scenario, false, journal),
             pending_events: VecDeque::new(),
             clock_ns: || 0,
             scenario,
-            create_controller: think,
-            agent_briefs: agents,
+            create_controller,
+            agent_briefs,
             robots,
         })
     }
@@ -163,8 +168,8 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
     /// Returns what the control law of this robot sees at the current tick, after [`Self::sense_robots`]. `None`
     /// if the robot has no reference to track, or does not take part.
     pub fn situation(&self, robot: usize) -> Option<Situation<'_>> {
-        let RobotProcess { cycle, member_since_tick: member_since, .. } = &self.robots[robot];
-        cycle.as_ref().zip(*member_since)?.0.controller().situation()
+        let RobotProcess { cycle, member_since_tick, .. } = &self.robots[robot];
+        cycle.as_ref().zip(*member_since_tick)?.0.controller().situation()
     }
 
     /// Executes the kills, freezes and restarts of this tick; then lets all robots that take part sense, and receive
@@ -172,26 +177,27 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
     pub fn sense_robots(&mut self) {
         self.execute_planned_events();
         let InProcessRun { robots, plant, senders, beacons, clock_ns, .. } = self;
-        // A robot's sample is sent when the robot before has sensed.
+        // A robot's sample is sent when the previous robot has sensed.
         let mut now_ns = clock_ns();
-        for (place, robot) in robots.iter_mut().enumerate() {
-            let Some((cycle, member_since)) = robot.participating_cycle() else { continue };
+        for (index, robot) in robots.iter_mut().enumerate() {
+            let Some((cycle, member_since_tick)) = robot.participating_cycle() else { continue };
             let mut odometry = Odometry::default();
-            plant.sense(place, now_ns, &mut odometry);
+            plant.sense(index, now_ns, &mut odometry);
             // Only from robots that take part; backup neighbors count while their edge is open.
-            let heard = senders[place].iter().enumerate().filter_map(|(sender_index, &sender)| {
-                let broadcast = beacons[sender].as_ref()?;
-                Some(Ok::<_, Infallible>(ReceivedBeacon {
-                    sender_index,
-                    broadcast,
-                    received_ns: 0,
-                }))
-            });
+            let received_beacons =
+                senders[index].iter().enumerate().filter_map(|(sender_index, &sender)| {
+                    let broadcast = beacons[sender].as_ref()?;
+                    Some(Ok::<_, Infallible>(ReceivedBeacon {
+                        sender_index,
+                        broadcast,
+                        received_ns: 0,
+                    }))
+                });
             let Ok(()) = cycle.sense(Inbox {
                 received_ns: clock_ns(),
                 odometry: Some(&odometry),
-                participant_since_tick: member_since,
-                beacons: heard,
+                participant_since_tick: member_since_tick,
+                beacons: received_beacons,
                 link_faults: &[],
                 goal: None,
             });
@@ -200,28 +206,32 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
         }
     }
 
-    /// Lets all robots that take part reply to the current tick with the law output that `wish` returns for
-    /// a robot's index and control cycle; then advances the plant by one period.
-    pub fn step(&mut self, mut wish: impl FnMut(usize, &mut ControlCycle) -> LawOutput) {
+    /// Lets all robots that take part reply to the current tick with the law output that
+    /// `compute_law_output` returns for a robot's index and control cycle; then advances the plant by one
+    /// period.
+    pub fn step(
+        &mut self,
+        mut compute_law_output: impl FnMut(usize, &mut ControlCycle) -> LawOutput,
+    ) {
         let InProcessRun { robots, plant, beacons, commands, clock_ns, .. } = self;
         let mut now_ns = clock_ns();
-        for (place, robot) in robots.iter_mut().enumerate() {
+        for (index, robot) in robots.iter_mut().enumerate() {
             let sensed_ns = robot.sensed_ns;
-            beacons[place] = None;
+            beacons[index] = None;
             robot.has_status_report = false;
             let Some((cycle, _)) = robot.participating_cycle() else { continue };
             // Time during which other robots compute is not part of this robot's cycle.
             let idle_ns = now_ns.saturating_sub(sensed_ns);
-            let wish = wish(place, cycle);
-            let outbox = cycle.act(wish);
+            let law_output = compute_law_output(index, cycle);
+            let outbox = cycle.act(law_output);
             if let Some(answer) = outbox.answer {
                 let sent_ns = clock_ns();
                 now_ns = sent_ns;
                 cycle.record_sent(sent_ns.saturating_sub(idle_ns));
-                beacons[place] = answer.outgoing_broadcast();
+                beacons[index] = answer.outgoing_broadcast();
                 let command = answer.command;
                 commands.push(ReceivedCommand {
-                    robot: place,
+                    robot: index,
                     command,
                     received_ns: sent_ns,
                     is_from_dead_incarnation: false,
@@ -230,8 +240,8 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
             robot.has_status_report = outbox.status_is_due;
             robot.recorded_message = outbox.recorded_message;
         }
-        let passed: Result<(), StepError> = plant.step(commands.drain(..).map(Ok), *clock_ns);
-        passed.expect("unicycles do not fail");
+        let result: Result<(), StepError> = plant.step(commands.drain(..).map(Ok), *clock_ns);
+        result.expect("unicycles do not fail");
     }
 
     /// Handles the planned events of the current tick, and all that follow from them.

@@ -41,13 +41,13 @@ struct EventRecord {
     change: Option<RecordedChange>,
 }
 
-/// Change that an event tells of, for the columns of `events.csv` and for the metrics, to which it is applied once all
+/// Change that an event reports, for the columns of `events.csv` and for the metrics, to which it is applied once all
 /// earlier events are known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum RecordedChange {
-    /// New contact state of another robot.
+    /// New reception state of another robot.
     Reception { other_robot: usize, reception_state: ReceptionState },
-    /// New contact state of the leader's frame.
+    /// New reception state of the leader's frame.
     LeaderFrameReception(ReceptionState),
     /// New references of a robot.
     References(ReferenceChange),
@@ -105,17 +105,21 @@ impl<'a> Journal<'a> {
         detail: String,
     ) {
         // A replacement tracks its in-neighbors again.
-        let anew = robot
+        let restart_change = robot
             .filter(|_| kind == RESTART_KIND)
             .map(|robot| ReferenceChange::Restarted { robot });
-        robot.filter(|_| anew.is_some()).inspect(|robot| _ = self.leading_deputies.remove(robot));
-        anew.into_iter().for_each(|anew| self.metrics.announce_rewiring(t_ns, anew));
+        robot
+            .filter(|_| restart_change.is_some())
+            .inspect(|robot| _ = self.leading_deputies.remove(robot));
+        restart_change
+            .into_iter()
+            .for_each(|restart_change| self.metrics.announce_rewiring(t_ns, restart_change));
         self.add_record(EventRecord {
             t_ns,
             kind,
             robot,
             detail,
-            change: anew.map(RecordedChange::References),
+            change: restart_change.map(RecordedChange::References),
         });
     }
 
@@ -127,39 +131,34 @@ impl<'a> Journal<'a> {
         own_goal_m: Option<[f64; 2]>,
     ) {
         match *change {
-            StatusChange::ReceptionChanged {
-                other_robot: other,
-                reception_state: contact,
-                since_ns,
-            } => {
-                self.add_reception_state(since_ns, robot, other, contact);
+            StatusChange::ReceptionChanged { other_robot, reception_state, since_ns } => {
+                self.add_reception_state(since_ns, robot, other_robot, reception_state);
             }
-            StatusChange::LeaderFrameReceptionChanged { reception_state: contact, since_ns } => {
-                self.add_leader_frame_reception(since_ns, robot, contact);
+            StatusChange::LeaderFrameReceptionChanged { reception_state, since_ns } => {
+                self.add_leader_frame_reception(since_ns, robot, reception_state);
             }
-            StatusChange::ReferenceUseChanged { other_robot: other, is_used: yes, since_ns } => {
-                self.add_reference_use(since_ns, robot, other, yes);
+            StatusChange::ReferenceUseChanged { other_robot, is_used, since_ns } => {
+                self.add_reference_use(since_ns, robot, other_robot, is_used);
             }
-            StatusChange::GoalChanged { outside_goal_m: outside_m, since_ns } => {
-                if let Some(goal_m) = outside_m.or(own_goal_m) {
-                    let whose = if outside_m.is_some() { "ros2" } else { "the scenario" };
-                    self.add_goal(since_ns, robot, goal_m, whose);
+            StatusChange::GoalChanged { outside_goal_m, since_ns } => {
+                if let Some(goal_m) = outside_goal_m.or(own_goal_m) {
+                    let source = if outside_goal_m.is_some() { "ros2" } else { "the scenario" };
+                    self.add_goal(since_ns, robot, goal_m, source);
                 }
             }
         }
     }
 
-    /// Adds a robot's report that its contact to another robot is in this state since `t_ns`.
+    /// Adds a robot's report that its reception of another robot is in this state since `t_ns`.
     fn add_reception_state(
         &mut self,
         t_ns: u64,
         robot: usize,
-        other: usize,
-        contact: ReceptionState,
+        other_robot: usize,
+        reception_state: ReceptionState,
     ) {
-        let detail = format!("{} {}", contact.keyword(), self.robot_names[other]);
-        let change =
-            Some(RecordedChange::Reception { other_robot: other, reception_state: contact });
+        let detail = format!("{} {}", reception_state.keyword(), self.robot_names[other_robot]);
+        let change = Some(RecordedChange::Reception { other_robot, reception_state });
         self.add_record(EventRecord {
             t_ns,
             kind: CONTACT_KIND,
@@ -169,10 +168,15 @@ impl<'a> Journal<'a> {
         });
     }
 
-    /// Adds a robot's report that its contact to the leader's frame is in this state since `t_ns`.
-    fn add_leader_frame_reception(&mut self, t_ns: u64, robot: usize, contact: ReceptionState) {
-        let detail = format!("{} frame of the leader", contact.keyword());
-        let change = Some(RecordedChange::LeaderFrameReception(contact));
+    /// Adds a robot's report that its reception of the leader's frame is in this state since `t_ns`.
+    fn add_leader_frame_reception(
+        &mut self,
+        t_ns: u64,
+        robot: usize,
+        reception_state: ReceptionState,
+    ) {
+        let detail = format!("{} frame of the leader", reception_state.keyword());
+        let change = Some(RecordedChange::LeaderFrameReception(reception_state));
         self.add_record(EventRecord {
             t_ns,
             kind: CONTACT_KIND,
@@ -180,30 +184,30 @@ impl<'a> Journal<'a> {
             detail,
             change,
         });
-        let leads = self.metrics.is_deputy(robot) && contact == ReceptionState::Lost;
-        if leads != self.leading_deputies.contains(&robot) {
-            match leads {
+        let is_leading = self.metrics.is_deputy(robot) && reception_state == ReceptionState::Lost;
+        if is_leading != self.leading_deputies.contains(&robot) {
+            match is_leading {
                 true => _ = self.leading_deputies.insert(robot),
                 false => _ = self.leading_deputies.remove(&robot),
             }
-            let detail = if leads { "leads" } else { "leads no longer" }.to_owned();
+            let detail = if is_leading { "leads" } else { "leads no longer" }.to_owned();
             self.add_reference_change(
                 t_ns,
                 robot,
-                ReferenceChange::DeputyLead { robot, is_leading: leads },
+                ReferenceChange::DeputyLead { robot, is_leading },
                 detail,
             );
         }
     }
 
     /// Adds a robot's report that it uses another as a reference, or no longer does, since `t_ns`.
-    fn add_reference_use(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
-        let does = if yes { "uses" } else { "no longer uses" };
-        let detail = format!("{does} {}", self.robot_names[other]);
+    fn add_reference_use(&mut self, t_ns: u64, robot: usize, other_robot: usize, is_used: bool) {
+        let verb = if is_used { "uses" } else { "no longer uses" };
+        let detail = format!("{verb} {}", self.robot_names[other_robot]);
         self.add_reference_change(
             t_ns,
             robot,
-            ReferenceChange::ReferenceUse { robot, neighbor: other, is_used: yes },
+            ReferenceChange::ReferenceUse { robot, neighbor: other_robot, is_used },
             detail,
         );
     }
@@ -212,11 +216,11 @@ impl<'a> Journal<'a> {
         &mut self,
         t_ns: u64,
         robot: usize,
-        rewiring: ReferenceChange,
+        reference_change: ReferenceChange,
         detail: String,
     ) {
-        self.metrics.announce_rewiring(t_ns, rewiring);
-        let change = Some(RecordedChange::References(rewiring));
+        self.metrics.announce_rewiring(t_ns, reference_change);
+        let change = Some(RecordedChange::References(reference_change));
         self.add_record(EventRecord {
             t_ns,
             kind: REPAIR_KIND,
@@ -228,10 +232,10 @@ impl<'a> Journal<'a> {
 
     /// Adds a robot's report that it drives to this goal, m, since `t_ns`, and the source of the goal.
     /// Errors are measured from this goal once the report is known.
-    fn add_goal(&mut self, t_ns: u64, robot: usize, goal_m: [f64; 2], whose: &str) {
+    fn add_goal(&mut self, t_ns: u64, robot: usize, goal_m: [f64; 2], source: &str) {
         self.metrics.set_goal(robot, goal_m.into());
         let [x_m, y_m] = goal_m;
-        let detail = format!("to {x_m} {y_m} m, from {whose}");
+        let detail = format!("to {x_m} {y_m} m, from {source}");
         let change = Some(RecordedChange::Goal(goal_m));
         self.add_record(EventRecord { t_ns, kind: GOAL_KIND, robot: Some(robot), detail, change });
     }
@@ -241,19 +245,19 @@ impl<'a> Journal<'a> {
         &mut self,
         t_ns: u64,
         kind: &'static str,
-        [from, to]: [usize; 2],
+        [sender, receiver]: [usize; 2],
         detail: String,
     ) {
-        let change = Some(RecordedChange::Link { sender: from });
-        self.add_record(EventRecord { t_ns, kind, robot: Some(to), detail, change });
+        let change = Some(RecordedChange::Link { sender });
+        self.add_record(EventRecord { t_ns, kind, robot: Some(receiver), detail, change });
     }
 
-    fn add_record(&mut self, line: EventRecord) {
+    fn add_record(&mut self, record: EventRecord) {
         if self.added_events.is_some() {
-            let event = self.event_line(line.clone());
+            let event = self.event_line(record.clone());
             self.added_events.iter_mut().for_each(|added| added.push(event.clone()));
         }
-        self.pending_records.push(line);
+        self.pending_records.push(record);
     }
 
     /// Returns the record as a line of `events.csv`.
@@ -261,22 +265,23 @@ impl<'a> Journal<'a> {
         &self,
         EventRecord { t_ns, kind, robot, detail, change }: EventRecord,
     ) -> EventLine {
-        let name = |robot: usize| self.robot_names[robot].clone();
-        let (other, state) = match change {
-            Some(RecordedChange::Reception { other_robot: other, reception_state: contact }) => {
-                (Some(other), contact.keyword())
+        let robot_name = |robot: usize| self.robot_names[robot].clone();
+        let (other_robot, state) = match change {
+            Some(RecordedChange::Reception { other_robot, reception_state }) => {
+                (Some(other_robot), reception_state.keyword())
             }
-            Some(RecordedChange::LeaderFrameReception(contact)) => (None, contact.keyword()),
+            Some(RecordedChange::LeaderFrameReception(reception_state)) => {
+                (None, reception_state.keyword())
+            }
             Some(RecordedChange::References(ReferenceChange::ReferenceUse {
-                neighbor: other,
-                is_used: yes,
+                neighbor: other_robot,
+                is_used,
                 ..
-            })) => (Some(other), if yes { "used" } else { "unused" }),
+            })) => (Some(other_robot), if is_used { "used" } else { "unused" }),
             Some(RecordedChange::References(ReferenceChange::DeputyLead {
-                is_leading: yes,
-                ..
-            })) => (None, if yes { "leads" } else { "follows" }),
-            Some(RecordedChange::Link { sender: from }) => (Some(from), ""),
+                is_leading, ..
+            })) => (None, if is_leading { "leads" } else { "follows" }),
+            Some(RecordedChange::Link { sender }) => (Some(sender), ""),
             Some(
                 RecordedChange::References(ReferenceChange::Restarted { .. })
                 | RecordedChange::Goal(_),
@@ -290,9 +295,9 @@ impl<'a> Journal<'a> {
         EventLine {
             t_s: ns_to_seconds(t_ns),
             kind: kind.to_owned(),
-            robot: robot.map_or(String::new(), name),
+            robot: robot.map_or(String::new(), robot_name),
             detail,
-            other: other.map_or(String::new(), name),
+            other: other_robot.map_or(String::new(), robot_name),
             state: state.to_owned(),
             goal_x_m: goal_m.map(|[x_m, _]| x_m),
             goal_y_m: goal_m.map(|[_, y_m]| y_m),
@@ -301,36 +306,30 @@ impl<'a> Journal<'a> {
 
     /// Writes all records before this run time, ns, at which all earlier events are known.
     pub fn write_events_before(&mut self, t_ns: u64) -> Result<(), RunDirError> {
-        for OrphanChange { t_ns, robot, is_orphaned: orphaned } in
+        for OrphanChange { t_ns, robot, is_orphaned } in
             self.metrics.take_orphan_changes_before(t_ns)
         {
-            let (kind, detail) = match orphaned {
+            let (kind, detail) = match is_orphaned {
                 true => (ORPHANED_KIND, "no living leader reaches it"),
-                false => (LED_KIND, "a leader reaches it again"),
+                false => (RECONNECTED_KIND, "a leader reaches it again"),
             };
             self.add_event(t_ns, kind, Some(robot), detail.to_owned());
         }
         if self.pending_records.records.is_empty() {
             return Ok(());
         }
-        for line in self.pending_records.take_records_before(t_ns) {
-            match (line.robot, line.change) {
-                (
-                    Some(robot),
-                    Some(RecordedChange::Reception {
-                        other_robot: other,
-                        reception_state: contact,
-                    }),
-                ) => {
-                    self.metrics.record_reception(robot, other, contact, line.t_ns);
+        for record in self.pending_records.take_records_before(t_ns) {
+            match (record.robot, record.change) {
+                (Some(robot), Some(RecordedChange::Reception { other_robot, reception_state })) => {
+                    self.metrics.record_reception(robot, other_robot, reception_state, record.t_ns);
                 }
-                (_, Some(RecordedChange::References(rewiring))) => {
-                    self.metrics.apply_rewiring(rewiring)
+                (_, Some(RecordedChange::References(reference_change))) => {
+                    self.metrics.apply_rewiring(reference_change)
                 }
                 _ => {}
             }
-            let t_ns = line.t_ns;
-            let event = self.event_line(line);
+            let t_ns = record.t_ns;
+            let event = self.event_line(record);
             self.run_dir.write_event(t_ns, event)?;
         }
         Ok(())
@@ -339,7 +338,7 @@ impl<'a> Journal<'a> {
 
 /// Kind of the event of a replacement's start.
 const RESTART_KIND: &str = "restart";
-/// Kind of the events of contact states.
+/// Kind of the events of reception states.
 const CONTACT_KIND: &str = "contact";
 /// Kind of the events of changed references.
 const REPAIR_KIND: &str = "repair";
@@ -347,12 +346,12 @@ const REPAIR_KIND: &str = "repair";
 const GOAL_KIND: &str = "goal";
 /// Kinds of the events that the metrics derive from the graph.
 const ORPHANED_KIND: &str = "orphaned";
-const LED_KIND: &str = "led";
+const RECONNECTED_KIND: &str = "led";
 
 /// Returns the rank of events at the same time, in the order of causes: actions, in the order of execution;
 /// then their effects.
 fn causal_rank(kind: &str) -> usize {
-    let follows = [
+    let effect_kinds = [
         "died",
         "restart-ceiling",
         RESTART_KIND,
@@ -360,41 +359,43 @@ fn causal_rank(kind: &str) -> usize {
         CONTACT_KIND,
         REPAIR_KIND,
         ORPHANED_KIND,
-        LED_KIND,
+        RECONNECTED_KIND,
     ];
-    follows.iter().position(|&other| other == kind).map_or(0, |place| place + 1)
+    effect_kinds.iter().position(|&other| other == kind).map_or(0, |index| index + 1)
 }
 
 impl PendingRecords {
-    fn push(&mut self, line: EventRecord) {
+    fn push(&mut self, record: EventRecord) {
         // A robot restarted interactively may be killed again at the same run time.
         let is_same_event = |(_, other): &&(usize, EventRecord)| {
-            ![CONTACT_KIND, REPAIR_KIND, ORPHANED_KIND, LED_KIND].contains(&line.kind)
-                && ![CONTACT_KIND, REPAIR_KIND, ORPHANED_KIND, LED_KIND].contains(&other.kind)
-                && (other.t_ns, other.robot) == (line.t_ns, line.robot)
+            ![CONTACT_KIND, REPAIR_KIND, ORPHANED_KIND, RECONNECTED_KIND].contains(&record.kind)
+                && ![CONTACT_KIND, REPAIR_KIND, ORPHANED_KIND, RECONNECTED_KIND]
+                    .contains(&other.kind)
+                && (other.t_ns, other.robot) == (record.t_ns, record.robot)
         };
         let round = match self.records.iter().rev().find(is_same_event) {
             Some((round, other)) => {
-                round + usize::from(causal_rank(line.kind) < causal_rank(other.kind))
+                round + usize::from(causal_rank(record.kind) < causal_rank(other.kind))
             }
             None => 0,
         };
-        self.records.push((round, line));
+        self.records.push((round, record));
     }
 
     /// Removes and returns the records before this run time, ns, in order.
     fn take_records_before(&mut self, t_ns: u64) -> Vec<EventRecord> {
         // Stable sort: actions at the same time stay in the order of execution.
         self.records.sort_by(|(a_round, a), (b_round, b)| {
-            let key = |round: usize, line: &EventRecord| (line.t_ns, round, causal_rank(line.kind));
-            let whose = || (a.robot, &a.detail).cmp(&(b.robot, &b.detail));
+            let key =
+                |round: usize, record: &EventRecord| (record.t_ns, round, causal_rank(record.kind));
+            let compare_content = || (a.robot, &a.detail).cmp(&(b.robot, &b.detail));
             key(*a_round, a).cmp(&key(*b_round, b)).then_with(|| match causal_rank(a.kind) {
                 0 => std::cmp::Ordering::Equal,
-                _ => whose(),
+                _ => compare_content(),
             })
         });
-        let known = self.records.partition_point(|(_, line)| line.t_ns < t_ns);
-        self.records.drain(..known).map(|(_, line)| line).collect()
+        let known_count = self.records.partition_point(|(_, record)| record.t_ns < t_ns);
+        self.records.drain(..known_count).map(|(_, record)| record).collect()
     }
 }
 
@@ -414,14 +415,14 @@ mod tests {
         let mut scenario = row_of_three();
         let kind = FaultKind::Link { edge: 0, kind: LinkFaultKind::Cut };
         scenario.faults = vec![Fault { start_ns: 2_000_000_000, duration_ns: None, kind }];
-        let ends = scenario.graph.edges()[0];
-        let place = tempfile::tempdir().unwrap();
-        let mut run_dir = RunDir::create(&place.path().join("run"), &scenario).unwrap();
+        let edge = scenario.graph.edges()[0];
+        let temp_dir = tempfile::tempdir().unwrap();
+        let mut run_dir = RunDir::create(&temp_dir.path().join("run"), &scenario).unwrap();
         let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
         let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
         let mut journal = Journal::new(names, &mut run_dir, &mut metrics);
         // Reports of robots may be newer than the ground truth that was read.
-        journal.add_reception_state(3_000_000_000, ends.to, ends.from, ReceptionState::Stale);
+        journal.add_reception_state(3_000_000_000, edge.to, edge.from, ReceptionState::Stale);
         for tick in 0..5 {
             journal.write_events_before(header(tick).t_ns).unwrap();
             journal.metrics.add_truth(&header(tick), &rows([0.0, 1.0, 2.0]), &[true; 3]);
@@ -434,14 +435,14 @@ mod tests {
         EventRecord { t_ns, kind, robot: Some(robot), detail: String::new(), change: None }
     }
 
-    fn event_kinds(lines: &[EventRecord]) -> Vec<(u64, &str, usize)> {
-        lines.iter().map(|line| (line.t_ns, line.kind, line.robot.unwrap())).collect()
+    fn event_kinds(records: &[EventRecord]) -> Vec<(u64, &str, usize)> {
+        records.iter().map(|record| (record.t_ns, record.kind, record.robot.unwrap())).collect()
     }
 
     #[test]
     fn causes_precede_effects_at_equal_times() {
-        let mut lines = PendingRecords::default();
-        lines.push(event_record(6, CONTACT_KIND, 0));
+        let mut records = PendingRecords::default();
+        records.push(event_record(6, CONTACT_KIND, 0));
         // In any order, because which robot dies and is ready first depends on the machine.
         for (kind, robot) in [
             ("kill", 2),
@@ -454,7 +455,7 @@ mod tests {
             ("kill", 2),
             ("died", 2),
         ] {
-            lines.push(event_record(5, kind, robot));
+            records.push(event_record(5, kind, robot));
         }
         let expected = [
             (5, "kill", 2),
@@ -467,9 +468,9 @@ mod tests {
             (5, "kill", 2),
             (5, "died", 2),
         ];
-        assert_eq!(event_kinds(&lines.take_records_before(6)), expected);
-        assert!(lines.take_records_before(6).is_empty(), "what comes later waits");
-        assert_eq!(lines.take_records_before(u64::MAX).len(), 1);
+        assert_eq!(event_kinds(&records.take_records_before(6)), expected);
+        assert!(records.take_records_before(6).is_empty(), "what comes later waits");
+        assert_eq!(records.take_records_before(u64::MAX).len(), 1);
     }
 
     proptest! {
@@ -482,18 +483,18 @@ mod tests {
         ) {
             reports.sort_unstable();
             reports.dedup();
-            let told = |reports: &[(u64, usize, usize)]| {
-                let mut lines = PendingRecords::default();
-                for &(t_ns, robot, about) in reports {
-                    lines.push(EventRecord { detail: about.to_string(), ..event_record(t_ns, CONTACT_KIND, robot) });
+            let ordered_records = |reports: &[(u64, usize, usize)]| {
+                let mut records = PendingRecords::default();
+                for &(t_ns, robot, number) in reports {
+                    records.push(EventRecord { detail: number.to_string(), ..event_record(t_ns, CONTACT_KIND, robot) });
                 }
-                lines.take_records_before(u64::MAX)
+                records.take_records_before(u64::MAX)
             };
-            let expected = told(&reports);
+            let expected = ordered_records(&reports);
             let mut shuffled: Vec<_> = reports.iter().zip(keys).collect();
             shuffled.sort_by_key(|&(_, key)| key);
             let shuffled: Vec<_> = shuffled.into_iter().map(|(&report, _)| report).collect();
-            prop_assert_eq!(told(&shuffled), expected);
+            prop_assert_eq!(ordered_records(&shuffled), expected);
         }
     }
 }

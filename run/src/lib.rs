@@ -2,7 +2,7 @@
 //!
 //! | file | contents |
 //! |---|---|
-//! | `course` | the pure part of a run as one value: events in, orders and records out |
+//! | `state_machine` | the pure part of a run as one value: events in, orders and records out |
 //! | `timeline` | planned actions on processes, as events |
 //! | `lifecycle` | state machine of each robot's process: from an event to its effects |
 //! | `reports` | newest status of a robot, and changes in it |
@@ -14,9 +14,9 @@
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
-pub mod course;
 pub mod in_process;
 pub mod journal;
 pub mod lifecycle;
 pub mod reports;
+pub mod state_machine;
 pub mod timeline;

@@ -32,7 +32,7 @@ pub enum ProcessState {
 }
 
 impl ProcessState {
-    /// Returns the state for display. `orphaned` is whether the robot is disconnected from every living leader.
+    /// Returns the state for display. `orphaned` is whether the robot is disconnected from every alive leader.
     pub fn display_state(self, orphaned: bool) -> RobotState {
         match self {
             ProcessState::Moving if orphaned => RobotState::Orphaned,
@@ -90,12 +90,12 @@ pub struct Lifecycles {
 }
 
 impl Lifecycles {
-    /// Creates the state in which all first processes are being started. `hearers` is the receiver of each
+    /// Creates the state in which all first processes are being started. `link_receivers` is the receiver of each
     /// edge. `restart_before_cleanup` is whether a replacement may start before the stale resources of its
     /// predecessor are removed.
     pub fn new(
         policies: impl Iterator<Item = RestartPolicy>,
-        hearers: impl Iterator<Item = usize>,
+        link_receivers: impl Iterator<Item = usize>,
         restart_before_cleanup: bool,
     ) -> Lifecycles {
         let robots: Vec<Lifecycle> = policies
@@ -117,8 +117,8 @@ impl Lifecycles {
         Lifecycles {
             is_alive: vec![true; robots.len()],
             robots,
-            links: hearers
-                .map(|hearer| CuttableLink { receiver: hearer, cutting_fault: None })
+            links: link_receivers
+                .map(|receiver| CuttableLink { receiver, cutting_fault: None })
                 .collect(),
             fault_ends: BTreeMap::new(),
             restarts_before_cleanup: restart_before_cleanup,
@@ -132,7 +132,7 @@ impl Lifecycles {
 
     /// Returns whether the first status of a process is pending.
     pub fn is_any_process_starting(&self) -> bool {
-        self.robots.iter().any(|life| life.process_state == ProcessState::Starting)
+        self.robots.iter().any(|lifecycle| lifecycle.process_state == ProcessState::Starting)
     }
 
     /// Returns the incarnation number of a robot's process: the number of earlier starts.
@@ -164,20 +164,26 @@ impl Lifecycles {
     /// replacement that does not take part yet.
     pub fn failed_robots(&self) -> impl Iterator<Item = (usize, String)> {
         let robots = self.robots.iter().enumerate();
-        robots.filter_map(|(robot, life)| {
-            Some((robot, life.permanent_failure_cause.clone().or(life.pending_replacement_text())?))
+        robots.filter_map(|(robot, lifecycle)| {
+            Some((
+                robot,
+                lifecycle
+                    .permanent_failure_cause
+                    .clone()
+                    .or(lifecycle.pending_replacement_text())?,
+            ))
         })
     }
 
     /// Returns the robots whose host is unreachable, and the reason; without those known to be dead.
     pub fn unreachable_robots(&self) -> impl Iterator<Item = (usize, &str)> {
         let robots = self.robots.iter().enumerate();
-        let lives = |life: &Lifecycle| {
-            !matches!(life.process_state, ProcessState::Exiting | ProcessState::Dead)
+        let is_running = |lifecycle: &Lifecycle| {
+            !matches!(lifecycle.process_state, ProcessState::Exiting | ProcessState::Dead)
         };
-        let robots = robots.filter(move |(_, life)| lives(life));
-        robots.filter_map(|(robot, life)| {
-            Some((robot, life.unreachability_cause.as_ref()?.1.as_str()))
+        let robots = robots.filter(move |(_, lifecycle)| is_running(lifecycle));
+        robots.filter_map(|(robot, lifecycle)| {
+            Some((robot, lifecycle.unreachability_cause.as_ref()?.1.as_str()))
         })
     }
 
@@ -188,16 +194,16 @@ impl Lifecycles {
 
     /// Returns the run time of the next replacement, ns.
     pub fn next_restart_ns(&self) -> Option<u64> {
-        self.robots.iter().filter_map(|life| life.restart_at_ns).min()
+        self.robots.iter().filter_map(|lifecycle| lifecycle.restart_at_ns).min()
     }
 
     /// Returns whether nothing is in progress at this run time, ns: no process is starting or exiting, and no
     /// replacement is due. A due replacement waits for the clean-up of its predecessor; other robots wait for no
     /// clean-up, which takes seconds in a run of 1,024 robots.
     pub fn is_idle(&self, now_ns: u64) -> bool {
-        self.robots.iter().all(|life| match life.process_state {
+        self.robots.iter().all(|lifecycle| match lifecycle.process_state {
             ProcessState::Moving | ProcessState::Frozen => true,
-            ProcessState::Dead => life.restart_at_ns.is_none_or(|at| at > now_ns),
+            ProcessState::Dead => lifecycle.restart_at_ns.is_none_or(|at| at > now_ns),
             ProcessState::Starting | ProcessState::Exiting => false,
         })
     }
@@ -210,8 +216,8 @@ impl Lifecycles {
             LifecycleEvent::Kill { robot, fault, restart_at_ns, initiator } => {
                 self.kill(out, robot, fault, restart_at_ns, initiator);
             }
-            LifecycleEvent::Freeze { robot, fault, has_planned_thaw: ends, initiator } => {
-                self.freeze(out, robot, fault, ends, initiator);
+            LifecycleEvent::Freeze { robot, fault, has_planned_thaw, initiator } => {
+                self.freeze(out, robot, fault, has_planned_thaw, initiator);
             }
             LifecycleEvent::Thaw { robot, fault, initiator } => {
                 self.thaw(out, robot, fault, initiator)
@@ -247,10 +253,11 @@ impl Lifecycles {
                 self.end_fault(out, fault, FaultEnd::Repaired, now_ns);
             }
             LifecycleEvent::Restart { robot } => {
-                let life = &mut self.robots[robot];
-                if matches!(life.process_state, ProcessState::Dead | ProcessState::Exiting) {
-                    (life.permanent_failure_cause, life.replaced_death_cause) = (None, None);
-                    life.restart_at_ns = Some(now_ns);
+                let lifecycle = &mut self.robots[robot];
+                if matches!(lifecycle.process_state, ProcessState::Dead | ProcessState::Exiting) {
+                    (lifecycle.permanent_failure_cause, lifecycle.replaced_death_cause) =
+                        (None, None);
+                    lifecycle.restart_at_ns = Some(now_ns);
                 }
             }
             LifecycleEvent::CutLink { edge, fault } => {
@@ -271,22 +278,22 @@ impl Lifecycles {
             }
             LifecycleEvent::ProcessDied(death) => self.handle_death(out, death),
             LifecycleEvent::CleanedUp { robot } => {
-                let life = &mut self.robots[robot];
-                life.pending_cleanups = life.pending_cleanups.saturating_sub(1);
+                let lifecycle = &mut self.robots[robot];
+                lifecycle.pending_cleanups = lifecycle.pending_cleanups.saturating_sub(1);
             }
             LifecycleEvent::StatusReported { robot, takes_part } => {
                 self.handle_report(out, robot, takes_part)
             }
-            LifecycleEvent::HostUnreachable { robot, fault, reason: why } => {
-                out.push_note("unreachable", Some(robot), why.clone());
-                self.robots[robot].unreachability_cause = Some((fault, why));
+            LifecycleEvent::HostUnreachable { robot, fault, reason } => {
+                out.push_note("unreachable", Some(robot), reason.clone());
+                self.robots[robot].unreachability_cause = Some((fault, reason));
                 self.is_alive[robot] = false;
                 self.begin_fault(out, fault);
                 // Unless the host becomes reachable again.
                 self.end_fault(out, fault, FaultEnd::Permanent, now_ns);
             }
             LifecycleEvent::HostReachable { robot, reason } => {
-                self.restore_host_of(out, robot, reason);
+                self.restore_host(out, robot, reason);
             }
             LifecycleEvent::TimePassed => self.start_due_processes(out),
         }
@@ -294,10 +301,10 @@ impl Lifecycles {
     }
 
     /// Ends the fault of a robot whose host was unreachable.
-    fn restore_host_of(&mut self, out: &mut Effects, robot: usize, reason: String) {
-        let life = &mut self.robots[robot];
-        if let Some((fault, _)) = life.unreachability_cause.take() {
-            let state = life.process_state;
+    fn restore_host(&mut self, out: &mut Effects, robot: usize, reason: String) {
+        let lifecycle = &mut self.robots[robot];
+        if let Some((fault, _)) = lifecycle.unreachability_cause.take() {
+            let state = lifecycle.process_state;
             self.is_alive[robot] = matches!(state, ProcessState::Moving | ProcessState::Frozen);
             out.push_note("reachable", Some(robot), reason);
             self.end_fault(out, fault, FaultEnd::Repaired, out.now_ns);
@@ -313,17 +320,17 @@ impl Lifecycles {
         initiator: Initiator,
     ) {
         out.push_note("kill", Some(robot), format!("SIGKILL, {}", initiator.keyword()));
-        let life = &mut self.robots[robot];
-        // A robot whose process is ending or dead stays dead; only its return changes.
-        if !matches!(life.process_state, ProcessState::Exiting | ProcessState::Dead) {
-            life.leave_barrier(out, robot);
-            life.process_state = ProcessState::Exiting;
+        let lifecycle = &mut self.robots[robot];
+        // A robot whose process is ending or dead stays dead; only its restart time changes.
+        if !matches!(lifecycle.process_state, ProcessState::Exiting | ProcessState::Dead) {
+            lifecycle.leave_barrier(out, robot);
+            lifecycle.process_state = ProcessState::Exiting;
             out.push_order(DriverOrder::Kill(robot));
         }
-        life.restart_at_ns = restart_at_ns;
-        (life.permanent_failure_cause, life.replaced_death_cause) = (None, None);
-        let earlier = life.current_fault.replace(fault);
-        self.end_faults_as_recovered(out, earlier);
+        lifecycle.restart_at_ns = restart_at_ns;
+        (lifecycle.permanent_failure_cause, lifecycle.replaced_death_cause) = (None, None);
+        let earlier_fault = lifecycle.current_fault.replace(fault);
+        self.end_faults_as_recovered(out, earlier_fault);
         self.begin_fault(out, fault);
         if restart_at_ns.is_none() {
             self.end_fault(out, fault, FaultEnd::Permanent, out.now_ns);
@@ -335,103 +342,108 @@ impl Lifecycles {
         out: &mut Effects,
         robot: usize,
         fault: usize,
-        ends: bool,
+        has_planned_thaw: bool,
         initiator: Initiator,
     ) {
-        let life = &mut self.robots[robot];
-        if life.process_state == ProcessState::Moving {
-            life.leave_barrier(out, robot);
-            life.process_state = ProcessState::Frozen;
+        let lifecycle = &mut self.robots[robot];
+        if lifecycle.process_state == ProcessState::Moving {
+            lifecycle.leave_barrier(out, robot);
+            lifecycle.process_state = ProcessState::Frozen;
             if initiator != Initiator::OtherProcess {
                 out.push_order(DriverOrder::Stop(robot));
             }
         }
-        let stopped = life.process_state == ProcessState::Frozen;
-        let earlier = if stopped { life.freezing_fault.replace(fault) } else { None };
-        let sent = if stopped { "SIGSTOP" } else { "no process to stop" };
-        out.push_note("freeze", Some(robot), format!("{sent}, {}", initiator.keyword()));
-        self.end_faults_as_recovered(out, earlier);
+        let is_stopped = lifecycle.process_state == ProcessState::Frozen;
+        let earlier_fault = if is_stopped { lifecycle.freezing_fault.replace(fault) } else { None };
+        let signal_text = if is_stopped { "SIGSTOP" } else { "no process to stop" };
+        out.push_note("freeze", Some(robot), format!("{signal_text}, {}", initiator.keyword()));
+        self.end_faults_as_recovered(out, earlier_fault);
         self.begin_fault(out, fault);
         // An interactive freeze lasts until an interactive thaw.
-        if !ends {
+        if !has_planned_thaw {
             self.end_fault(out, fault, FaultEnd::Permanent, out.now_ns);
         }
     }
 
     fn thaw(&mut self, out: &mut Effects, robot: usize, fault: usize, initiator: Initiator) {
-        let life = &mut self.robots[robot];
-        if life.process_state == ProcessState::Frozen {
-            life.process_state = ProcessState::Moving;
+        let lifecycle = &mut self.robots[robot];
+        if lifecycle.process_state == ProcessState::Frozen {
+            lifecycle.process_state = ProcessState::Moving;
             if initiator != Initiator::OtherProcess {
                 out.push_order(DriverOrder::Resume(robot));
             }
-            life.join_barrier(out, robot);
+            lifecycle.join_barrier(out, robot);
         }
         out.push_note("thaw", Some(robot), format!("SIGCONT, {}", initiator.keyword()));
-        let frozen_by = life.freezing_fault.take();
-        self.end_faults_as_recovered(out, [Some(fault), frozen_by].into_iter().flatten());
+        let freezing_fault = lifecycle.freezing_fault.take();
+        self.end_faults_as_recovered(out, [Some(fault), freezing_fault].into_iter().flatten());
     }
 
     fn handle_death(&mut self, out: &mut Effects, death: ProcessDeath) {
-        let ProcessDeath { robot, cause: how, .. } = death;
+        let ProcessDeath { robot, cause, .. } = death;
         let now_ns = out.now_ns;
-        let life = &mut self.robots[robot];
-        let planned = life.process_state == ProcessState::Exiting;
-        life.leave_barrier(out, robot);
-        life.process_state = ProcessState::Dead;
-        life.pending_cleanups += 1;
+        let lifecycle = &mut self.robots[robot];
+        let is_planned = lifecycle.process_state == ProcessState::Exiting;
+        lifecycle.leave_barrier(out, robot);
+        lifecycle.process_state = ProcessState::Dead;
+        lifecycle.pending_cleanups += 1;
         self.is_alive[robot] = false;
         out.push_order(DriverOrder::CleanUp(robot));
-        out.push_note("died", Some(robot), how.clone());
+        out.push_note("died", Some(robot), cause.clone());
         // A dead process is no longer frozen.
-        let frozen_by = life.freezing_fault.take();
-        self.end_faults_as_recovered(out, frozen_by);
-        if planned {
+        let freezing_fault = lifecycle.freezing_fault.take();
+        self.end_faults_as_recovered(out, freezing_fault);
+        if is_planned {
             return;
         }
-        let life = &mut self.robots[robot];
-        let verdict = life.action_after_death(now_ns, death.exited_successfully);
-        let returns = matches!(verdict, DeathReaction::Restart { .. });
-        if !returns && (death.is_infrastructure_failure || death.is_before_motion) {
-            out.push_order(DriverOrder::EndRun { robot, cause: how });
+        let lifecycle = &mut self.robots[robot];
+        let reaction = lifecycle.action_after_death(now_ns, death.exited_successfully);
+        let will_restart = matches!(reaction, DeathReaction::Restart { .. });
+        if !will_restart && (death.is_infrastructure_failure || death.is_before_motion) {
+            out.push_order(DriverOrder::EndRun { robot, cause });
             return;
         }
-        match verdict {
+        match reaction {
             DeathReaction::Restart { delay_ns } => {
                 // The clock of the run stands still during the start-up, so a delay would never pass.
                 let delay_ns = if death.is_before_motion { 0 } else { delay_ns };
-                life.unplanned_restarts_ns.push(now_ns);
-                life.restart_at_ns = Some(now_ns.saturating_add(delay_ns));
-                life.replaced_death_cause = Some(how.clone());
+                lifecycle.unplanned_restarts_ns.push(now_ns);
+                lifecycle.restart_at_ns = Some(now_ns.saturating_add(delay_ns));
+                lifecycle.replaced_death_cause = Some(cause.clone());
             }
             DeathReaction::RestartLimitReached => {
-                let RestartPolicy { restarts_max, window_ns, .. } = life.policy;
+                let RestartPolicy { restarts_max, window_ns, .. } = lifecycle.policy;
                 let window_s = window_ns as f64 / 1e9;
                 let detail = format!("{restarts_max} restarts within {window_s} s");
-                life.permanent_failure_cause =
-                    Some(format!("died ({how}) after {detail} (max_restarts)"));
+                lifecycle.permanent_failure_cause =
+                    Some(format!("died ({cause}) after {detail} (max_restarts)"));
                 out.push_note("restart-ceiling", Some(robot), detail);
             }
             DeathReaction::StayDead => {
-                let policy = life.policy.condition.keyword();
-                life.permanent_failure_cause =
-                    Some(format!("died ({how}) and was not restarted (restart_policy {policy})"));
+                let policy = lifecycle.policy.condition.keyword();
+                lifecycle.permanent_failure_cause =
+                    Some(format!("died ({cause}) and was not restarted (restart_policy {policy})"));
             }
         }
         // A death during a fault that is still in effect belongs to that fault.
-        let fault = *life.current_fault.get_or_insert(death.fault);
+        let fault = *lifecycle.current_fault.get_or_insert(death.fault);
         let at_ns = death.last_seen_alive_ns;
         if fault == death.fault {
             self.fault_ends.insert(fault, None);
-            out.push_record(RunRecord::UnplannedDeath { robot, cause: how.clone(), at_ns, fault });
+            out.push_record(RunRecord::UnplannedDeath {
+                robot,
+                cause: cause.clone(),
+                at_ns,
+                fault,
+            });
         }
         out.push_order(DriverOrder::WarnOfDeath {
             robot,
-            cause: how,
+            cause,
             is_replacement: fault != death.fault,
         });
         // Unless it is restarted interactively.
-        if !returns {
+        if !will_restart {
             self.end_fault(out, fault, FaultEnd::Permanent, at_ns);
         }
     }
@@ -458,18 +470,19 @@ impl Lifecycles {
     }
 
     fn start_due_processes(&mut self, out: &mut Effects) {
-        let pending_cleanups: usize = self.robots.iter().map(|life| life.pending_cleanups).sum();
-        let room = self.restarts_before_cleanup && pending_cleanups <= 1;
-        for (robot, life) in self.robots.iter_mut().enumerate() {
-            let due = life.restart_at_ns.is_some_and(|at_ns| at_ns <= out.now_ns);
-            if due
-                && life.process_state == ProcessState::Dead
-                && (room || life.pending_cleanups == 0)
+        let pending_cleanups: usize =
+            self.robots.iter().map(|lifecycle| lifecycle.pending_cleanups).sum();
+        let may_start_before_cleanup = self.restarts_before_cleanup && pending_cleanups <= 1;
+        for (robot, lifecycle) in self.robots.iter_mut().enumerate() {
+            let is_due = lifecycle.restart_at_ns.is_some_and(|at_ns| at_ns <= out.now_ns);
+            if is_due
+                && lifecycle.process_state == ProcessState::Dead
+                && (may_start_before_cleanup || lifecycle.pending_cleanups == 0)
             {
-                life.restart_at_ns = None;
-                life.incarnation += 1;
-                life.process_state = ProcessState::Starting;
-                let incarnation = life.incarnation;
+                lifecycle.restart_at_ns = None;
+                lifecycle.incarnation += 1;
+                lifecycle.process_state = ProcessState::Starting;
+                let incarnation = lifecycle.incarnation;
                 out.push_order(DriverOrder::Start { robot, incarnation });
                 out.push_note("restart", Some(robot), format!("incarnation {incarnation}"));
             }
@@ -494,30 +507,33 @@ impl Lifecycles {
     /// Records how a fault ended. An end for good may later become a recovery, by an interactive action; a
     /// recovery is final.
     fn end_fault(&mut self, out: &mut Effects, fault: usize, end: FaultEnd, at_ns: u64) {
-        let Some(known) = self.fault_ends.get_mut(&fault) else { return };
-        if known.is_none() || (*known, end) == (Some(FaultEnd::Permanent), FaultEnd::Repaired) {
-            *known = Some(end);
+        let Some(recorded_end) = self.fault_ends.get_mut(&fault) else { return };
+        if recorded_end.is_none()
+            || (*recorded_end, end) == (Some(FaultEnd::Permanent), FaultEnd::Repaired)
+        {
+            *recorded_end = Some(end);
             out.push_record(RunRecord::FaultEnded { fault, end, at_ns });
         }
     }
 }
 
 impl Lifecycle {
-    /// Returns what the restart policy requires after a death at this run time, ns, with or without `success`.
-    fn action_after_death(&mut self, now_ns: u64, success: bool) -> DeathReaction {
-        let window_began_ns = now_ns.saturating_sub(self.policy.window_ns);
-        self.unplanned_restarts_ns.retain(|&at_ns| at_ns >= window_began_ns);
-        self.policy.action_after_death(success, self.unplanned_restarts_ns.len() as u32)
+    /// Returns what the restart policy requires after a death at this run time, ns. `exited_successfully` is whether
+    /// the exit code was 0.
+    fn action_after_death(&mut self, now_ns: u64, exited_successfully: bool) -> DeathReaction {
+        let window_start_ns = now_ns.saturating_sub(self.policy.window_ns);
+        self.unplanned_restarts_ns.retain(|&at_ns| at_ns >= window_start_ns);
+        self.policy.action_after_death(exited_successfully, self.unplanned_restarts_ns.len() as u32)
     }
 
     /// Returns the cause of death, if the replacement does not take part yet.
     fn pending_replacement_text(&self) -> Option<String> {
-        let how = self.replaced_death_cause.as_ref()?;
-        let replacement = match self.process_state {
+        let cause = self.replaced_death_cause.as_ref()?;
+        let replacement_state = match self.process_state {
             ProcessState::Starting => "was not ready",
             _ => "had not been started",
         };
-        Some(format!("died ({how}), and its replacement {replacement} at the end"))
+        Some(format!("died ({cause}), and its replacement {replacement_state} at the end"))
     }
 
     fn join_barrier(&mut self, out: &mut Effects, robot: usize) {

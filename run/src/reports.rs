@@ -6,11 +6,11 @@ use protocol::message::{NeighborStatus, ReceptionState, StatusHeader};
 /// Status of a robot, as it last reported it.
 #[derive(Debug, Clone)]
 pub struct RobotReport {
-    /// Contact state of each robot, and since when, ns.
+    /// Reception state of each robot, and since when, ns.
     reception_states: Vec<(ReceptionState, u64)>,
     /// Run time, ns, since which each robot is used as a reference, or no longer is; 0 if this never changed.
     reference_use_since_ns: Vec<u64>,
-    /// Contact state of the leader's frame, and since when, ns.
+    /// Reception state of the leader's frame, and since when, ns.
     leader_frame_reception: (ReceptionState, u64),
     /// Goal from outside that is in effect, m.
     goal_m: Option<[f64; 2]>,
@@ -36,11 +36,11 @@ pub struct RobotCounts {
 
 /// Change in a robot's status.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[expect(missing_docs, reason = "`since_ns`: run time; `other`: by place in the scenario")]
+#[expect(missing_docs, reason = "`since_ns`: run time; `other_robot`: by index in the scenario")]
 pub enum StatusChange {
-    /// New contact state of another robot.
+    /// New reception state of another robot.
     ReceptionChanged { other_robot: usize, reception_state: ReceptionState, since_ns: u64 },
-    /// New contact state of the leader's frame.
+    /// New reception state of the leader's frame.
     LeaderFrameReceptionChanged { reception_state: ReceptionState, since_ns: u64 },
     /// Start or end of using another robot as a reference, such as a backup neighbor in place of one
     /// declared failed.
@@ -62,13 +62,13 @@ impl StatusChange {
 }
 
 impl RobotReport {
-    /// Creates the status of one of `robots` robots, without any contact.
+    /// Creates the status of one of `robots` robots, without any reception.
     pub fn new(robots: usize) -> RobotReport {
-        let unheard = (ReceptionState::NothingReceived, 0);
+        let nothing_received = (ReceptionState::NothingReceived, 0);
         RobotReport {
-            reception_states: vec![unheard; robots],
+            reception_states: vec![nothing_received; robots],
             reference_use_since_ns: vec![0; robots],
-            leader_frame_reception: unheard,
+            leader_frame_reception: nothing_received,
             goal_m: None,
             has_replied: false,
             statuses_read: 0,
@@ -76,7 +76,7 @@ impl RobotReport {
         }
     }
 
-    /// Resets the status for a replacement, which has no contacts and counts from 0.
+    /// Resets the status for a replacement, which has received nothing and counts from 0.
     pub fn reset(&mut self) {
         *self = RobotReport {
             // The goal is reported again only if it differs from that of the predecessor.
@@ -86,7 +86,7 @@ impl RobotReport {
         };
     }
 
-    /// Returns the contact state of another robot.
+    /// Returns the reception state of another robot.
     pub fn reception_state(&self, other: usize) -> ReceptionState {
         self.reception_states[other].0
     }
@@ -98,12 +98,12 @@ impl RobotReport {
 
     /// Returns the counts of all incarnations together.
     pub fn counts(&self) -> RobotCounts {
-        let [before, now] = self.earlier_and_current_counts;
+        let [earlier, current] = self.earlier_and_current_counts;
         RobotCounts {
-            deadline_misses: before.deadline_misses + now.deadline_misses,
-            rejected_beacons: before.rejected_beacons + now.rejected_beacons,
-            old_odometry_samples: before.old_odometry_samples + now.old_odometry_samples,
-            sent_counts: before.sent_counts.plus_next_incarnation(now.sent_counts),
+            deadline_misses: earlier.deadline_misses + current.deadline_misses,
+            rejected_beacons: earlier.rejected_beacons + current.rejected_beacons,
+            old_odometry_samples: earlier.old_odometry_samples + current.old_odometry_samples,
+            sent_counts: earlier.sent_counts.plus_next_incarnation(current.sent_counts),
         }
     }
 
@@ -134,71 +134,78 @@ impl RobotReport {
             message_hash: header.message_hash,
             dropped_messages: header.messages_dropped,
         });
-        let mut news = Vec::new();
-        if let Some(contact) = ReceptionState::from_number(header.frame) {
+        let mut changes = Vec::new();
+        if let Some(reception_state) = ReceptionState::from_number(header.frame) {
             let since_ns = header.frame_since_t_ns;
-            if update_reception_state(&mut self.leader_frame_reception, contact, since_ns) {
-                news.push(StatusChange::LeaderFrameReceptionChanged {
-                    reception_state: contact,
-                    since_ns,
-                });
+            if update_reception_state(&mut self.leader_frame_reception, reception_state, since_ns) {
+                changes
+                    .push(StatusChange::LeaderFrameReceptionChanged { reception_state, since_ns });
             }
         }
-        let outside_m = header.goal().map(|(_, goal_m)| goal_m);
-        if header.moving == 1 && outside_m != self.goal_m {
-            self.goal_m = outside_m;
+        let outside_goal_m = header.goal().map(|(_, goal_m)| goal_m);
+        if header.moving == 1 && outside_goal_m != self.goal_m {
+            self.goal_m = outside_goal_m;
             let since_ns = header.goal().map_or(header.t_ns, |(since_ns, _)| since_ns);
-            news.push(StatusChange::GoalChanged { outside_goal_m: outside_m, since_ns });
+            changes.push(StatusChange::GoalChanged { outside_goal_m, since_ns });
         }
         for status in neighbors {
-            let Some(contact) = ReceptionState::from_number(status.contact) else { continue };
-            let Some(other) = (status.robot as usize).checked_sub(1) else { continue };
-            let Some(known) = self.reception_states.get_mut(other) else { continue };
-            if update_reception_state(known, contact, status.since_t_ns) {
-                news.push(StatusChange::ReceptionChanged {
-                    other_robot: other,
-                    reception_state: contact,
+            let Some(reception_state) = ReceptionState::from_number(status.contact) else {
+                continue;
+            };
+            let Some(other_robot) = (status.robot as usize).checked_sub(1) else { continue };
+            let Some(known_state) = self.reception_states.get_mut(other_robot) else { continue };
+            if update_reception_state(known_state, reception_state, status.since_t_ns) {
+                changes.push(StatusChange::ReceptionChanged {
+                    other_robot,
+                    reception_state,
                     since_ns: status.since_t_ns,
                 });
             }
             let since_ns = status.goes_by_since_t_ns;
-            if std::mem::replace(&mut self.reference_use_since_ns[other], since_ns) != since_ns {
-                news.push(StatusChange::ReferenceUseChanged {
-                    other_robot: other,
+            if std::mem::replace(&mut self.reference_use_since_ns[other_robot], since_ns)
+                != since_ns
+            {
+                changes.push(StatusChange::ReferenceUseChanged {
+                    other_robot,
                     is_used: status.goes_by == 1,
                     since_ns,
                 });
             }
         }
-        news
+        changes
     }
 }
 
-/// Returns whether a contact state is a change to report, and stores it. The initial states, without
-/// contact or with a closed backup edge, are not reported.
+/// Returns whether a reception state is a change to report, and stores it. The initial states, without
+/// reception or with a closed backup edge, are not reported.
 fn update_reception_state(
-    known: &mut (ReceptionState, u64),
-    contact: ReceptionState,
+    known_state: &mut (ReceptionState, u64),
+    reception_state: ReceptionState,
     since_ns: u64,
 ) -> bool {
-    std::mem::replace(known, (contact, since_ns)) != *known
-        && contact != ReceptionState::NothingReceived
+    std::mem::replace(known_state, (reception_state, since_ns)) != *known_state
+        && reception_state != ReceptionState::NothingReceived
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn neighbor_status(contact: ReceptionState, since_t_ns: u64) -> NeighborStatus {
-        NeighborStatus { robot: 2, contact: contact as u64, since_t_ns, ..Default::default() }
+    fn neighbor_status(reception_state: ReceptionState, since_t_ns: u64) -> NeighborStatus {
+        NeighborStatus {
+            robot: 2,
+            contact: reception_state as u64,
+            since_t_ns,
+            ..Default::default()
+        }
     }
 
     #[test]
     fn replacement_reports_its_contacts_with_its_own_times() {
         let mut report = RobotReport::new(2);
-        let mut told = |contact: ReceptionState, since_ns: u64| {
+        let mut update_report = |reception_state: ReceptionState, since_ns: u64| {
             let header = StatusHeader {
-                frame: contact as u64,
+                frame: reception_state as u64,
                 frame_since_t_ns: since_ns,
                 deadline_misses: 3,
                 beacons_refused: 1,
@@ -207,23 +214,23 @@ mod tests {
                 messages_sent: 4,
                 ..StatusHeader::default()
             };
-            if contact == ReceptionState::NothingReceived {
+            if reception_state == ReceptionState::NothingReceived {
                 report.reset();
             }
-            (report.update(&header, &[neighbor_status(contact, since_ns)]), report.counts())
+            (report.update(&header, &[neighbor_status(reception_state, since_ns)]), report.counts())
         };
-        let heard = |since_ns| {
+        let reception_changes = |since_ns| {
             let reception_state = ReceptionState::Fresh;
             let other =
                 StatusChange::ReceptionChanged { other_robot: 1, reception_state, since_ns };
             vec![StatusChange::LeaderFrameReceptionChanged { reception_state, since_ns }, other]
         };
-        assert_eq!(told(ReceptionState::Fresh, 5).0, heard(5));
-        assert_eq!(told(ReceptionState::Fresh, 5).0, []);
+        assert_eq!(update_report(ReceptionState::Fresh, 5).0, reception_changes(5));
+        assert_eq!(update_report(ReceptionState::Fresh, 5).0, []);
         // Reported before it receives any beacon, as of the start of the run.
-        assert_eq!(told(ReceptionState::NothingReceived, 0).0, []);
-        let (again, counts) = told(ReceptionState::Fresh, 90);
-        assert_eq!(again, heard(90));
+        assert_eq!(update_report(ReceptionState::NothingReceived, 0).0, []);
+        let (second_changes, counts) = update_report(ReceptionState::Fresh, 90);
+        assert_eq!(second_changes, reception_changes(90));
         let message_hash = counts.sent_counts.message_hash;
         let sent = SentCounts { beacons: 10, messages: 8, message_hash, dropped_messages: 0 };
         assert_eq!(
@@ -249,24 +256,23 @@ mod tests {
             t_ns,
             ..StatusHeader::default()
         };
-        let to = |x_m| Some([x_m, 2.0]);
+        let goal = |x_m| Some([x_m, 2.0]);
         assert!(report.update(&status(0, 0.0, 5), &[]).is_empty(), "to its own from the beginning");
-        for (status, news) in [
-            (status(10, 1.0, 12), Some((to(1.0), 10))),
+        for (status, expected_change) in [
+            (status(10, 1.0, 12), Some((goal(1.0), 10))),
             (status(10, 1.0, 20), None),
             (status(30, 1.0, 31), None),
-            (status(40, 3.0, 42), Some((to(3.0), 40))),
+            (status(40, 3.0, 42), Some((goal(3.0), 40))),
         ] {
-            let expected = news.map(|(outside_m, since_ns)| StatusChange::GoalChanged {
-                outside_goal_m: outside_m,
-                since_ns,
+            let expected = expected_change.map(|(outside_goal_m, since_ns)| {
+                StatusChange::GoalChanged { outside_goal_m, since_ns }
             });
             assert_eq!(report.update(&status, &[]), Vec::from_iter(expected));
         }
         report.reset();
-        let born = StatusHeader { moving: 0, ..status(0, 0.0, 0) };
-        assert!(report.update(&born, &[]).is_empty(), "it has not begun to move");
-        let own = StatusChange::GoalChanged { outside_goal_m: None, since_ns: 90 };
-        assert_eq!(report.update(&status(0, 0.0, 90), &[]), [own]);
+        let first_status = StatusHeader { moving: 0, ..status(0, 0.0, 0) };
+        assert!(report.update(&first_status, &[]).is_empty(), "it has not begun to move");
+        let own_goal = StatusChange::GoalChanged { outside_goal_m: None, since_ns: 90 };
+        assert_eq!(report.update(&status(0, 0.0, 90), &[]), [own_goal]);
     }
 }

@@ -18,19 +18,19 @@ pub struct Timeline {
 impl Timeline {
     /// Creates the timeline of all faults of the scenario.
     pub fn new(scenario: &Scenario) -> Timeline {
-        let mut due = Vec::new();
-        for (fault, planned) in scenario.faults.iter().enumerate() {
-            let (at_ns, initiator) = (planned.start_ns, Initiator::Plan);
-            let (first, last) = match planned.kind {
+        let mut planned_events = Vec::new();
+        for (fault, planned_fault) in scenario.faults.iter().enumerate() {
+            let (at_ns, initiator) = (planned_fault.start_ns, Initiator::Plan);
+            let (start_event, end_event) = match planned_fault.kind {
                 FaultKind::Kill { robot, restart_after_ns } => {
                     let restart_at_ns = restart_after_ns.map(|after_ns| at_ns + after_ns);
                     (LifecycleEvent::Kill { robot, fault, restart_at_ns, initiator }, None)
                 }
                 FaultKind::KillPlant => (LifecycleEvent::KillPlant { fault }, None),
                 FaultKind::Freeze { robot } => {
-                    let ends = planned.duration_ns.is_some();
+                    let has_planned_thaw = planned_fault.duration_ns.is_some();
                     let freeze =
-                        LifecycleEvent::Freeze { robot, fault, has_planned_thaw: ends, initiator };
+                        LifecycleEvent::Freeze { robot, fault, has_planned_thaw, initiator };
                     (freeze, Some(LifecycleEvent::Thaw { robot, fault, initiator }))
                 }
                 FaultKind::Load { processes } => (
@@ -45,12 +45,12 @@ impl Timeline {
                 | FaultKind::Wheels { .. }
                 | FaultKind::Partition { .. } => continue,
             };
-            due.push((at_ns, first));
-            due.extend(planned.end_ns().zip(last));
+            planned_events.push((at_ns, start_event));
+            planned_events.extend(planned_fault.end_ns().zip(end_event));
         }
         // Stable sort: an end and a start at the same time keep the order of the scenario, in every run.
-        due.sort_by_key(|&(at_ns, _)| at_ns);
-        Timeline { planned_events: due.into() }
+        planned_events.sort_by_key(|&(at_ns, _)| at_ns);
+        Timeline { planned_events: planned_events.into() }
     }
 
     /// Returns the run time of the next event, ns.

@@ -35,20 +35,20 @@ pub struct ProcessExecutor<'a> {
 
 impl RunExecutor for ProcessExecutor<'_> {
     fn attempt(&self, cell: &CampaignRun) -> AttemptResult {
-        let run = self.folder.run_path(&cell.id);
-        let log = sibling_path(&run, "log");
-        let mut child = match self.start(cell, &run, &log) {
+        let run_path = self.folder.run_path(&cell.id);
+        let log = sibling_path(&run_path, "log");
+        let mut child = match self.start(cell, &run_path, &log) {
             Ok(child) => child,
-            Err(why) => return AttemptResult::Refused(why),
+            Err(error) => return AttemptResult::Refused(error),
         };
-        let ended = wait_for_run(&mut child, self.stop, self.campaign.deadline_s);
-        let _ = std::fs::remove_dir_all(partial_run_dir(&run, child.pid()));
-        let forget_log = || {
+        let status = wait_for_run(&mut child, self.stop, self.campaign.deadline_s);
+        let _ = std::fs::remove_dir_all(partial_run_dir(&run_path, child.pid()));
+        let remove_log = || {
             let _ = std::fs::remove_file(&log);
         };
-        match ended {
+        match status {
             None if self.stop.is_requested() => {
-                forget_log();
+                remove_log();
                 AttemptResult::Stopped
             }
             None => AttemptResult::Failed(format!(
@@ -57,7 +57,7 @@ impl RunExecutor for ProcessExecutor<'_> {
             )),
             Some(status) => match status.code().map(|code| code as u8) {
                 Some(exit::OK) => {
-                    forget_log();
+                    remove_log();
                     AttemptResult::Done
                 }
                 // The run was valid a moment ago, so a repetition would be rejected again.
@@ -71,10 +71,10 @@ impl RunExecutor for ProcessExecutor<'_> {
 }
 
 impl ProcessExecutor<'_> {
-    fn start(&self, cell: &CampaignRun, run: &Path, log: &Path) -> Result<Child, String> {
-        let words: Vec<OsString> =
-            cell.arguments(self.campaign, run).into_iter().map(OsString::from).collect();
-        let child = self.launcher.spawn(ProcessRole::Run { words: &words }, log);
+    fn start(&self, cell: &CampaignRun, run_path: &Path, log: &Path) -> Result<Child, String> {
+        let arguments: Vec<OsString> =
+            cell.arguments(self.campaign, run_path).into_iter().map(OsString::from).collect();
+        let child = self.launcher.spawn(ProcessRole::Run { arguments: &arguments }, log);
         child.map_err(|error| error.to_string())
     }
 }
@@ -82,7 +82,7 @@ impl ProcessExecutor<'_> {
 /// Waits for a `phalanx run` to exit and returns its status; `None` if it was terminated by the stop flag, or killed
 /// because it had not ended itself at its deadline, which is given in s.
 pub fn wait_for_run(child: &mut Child, stop: &StopFlag, deadline_s: f64) -> Option<ExitStatus> {
-    let began = Instant::now();
+    let start = Instant::now();
     let limit = Duration::from_secs_f64(deadline_s) + KILL_DELAY;
     loop {
         if let Some(status) = child.wait_timeout(POLL_INTERVAL) {
@@ -94,7 +94,7 @@ pub fn wait_for_run(child: &mut Child, stop: &StopFlag, deadline_s: f64) -> Opti
             child.kill_and_wait();
             return None;
         }
-        if began.elapsed() > limit {
+        if start.elapsed() > limit {
             child.kill_and_wait();
             return None;
         }

@@ -39,9 +39,12 @@ fn parse_seconds(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(number).map_err(|error| error.to_string())
 }
 
-fn parse_file_retention(word: &str) -> Result<FileRetention, String> {
-    let mut all = [FileRetention::Summary, FileRetention::Failed, FileRetention::All].into_iter();
-    all.find(|keep| keep.keyword() == word).ok_or_else(|| "must be summary, failed or all".into())
+fn parse_file_retention(text: &str) -> Result<FileRetention, String> {
+    let mut values =
+        [FileRetention::Summary, FileRetention::Failed, FileRetention::All].into_iter();
+    values
+        .find(|value| value.keyword() == text)
+        .ok_or_else(|| "must be summary, failed or all".into())
 }
 
 /// Executes a valid scenario as a run of a campaign and returns the exit code.
@@ -51,10 +54,10 @@ pub(super) fn execute_campaign_run(
     scenario: &Scenario,
     text: &str,
     manifest: &Manifest,
-    how: ExecutionOptions,
+    options: ExecutionOptions,
 ) -> u8 {
-    let keep = args.keep;
-    match prepare_run(cell, keep) {
+    let retention = args.keep;
+    match prepare_run(cell, retention) {
         Ok(true) => return exit::OK,
         Ok(false) => {}
         Err(error) => return print_failure(&error),
@@ -62,59 +65,59 @@ pub(super) fn execute_campaign_run(
     let out = partial_dir(cell);
     // Removes the partial directory of an earlier process with this number.
     let _ = std::fs::remove_dir_all(&out);
-    let late = Arc::new(AtomicBool::new(false));
-    let bell = args.deadline_s.map(|deadline| (deadline, Arc::clone(&late)));
-    let ring = move |stop: &StopFlag| {
-        let Some((deadline, late)) = bell else { return };
+    let is_late = Arc::new(AtomicBool::new(false));
+    let deadline_timer = args.deadline_s.map(|deadline| (deadline, Arc::clone(&is_late)));
+    let start_deadline_timer = move |stop: &StopFlag| {
+        let Some((deadline, is_late)) = deadline_timer else { return };
         let stop = stop.clone();
         // Never joined: the thread ends with the process.
         std::thread::spawn(move || {
             std::thread::sleep(deadline);
-            late.store(true, Ordering::Relaxed);
+            is_late.store(true, Ordering::Relaxed);
             stop.request();
         });
     };
-    let how = ExecutionOptions {
-        is_recorded: keep != FileRetention::Summary,
-        on_start: Some(Box::new(ring)),
-        ..how
+    let options = ExecutionOptions {
+        is_recorded: retention != FileRetention::Summary,
+        on_start: Some(Box::new(start_deadline_timer)),
+        ..options
     };
-    let remove = || {
+    let remove_partial_dir = || {
         let _ = std::fs::remove_dir_all(&out);
     };
-    let failed = |why: &str| {
-        remove();
-        if let Err(error) = append_failure(cell, why) {
+    let record_failure = |reason: &str| {
+        remove_partial_dir();
+        if let Err(error) = append_failure(cell, reason) {
             print_failure(&format_args!("cannot write next to {}: {error}", cell.display()));
         }
         exit::INFRASTRUCTURE_FAILURE
     };
-    let report_failure = |why: String| {
-        print_failure(&why);
-        failed(&why)
+    let report_failure = |reason: String| {
+        print_failure(&reason);
+        record_failure(&reason)
     };
-    let ended = match execute(scenario, text, manifest, &RunLocation::Path(out.clone()), how) {
-        Ok(ended) => ended,
+    let result = match execute(scenario, text, manifest, &RunLocation::Path(out.clone()), options) {
+        Ok(result) => result,
         Err(error) => return report_failure(error.to_string()),
     };
-    match ended.end {
-        RunEnd::AsPlanned if ended.all_files_written => {
-            let passed = ended.summary.exit == exit::OK;
-            match complete_run(&out, cell, keep, passed) {
+    match result.end {
+        RunEnd::AsPlanned if result.all_files_written => {
+            let has_passed = result.summary.exit == exit::OK;
+            match complete_run(&out, cell, retention, has_passed) {
                 Ok(()) => exit::OK,
                 Err(error) => {
                     report_failure(format!("cannot complete {}: {error}", cell.display()))
                 }
             }
         }
-        RunEnd::Interrupted if late.load(Ordering::Relaxed) => {
+        RunEnd::Interrupted if is_late.load(Ordering::Relaxed) => {
             report_failure(format!("took more than {:?}", args.deadline_s.unwrap_or_default()))
         }
         RunEnd::Interrupted => {
-            remove();
+            remove_partial_dir();
             exit::INTERRUPTED
         }
-        RunEnd::AsPlanned => failed("some files could not be written"),
-        RunEnd::Failed(why) => failed(&why),
+        RunEnd::AsPlanned => record_failure("some files could not be written"),
+        RunEnd::Failed(reason) => record_failure(&reason),
     }
 }

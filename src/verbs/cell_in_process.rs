@@ -44,28 +44,29 @@ pub(super) struct InProcessExecutor<'a> {
 
 impl RunExecutor for InProcessExecutor<'_> {
     fn attempt(&self, cell: &CampaignRun) -> AttemptResult {
-        let read = read_for_run(&cell.scenario, &cell.overrides, self.catalog);
-        let (scenario, text) = match read {
+        let read_result = read_for_run(&cell.scenario, &cell.overrides, self.catalog);
+        let (scenario, text) = match read_result {
             Ok((scenario, text, _)) => (scenario, text),
             Err(diagnostic) => return AttemptResult::Refused(diagnostic.render(false)),
         };
-        if let Some(why) = measured::reason_for_processes(&scenario) {
-            let mut counted =
+        if let Some(reason) = measured::reason_for_processes(&scenario) {
+            let mut fallback =
                 self.process_fallback.lock().expect("no thread panics while it holds the lock");
-            counted.1 = if counted.0 == 0 { why } else { counted.1 };
-            counted.0 += 1;
-            drop(counted);
+            fallback.1 = if fallback.0 == 0 { reason } else { fallback.1 };
+            fallback.0 += 1;
+            drop(fallback);
             return self.process_executor.attempt(cell);
         }
-        let run = self.folder.run_path(&cell.id);
-        let part = partial_dir(&run);
+        let run_path = self.folder.run_path(&cell.id);
+        let partial_dir = partial_dir(&run_path);
         // Removes the partial directory of an earlier attempt.
-        let _ = std::fs::remove_dir_all(&part);
-        let tried = catch_failures(|| self.run(&scenario, &text, &cell.scenario, &part, &run));
-        if tried != AttemptResult::Done {
-            let _ = std::fs::remove_dir_all(&part);
+        let _ = std::fs::remove_dir_all(&partial_dir);
+        let result =
+            catch_failures(|| self.run(&scenario, &text, &cell.scenario, &partial_dir, &run_path));
+        if result != AttemptResult::Done {
+            let _ = std::fs::remove_dir_all(&partial_dir);
         }
-        tried
+        result
     }
 
     fn has_own_cores(&self) -> bool {
@@ -74,32 +75,35 @@ impl RunExecutor for InProcessExecutor<'_> {
 }
 
 impl InProcessExecutor<'_> {
-    /// Executes a valid scenario of the file `from` into `part`, which is renamed to `run` when complete.
+    /// Executes a valid scenario of the file `scenario_path` into `partial_dir`, which is renamed to `run_path` when
+    /// complete.
     fn run(
         &self,
         scenario: &Scenario,
         text: &str,
-        from: &Path,
-        part: &Path,
-        run: &Path,
+        scenario_path: &Path,
+        partial_dir: &Path,
+        run_path: &Path,
     ) -> Result<AttemptResult, String> {
-        let (keep, pace) = (self.campaign.file_retention, Pace::Lockstep);
-        if prepare_run(run, keep).map_err(format_error)? {
+        let (retention, pace) = (self.campaign.file_retention, Pace::Lockstep);
+        if prepare_run(run_path, retention).map_err(format_error)? {
             return Ok(AttemptResult::Done);
         }
-        let programs = Programs::read(scenario, scenario_folder(from))
+        let programs = Programs::read(scenario, scenario_folder(scenario_path))
             .map_err(|(path, error)| format!("cannot read {}: {error}", path.display()))?;
-        let mut manifest = Manifest::collect(scenario, from, pace, self.build);
+        let mut manifest = Manifest::collect(scenario, scenario_path, pace, self.build);
         manifest.programs = programs.manifest_files();
-        let is_recorded = keep != FileRetention::Summary;
-        let begun = create_run_dir(scenario, text, &manifest, part, is_recorded, &programs);
-        let mut run_dir = begun.map_err(format_error)?;
+        let is_recorded = retention != FileRetention::Summary;
+        let create_result =
+            create_run_dir(scenario, text, &manifest, partial_dir, is_recorded, &programs);
+        let mut run_dir = create_result.map_err(format_error)?;
         let mut metrics = Metrics::new(scenario, pace);
-        let began = Instant::now();
+        let start = Instant::now();
         let deadline = Duration::from_secs_f64(self.campaign.deadline_s);
-        let goes_on = || !self.stop.is_requested() && began.elapsed() < deadline;
-        let (mut outcome, ran) = simulate_to_end(scenario, &mut run_dir, &mut metrics, goes_on);
-        ran.map_err(format_error)?;
+        let should_continue = || !self.stop.is_requested() && start.elapsed() < deadline;
+        let (mut outcome, result) =
+            simulate_to_end(scenario, &mut run_dir, &mut metrics, should_continue);
+        result.map_err(format_error)?;
         if outcome.was_interrupted {
             return match self.stop.is_requested() {
                 true => Ok(AttemptResult::Stopped),
@@ -107,30 +111,30 @@ impl InProcessExecutor<'_> {
             };
         }
         let launcher = self.process_executor.launcher;
-        let ended = (exit::OK, launcher, self.stop);
-        let judged =
-            evaluate_and_write(scenario, pace, &metrics, &mut outcome, ended, &mut run_dir);
-        if let Some(error) = judged.first_error() {
+        let end_inputs = (exit::OK, launcher, self.stop);
+        let evaluated_run =
+            evaluate_and_write(scenario, pace, &metrics, &mut outcome, end_inputs, &mut run_dir);
+        if let Some(error) = evaluated_run.first_error() {
             return Err(error);
         }
-        let passed = judged.summary.exit == exit::OK;
-        complete_run(part, run, keep, passed)
-            .map_err(|error| format!("cannot complete {}: {error}", run.display()))?;
+        let has_passed = evaluated_run.summary.exit == exit::OK;
+        complete_run(partial_dir, run_path, retention, has_passed)
+            .map_err(|error| format!("cannot complete {}: {error}", run_path.display()))?;
         Ok(AttemptResult::Done)
     }
 }
 
-/// Creates the directory `part` of a run, with the files written before the first ground truth sample, and copies of
-/// these programs. It is recorded if `is_recorded`, or if a program computes metrics from it.
+/// Creates the directory `partial_dir` of a run, with the files written before the first ground truth sample, and
+/// copies of these programs. It is recorded if `is_recorded`, or if a program computes metrics from it.
 pub(super) fn create_run_dir(
     scenario: &Scenario,
     text: &str,
     manifest: &Manifest,
-    part: &Path,
+    partial_dir: &Path,
     is_recorded: bool,
     programs: &Programs,
 ) -> Result<RunDir, RunDirError> {
-    let mut run_dir = RunDir::create(part, scenario)?;
+    let mut run_dir = RunDir::create(partial_dir, scenario)?;
     run_dir.write_initial_files(text, manifest, is_recorded || scenario.has_metric_programs())?;
     if scenario.has_metric_programs() {
         run_dir.write_programs(programs)?;
@@ -138,29 +142,29 @@ pub(super) fn create_run_dir(
     Ok(run_dir)
 }
 
-/// Runs a scenario to its end, or until `goes_on` returns `false`; it is called at every tick.
+/// Runs a scenario to its end, or until `should_continue` returns `false`; it is called at every tick.
 pub(super) fn simulate_to_end(
     scenario: &Scenario,
     run_dir: &mut RunDir,
     metrics: &mut Metrics,
-    goes_on: impl Fn() -> bool,
+    should_continue: impl Fn() -> bool,
 ) -> (RunOutcome, Result<(), RunDirError>) {
-    let usage_before = usage::read_this_thread();
+    let earlier_usage = usage::read_this_thread();
     let run = MeasuredRun::new(scenario, create_controller, run_dir, metrics, now_ns);
     let mut run = run.expect("it needs no processes");
-    let began = Instant::now();
-    let (interrupted, ran) = loop {
+    let start = Instant::now();
+    let (was_interrupted, result) = loop {
         match run.record_truth_sample() {
-            Ok(false) if goes_on() => run.advance_tick(),
-            Ok(last) => break (!last, Ok(())),
+            Ok(false) if should_continue() => run.advance_tick(),
+            Ok(is_last) => break (!is_last, Ok(())),
             Err(error) => break (false, Err(error)),
         }
     };
-    let wall = began.elapsed();
-    let (outcome, _, told) = run.finish();
-    let usage = usage::read_this_thread().usage_since(&usage_before);
+    let wall_time = start.elapsed();
+    let (outcome, _, write_result) = run.finish();
+    let usage = usage::read_this_thread().usage_since(&earlier_usage);
     let usages = vec![ProcessUsage { name: THREAD_NAME.into(), starts: 1, usage }];
-    (RunOutcome { was_interrupted: interrupted, wall_time: wall, usages, ..outcome }, ran.and(told))
+    (RunOutcome { was_interrupted, wall_time, usages, ..outcome }, result.and(write_result))
 }
 
 /// Name of the thread that computes the run, in the list of its processes.
@@ -170,15 +174,15 @@ const THREAD_NAME: &str = "all";
 /// runs continue.
 fn catch_failures(attempt: impl FnOnce() -> Result<AttemptResult, String>) -> AttemptResult {
     // The state of an attempt that panics is dropped.
-    let tried = catch_unwind(AssertUnwindSafe(attempt))
+    let result = catch_unwind(AssertUnwindSafe(attempt))
         .unwrap_or_else(|panic| Err(format!("panicked: {}", panic_message(&*panic))));
-    tried.unwrap_or_else(AttemptResult::Failed)
+    result.unwrap_or_else(AttemptResult::Failed)
 }
 
 /// Returns the message of a panic.
 pub(super) fn panic_message(panic: &(dyn Any + Send)) -> &str {
-    let said = panic.downcast_ref::<String>().map(String::as_str);
-    said.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
+    let message = panic.downcast_ref::<String>().map(String::as_str);
+    message.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
 }
 
 pub(super) fn format_error(error: impl std::fmt::Display) -> String {
@@ -191,10 +195,10 @@ mod tests {
 
     #[test]
     fn run_that_panics_fails_with_the_message() {
-        let why = |words: &str| AttemptResult::Failed(words.to_owned());
-        assert_eq!(catch_failures(|| panic!("no {}", 1)), why("panicked: no 1"));
-        assert_eq!(catch_failures(|| panic!("none")), why("panicked: none"));
-        assert_eq!(catch_failures(|| Err("no room".into())), why("no room"));
+        let failure = |message: &str| AttemptResult::Failed(message.to_owned());
+        assert_eq!(catch_failures(|| panic!("no {}", 1)), failure("panicked: no 1"));
+        assert_eq!(catch_failures(|| panic!("none")), failure("panicked: none"));
+        assert_eq!(catch_failures(|| Err("no room".into())), failure("no room"));
         assert_eq!(catch_failures(|| Ok(AttemptResult::Done)), AttemptResult::Done);
     }
 }

@@ -32,15 +32,15 @@ const PROGRESS_INTERVAL_MIN: Duration = Duration::from_secs(2);
 
 /// Progress lines on stderr for a check that takes long.
 struct CheckProgress {
-    last_shown: Instant,
+    last_print_time: Instant,
 }
 
 impl CheckProgress {
     /// Prints how many single failures and link cuts have been checked, at most once in [`PROGRESS_INTERVAL_MIN`].
-    fn print_if_due(&mut self, done: usize, all: usize) {
-        if self.last_shown.elapsed() >= PROGRESS_INTERVAL_MIN {
-            self.last_shown = Instant::now();
-            print_info(&format!("{done} of {all} single deaths and cuts checked"));
+    fn print_if_due(&mut self, checked: usize, total: usize) {
+        if self.last_print_time.elapsed() >= PROGRESS_INTERVAL_MIN {
+            self.last_print_time = Instant::now();
+            print_info(&format!("{checked} of {total} single deaths and cuts checked"));
         }
     }
 }
@@ -58,9 +58,9 @@ fn drawing_parser() -> impl TypedValueParser<Value = DrawingLanguage> {
     let mermaid =
         PossibleValue::new("mermaid").help("Mermaid, which GitHub and many editors render");
     let dot = PossibleValue::new("dot").help("Graphviz; convert with `| dot -Tsvg`");
-    let drawing =
-        |word: String| if word == "dot" { DrawingLanguage::Dot } else { DrawingLanguage::Mermaid };
-    PossibleValuesParser::new([mermaid, dot]).map(drawing)
+    let to_language =
+        |text: String| if text == "dot" { DrawingLanguage::Dot } else { DrawingLanguage::Mermaid };
+    PossibleValuesParser::new([mermaid, dot]).map(to_language)
 }
 
 pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> Result<u8, u8> {
@@ -72,9 +72,9 @@ pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> Result<u8, u8> {
     for refusal in needs.refusals() {
         print_info(&format!("warning: this machine would refuse the run: {refusal}"));
     }
-    let mut lines = CheckProgress { last_shown: Instant::now() };
+    let mut progress = CheckProgress { last_print_time: Instant::now() };
     let theory =
-        Theory::compute_with_progress(&scenario, &mut |done, all| lines.print_if_due(done, all));
+        Theory::compute_with_progress(&scenario, &mut |done, all| progress.print_if_due(done, all));
     let text = match args.output {
         OutputFormat::Text => check::format_report(&scenario, &theory) + &needs.to_string(),
         OutputFormat::Json => to_json(&CheckResults { theory: &theory, needs }),

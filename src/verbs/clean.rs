@@ -16,10 +16,10 @@ pub struct CleanArgs {
 }
 
 pub(super) fn clean(args: &CleanArgs) -> u8 {
-    let (said, failures) = dead_runs::remove_dead_runs(&run_root::base_directory(), args.dry_run);
-    let printed = print(&said);
+    let (report, failures) = dead_runs::remove_dead_runs(&run_root::base_directory(), args.dry_run);
+    let exit_code = print(&report);
     for failure in &failures {
         print_failure(failure);
     }
-    if failures.is_empty() { printed } else { exit::INFRASTRUCTURE_FAILURE }
+    if failures.is_empty() { exit_code } else { exit::INFRASTRUCTURE_FAILURE }
 }

@@ -18,18 +18,18 @@ pub fn remove_dead_runs(base: &Path, dry_run: bool) -> (String, Vec<String>) {
     let (mut listing, mut failures) = (String::new(), Vec::new());
     let verb = if dry_run { "would remove" } else { "removed" };
     for root in lock_dead_roots(base) {
-        let what = describe_dead_root(&root);
-        let ended = if dry_run {
+        let description = describe_dead_root(&root);
+        let messages = if dry_run {
             Vec::new()
         } else {
             orphan_processes::kill_processes_of_run(&root.path, None)
         };
-        for named in ended {
-            let _ = writeln!(listing, "in a dead run, {named}");
+        for message in messages {
+            let _ = writeln!(listing, "in a dead run, {message}");
         }
         match if dry_run { Ok(()) } else { root.remove() } {
-            Ok(()) => drop(writeln!(listing, "{verb} {what}")),
-            Err(error) => failures.push(format!("cannot remove {what}: {error}")),
+            Ok(()) => drop(writeln!(listing, "{verb} {description}")),
+            Err(error) => failures.push(format!("cannot remove {description}: {error}")),
         }
     }
     if !dry_run {
@@ -60,11 +60,11 @@ pub(crate) fn describe_dead_root(root: &ExitedRunRoot) -> String {
 fn disk_usage(directory: &Path) -> (usize, u64) {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
     entries.fold((0, 0), |(files, bytes), entry| match entry.metadata() {
-        Ok(found) if found.is_dir() => {
+        Ok(metadata) if metadata.is_dir() => {
             let (files_below, bytes_below) = disk_usage(&entry.path());
             (files + files_below, bytes + bytes_below)
         }
-        Ok(found) => (files + 1, bytes + 512 * found.blocks()),
+        Ok(metadata) => (files + 1, bytes + 512 * metadata.blocks()),
         Err(_) => (files, bytes),
     })
 }

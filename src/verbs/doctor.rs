@@ -21,12 +21,12 @@ pub struct DoctorArgs {
 
 pub(super) fn doctor(args: &DoctorArgs) -> u8 {
     let findings = examine::examine(args.robots as usize);
-    let printed = print_result(
+    let exit_code = print_result(
         args.output,
         &match args.output {
             OutputFormat::Text => examine::format_findings(&findings),
             OutputFormat::Json => to_json(&findings),
         },
     );
-    if examine::has_error_finding(&findings) { exit::INFRASTRUCTURE_FAILURE } else { printed }
+    if examine::has_error_finding(&findings) { exit::INFRASTRUCTURE_FAILURE } else { exit_code }
 }

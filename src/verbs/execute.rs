@@ -135,8 +135,8 @@ pub(super) struct EvaluatedRun {
 impl EvaluatedRun {
     /// Returns the error that makes the results incomplete, if there is one.
     pub(super) fn first_error(&self) -> Option<String> {
-        let unwritten = self.write_errors.first().map(ToString::to_string);
-        unwritten.or_else(|| self.metrics_error.clone())
+        let write_error = self.write_errors.first().map(ToString::to_string);
+        write_error.or_else(|| self.metrics_error.clone())
     }
 }
 
@@ -147,28 +147,28 @@ pub(super) fn evaluate_and_write(
     pace: Pace,
     metrics: &Metrics,
     outcome: &mut RunOutcome,
-    (mut ended_with, launcher, stop): (u8, &Launcher, &StopFlag),
+    (mut exit_code, launcher, stop): (u8, &Launcher, &StopFlag),
     run_dir: &mut RunDir,
 ) -> EvaluatedRun {
-    let unwritten = run_dir.write_final_files(
+    let write_errors = run_dir.write_final_files(
         &metrics.pair_distances(),
         &mut outcome.latency,
         outcome.wall_time,
     );
     let mut metrics_error = None;
     let is_complete =
-        outcome.newest_truth.is_some() && !outcome.was_interrupted && unwritten.is_empty();
-    if is_complete && ended_with != exit::INFRASTRUCTURE_FAILURE {
+        outcome.newest_truth.is_some() && !outcome.was_interrupted && write_errors.is_empty();
+    if is_complete && exit_code != exit::INFRASTRUCTURE_FAILURE {
         match compute_metrics(scenario, run_dir.path(), launcher, stop) {
-            Ok(computed) => outcome.program_metrics = computed,
-            Err(why) => (metrics_error, ended_with) = (Some(why), exit::INFRASTRUCTURE_FAILURE),
+            Ok(program_metrics) => outcome.program_metrics = program_metrics,
+            Err(error) => (metrics_error, exit_code) = (Some(error), exit::INFRASTRUCTURE_FAILURE),
         }
     }
-    let mut summary = summary::evaluate_run(scenario, pace, metrics, outcome, ended_with);
+    let mut summary = summary::evaluate_run(scenario, pace, metrics, outcome, exit_code);
     // The verdict does not depend on whether it can be written.
-    let screen = format_screen(&summary);
-    let unwritten = run_dir.finish(&mut summary, unwritten);
-    EvaluatedRun { summary, summary_text: screen, write_errors: unwritten, metrics_error }
+    let summary_text = format_screen(&summary);
+    let write_errors = run_dir.finish(&mut summary, write_errors);
+    EvaluatedRun { summary, summary_text, write_errors, metrics_error }
 }
 
 /// Executes a valid scenario and records everything. `text` is the effective scenario text.
@@ -176,61 +176,61 @@ pub(super) fn execute(
     scenario: &Scenario,
     text: &str,
     manifest: &Manifest,
-    place: &RunLocation,
-    mut how: ExecutionOptions,
+    location: &RunLocation,
+    mut options: ExecutionOptions,
 ) -> Result<ExecutionResult, Failure> {
     let stop = super::stop_flag_on_signals()?;
     never_block_on_stderr();
-    if let Some(on_start) = how.on_start.take() {
+    if let Some(on_start) = options.on_start.take() {
         on_start(&stop);
     }
-    let (out, mut run_dir) = place.create_with(|out| RunDir::create(out, scenario))?;
+    let (out, mut run_dir) = location.create_with(|out| RunDir::create(out, scenario))?;
     // Programs that compute metrics read the tables and the recording.
-    let is_recorded = how.is_recorded || scenario.has_metric_programs();
-    run_dir.write_initial_files(text, manifest, is_recorded && !how.is_unmeasured)?;
-    run_dir.write_programs(&how.programs)?;
-    how.host_part.as_ref().map_or(Ok(()), |part| run_dir.write_fleet(&part.fleet_text))?;
-    let mut metrics = Metrics::new(scenario, how.pace);
-    if how.is_unmeasured {
+    let is_recorded = options.is_recorded || scenario.has_metric_programs();
+    run_dir.write_initial_files(text, manifest, is_recorded && !options.is_unmeasured)?;
+    run_dir.write_programs(&options.programs)?;
+    options.host_part.as_ref().map_or(Ok(()), |part| run_dir.write_fleet(&part.fleet_text))?;
+    let mut metrics = Metrics::new(scenario, options.pace);
+    if options.is_unmeasured {
         metrics.stop_measuring();
     }
-    let (pace, launcher, stopped) = (how.pace, how.launcher.clone(), stop.clone());
-    let mut view = how.live_view.take().map(|view| view.serve(scenario, pace)).transpose()?;
+    let (pace, launcher, metrics_stop) = (options.pace, options.launcher.clone(), stop.clone());
+    let mut view = options.live_view.take().map(|view| view.serve(scenario, pace)).transpose()?;
     let (mut outcome, result) =
-        execute_to_completion(scenario, how, &mut run_dir, &mut metrics, view.as_mut(), stop);
-    let ended_with = exit_code(&outcome, &result);
+        execute_to_completion(scenario, options, &mut run_dir, &mut metrics, view.as_mut(), stop);
+    let run_exit_code = exit_code(&outcome, &result);
     let mut end = RunEnd::from_outcome(scenario, &outcome, &result);
     if let Err(error) = &result {
         print_failure(error);
     }
-    let ended = (ended_with, &launcher, &stopped);
-    let judged = evaluate_and_write(scenario, pace, &metrics, &mut outcome, ended, &mut run_dir);
-    let EvaluatedRun { summary, summary_text: screen, write_errors: unwritten, metrics_error } =
-        judged;
-    if let Some(why) = metrics_error {
-        print_failure(&why);
-        end = RunEnd::Failed(why);
+    let end_inputs = (run_exit_code, &launcher, &metrics_stop);
+    let evaluated_run =
+        evaluate_and_write(scenario, pace, &metrics, &mut outcome, end_inputs, &mut run_dir);
+    let EvaluatedRun { summary, summary_text, write_errors, metrics_error } = evaluated_run;
+    if let Some(error) = metrics_error {
+        print_failure(&error);
+        end = RunEnd::Failed(error);
     }
-    let ended = result.as_ref().err().map(ToString::to_string);
-    let unwritten: Vec<String> = unwritten.iter().map(ToString::to_string).collect();
-    for error in unwritten.iter().filter(|&error| ended.as_ref() != Some(error)) {
+    let run_error = result.as_ref().err().map(ToString::to_string);
+    let write_errors: Vec<String> = write_errors.iter().map(ToString::to_string).collect();
+    for error in write_errors.iter().filter(|&error| run_error.as_ref() != Some(error)) {
         print_failure(error);
     }
     if let Some(view) = view {
-        let error = ended.as_ref().or(unwritten.first());
-        let text = error.map_or_else(|| screen.clone(), |error| format!("error: {error}"));
+        let error = run_error.as_ref().or(write_errors.first());
+        let text = error.map_or_else(|| summary_text.clone(), |error| format!("error: {error}"));
         view.send_end_of_run(summary.exit, &text);
     }
-    let (began, written) = (outcome.newest_truth.is_some(), unwritten.is_empty());
-    let failed = failed_processes(scenario, &outcome, &result);
+    let (has_begun, all_files_written) = (outcome.newest_truth.is_some(), write_errors.is_empty());
+    let failed_processes = failed_processes(scenario, &outcome, &result);
     Ok(ExecutionResult {
-        has_begun: began,
+        has_begun,
         run_dir: out,
-        all_files_written: written,
+        all_files_written,
         summary,
-        summary_text: screen,
+        summary_text,
         end,
-        failed_processes: failed,
+        failed_processes,
     })
 }
 
@@ -244,8 +244,8 @@ fn failed_processes(
         let name = &scenario.robots[*robot].name;
         (name.clone(), format!("{name} {cause}"))
     });
-    let last = result.as_ref().err().and_then(RunError::failed_process);
-    robots.chain(last.map(|(process, how)| (process.to_owned(), how))).collect()
+    let run_failure = result.as_ref().err().and_then(RunError::failed_process);
+    robots.chain(run_failure.map(|(process, cause)| (process.to_owned(), cause))).collect()
 }
 
 impl LiveView {
@@ -258,31 +258,32 @@ impl LiveView {
 /// Runs all processes to the end. Returns the outcome, and the error if an infrastructure failure ended the run.
 fn execute_to_completion(
     scenario: &Scenario,
-    how: ExecutionOptions,
+    options: ExecutionOptions,
     run_dir: &mut RunDir,
     metrics: &mut Metrics,
     view: Option<&mut View>,
     stop: StopFlag,
 ) -> (RunOutcome, Result<(), RunError>) {
     let bar = run_progress_bar(scenario.duration_ns);
-    let open_to = RunConnections {
+    let connections = RunConnections {
         accepts_requests: view.as_ref().is_some_and(|view| view.takes_requests()),
         view,
-        bridge_brief: how.host_part.map(|part| part.brief),
-        ros2: how.ros2,
+        bridge_brief: options.host_part.map(|part| part.brief),
+        ros2: options.ros2,
     };
     let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
     let journal = Journal::new(names, run_dir, metrics);
-    let launched = Run::launch(scenario, how.pace, &how.launcher, open_to, journal, stop);
-    let ended = match launched {
+    let launch_result =
+        Run::launch(scenario, options.pace, &options.launcher, connections, journal, stop);
+    let result = match launch_result {
         Ok(run) => run.run_to_end(|t_ns| show_progress(bar, t_ns)),
         Err(error) => {
-            let interrupted = matches!(error, RunError::Interrupted { .. });
-            (RunOutcome { was_interrupted: interrupted, ..RunOutcome::default() }, Err(error))
+            let was_interrupted = matches!(error, RunError::Interrupted { .. });
+            (RunOutcome { was_interrupted, ..RunOutcome::default() }, Err(error))
         }
     };
     end_progress(bar);
-    ended
+    result
 }
 
 /// Reads the programs of a scenario from the folder of its file. On an error, prints it and returns the exit code.
@@ -305,10 +306,10 @@ pub(super) fn repeat_run(
     let pace = Pace::Lockstep;
     let mut manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
     manifest.programs = programs.manifest_files();
-    let how = ExecutionOptions::new(pace, launcher, programs);
-    let ended = execute(scenario, text, &manifest, &RunLocation::Path(out.into()), how);
-    let ended = ended.map_err(|error| print_failure(&error))?;
-    if !(ended.has_begun && ended.all_files_written) || ended.summary.interrupted {
+    let options = ExecutionOptions::new(pace, launcher, programs);
+    let result = execute(scenario, text, &manifest, &RunLocation::Path(out.into()), options);
+    let result = result.map_err(|error| print_failure(&error))?;
+    if !(result.has_begun && result.all_files_written) || result.summary.interrupted {
         return Err(exit::INFRASTRUCTURE_FAILURE);
     }
     checksums::write_checksums(out, out).map_err(|error| print_failure(&error))

@@ -33,14 +33,14 @@ pub(super) struct HostPart {
 }
 
 impl HostPart {
-    /// Returns this host's part of a run. `effective` is the effective scenario text. On an error, prints it and
+    /// Returns this host's part of a run. `effective_text` is the effective scenario text. On an error, prints it and
     /// returns the exit code.
     pub(super) fn new(
         member: FleetMember,
         scenario: &Scenario,
-        effective: &str,
+        effective_text: &str,
     ) -> Result<HostPart, u8> {
-        let (brief, text) = member.brief_and_text(scenario, effective)?;
+        let (brief, text) = member.brief_and_text(scenario, effective_text)?;
         Ok(HostPart { brief, fleet_text: text })
     }
 
@@ -68,11 +68,11 @@ impl FleetArgs {
 
 /// Rejects a scenario with faults that need several hosts.
 pub(super) fn reject_host_faults(scenario: &Scenario) -> Result<(), u8> {
-    let between = scenario.faults.iter().find_map(|fault| match &fault.kind {
+    let partitioned_hosts = scenario.faults.iter().find_map(|fault| match &fault.kind {
         FaultKind::Partition { hosts } => Some(hosts.join(",")),
         _ => None,
     });
-    between.map_or(Ok(()), |hosts| {
+    partitioned_hosts.map_or(Ok(()), |hosts| {
         print_failure(&format_args!(
             "the fault `partition {hosts}` separates hosts, but this run has one: add `--fleet FILE --host \
              NAME`, or use `cut` and `loss` for links between robots"

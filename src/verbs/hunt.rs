@@ -130,15 +130,17 @@ pub struct HuntArgs {
 
 fn parse_minutes(text: &str) -> Result<Duration, String> {
     let minutes: f64 = text.parse().map_err(|_| "no number".to_owned())?;
-    let sound = Some(minutes).filter(|minutes| *minutes > 0.0);
-    let duration = sound.and_then(|minutes| Duration::try_from_secs_f64(60.0 * minutes).ok());
+    let valid = Some(minutes).filter(|minutes| *minutes > 0.0);
+    let duration = valid.and_then(|minutes| Duration::try_from_secs_f64(60.0 * minutes).ok());
     duration.ok_or_else(|| "must be a number of minutes above 0".into())
 }
 
-fn parse_varied(word: &str) -> Result<VariedPart, String> {
-    let found = VARY_VALUES.iter().find(|(known, _)| *known == word);
-    let known: Vec<&str> = VARY_VALUES.iter().map(|(known, _)| *known).collect();
-    found.map(|(_, varied)| *varied).ok_or_else(|| format!("must be one of {}", known.join(", ")))
+fn parse_varied(text: &str) -> Result<VariedPart, String> {
+    let entry = VARY_VALUES.iter().find(|(keyword, _)| *keyword == text);
+    let keywords: Vec<&str> = VARY_VALUES.iter().map(|(keyword, _)| *keyword).collect();
+    entry
+        .map(|(_, varied)| *varied)
+        .ok_or_else(|| format!("must be one of {}", keywords.join(", ")))
 }
 
 pub(super) fn hunt(
@@ -148,30 +150,31 @@ pub(super) fn hunt(
     build: &BuildInfo,
 ) -> u8 {
     let Ok((scenario, text)) = args.scenario.read(catalog) else { return exit::BAD_SCENARIO };
-    let refused = |why: &dyn std::fmt::Display| {
-        print_failure(why);
+    let usage_error = |error: &dyn std::fmt::Display| {
+        print_failure(error);
         exit::USAGE_ERROR
     };
-    let of_metrics = scenario.has_metric_programs().then_some("metrics that programs compute");
-    let by_processes = measured::reason_for_processes(&scenario).or(of_metrics);
-    let (mut names, set) =
+    let metrics_reason = scenario.has_metric_programs().then_some("metrics that programs compute");
+    let process_reason = measured::reason_for_processes(&scenario).or(metrics_reason);
+    let (mut expectation_names, assignments) =
         match expectations_to_falsify(&scenario, &args.expect, args.margin.is_some()) {
             Ok(expected) => expected,
-            Err(why) => return refused(&why),
+            Err(error) => return usage_error(&error),
         };
-    if by_processes.is_some() {
-        names.push(FAILED_ROBOTS_NAME.to_owned());
+    if process_reason.is_some() {
+        expectation_names.push(FAILED_ROBOTS_NAME.to_owned());
     }
-    let Some((scenario, text)) = runs::scenario_with_keys(&scenario, text, set, catalog) else {
+    let Some((scenario, text)) = runs::scenario_with_keys(&scenario, text, assignments, catalog)
+    else {
         return exit::BAD_SCENARIO;
     };
     let vary = if args.vary.is_empty() { &scenario.hunt_bounds.varied_parts } else { &args.vary };
     let space = match SearchSpace::new(&scenario, vary) {
         Ok(space) => space,
-        Err(why) => return refused(&why),
+        Err(error) => return usage_error(&error),
     };
-    let default = || Path::new(HUNTS_DIR).join(format!("{}-{}", scenario.name, scenario.seed));
-    let out = args.out.clone().unwrap_or_else(default);
+    let default_out = || Path::new(HUNTS_DIR).join(format!("{}-{}", scenario.name, scenario.seed));
+    let out = args.out.clone().unwrap_or_else(default_out);
     if let Err(code) = reject_inside_run_roots(&out, "--out") {
         return code;
     }
@@ -181,23 +184,24 @@ pub(super) fn hunt(
     let Ok(programs) = read_programs(&scenario, &args.scenario.path) else {
         return exit::BAD_SCENARIO;
     };
-    let ended = StopFlag::for_run_ending_signals().map_err(HuntError::Signals).and_then(|stop| {
+    let result = StopFlag::for_run_ending_signals().map_err(HuntError::Signals).and_then(|stop| {
         let jobs = args.jobs.map(usize::from);
         let stop = &stop;
         let caller = args.margin.clone().map(|name| ExternalMargin::new(name, out.clone()));
-        let processes = by_processes.map(|why| {
+        let processes = process_reason.map(|reason| {
             print_info(&format!(
-                "each run has a process for each robot ({why}): the number of runs per \
+                "each run has a process for each robot ({reason}): the number of runs per \
                  minute is measured on the first {RATE_REPORT_RUN_COUNT}"
             ));
             HuntProcessExecutor::new(launcher, &out, programs, stop)
         });
-        let (text, space, names, caller) = (&*text, &space, &*names, caller.as_ref());
+        let (text, space, expectation_names, caller) =
+            (&*text, &space, &*expectation_names, caller.as_ref());
         let processes = processes.as_ref();
         let runs = RunContext {
             text,
             space,
-            expectation_names: names,
+            expectation_names,
             external_margin: caller,
             processes,
             catalog,
@@ -206,15 +210,15 @@ pub(super) fn hunt(
             jobs,
             stop,
         };
-        let ended = run_hunt(args, &scenario, vary, &runs, &out);
-        if let (Some(processes), Ok(_) | Err(HuntError::Interrupted)) = (processes, &ended) {
+        let result = run_hunt(args, &scenario, vary, &runs, &out);
+        if let (Some(processes), Ok(_) | Err(HuntError::Interrupted)) = (processes, &result) {
             processes.remove_runs_folder();
         }
-        ended
+        result
     });
-    ended.unwrap_or_else(|error| match error {
+    result.unwrap_or_else(|error| match error {
         HuntError::Locked(LockError::HeldByProcess { .. })
-        | HuntError::Journal(JournalError::OtherHunt(_)) => refused(&error),
+        | HuntError::Journal(JournalError::OtherHunt(_)) => usage_error(&error),
         HuntError::Interrupted => {
             print_info(&error.to_string());
             exit::INTERRUPTED
@@ -225,24 +229,25 @@ pub(super) fn hunt(
 
 /// Returns one command line for each of `hunts` consecutive seeds from `seed`, each with its own output directory.
 fn command_lines(hunts: u16, seed: u64, out: &Path) -> String {
-    let mut words: Vec<String> =
-        std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+    let mut arguments: Vec<String> =
+        std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
     if let Ok(executable) = std::env::current_exe() {
-        words[0] = executable.to_string_lossy().into_owned();
+        arguments[0] = executable.to_string_lossy().into_owned();
     }
     for option in ["--emit-commands", "--out", "--seed"] {
-        while let Some(place) = words.iter().position(|word| word.split('=').next() == Some(option))
+        while let Some(index) =
+            arguments.iter().position(|argument| argument.split('=').next() == Some(option))
         {
-            let with_value = if words[place].contains('=') { 1 } else { 2 };
-            words.drain(place..(place + with_value).min(words.len()));
+            let argument_count = if arguments[index].contains('=') { 1 } else { 2 };
+            arguments.drain(index..(index + argument_count).min(arguments.len()));
         }
     }
     let line = |seed: u64| {
-        let to = out.join(format!("seed-{seed}")).to_string_lossy().into_owned();
-        let own = ["--seed".to_owned(), seed.to_string(), "--out".into(), to];
-        format_command_line(words.iter().chain(&own)) + "\n"
+        let run_dir = out.join(format!("seed-{seed}")).to_string_lossy().into_owned();
+        let options = ["--seed".to_owned(), seed.to_string(), "--out".into(), run_dir];
+        format_command_line(arguments.iter().chain(&options)) + "\n"
     };
-    (0..u64::from(hunts)).map(|more| line(seed + more)).collect()
+    (0..u64::from(hunts)).map(|offset| line(seed + offset)).collect()
 }
 
 /// Progress of a hunt.
@@ -258,6 +263,19 @@ impl HuntProgress {
     fn has_missed(&self) -> bool {
         self.smallest_margin.as_ref().is_some_and(|(margin, ..)| *margin < 0.0)
     }
+
+    /// Adds a run and its evaluation; `None` means that the run is invalid.
+    fn add(&mut self, trial: &Trial, evaluation: Option<&Evaluation>) {
+        self.tried_runs += 1;
+        let Some(Evaluation { cost, .. }) = evaluation else {
+            self.invalid_runs += 1;
+            return;
+        };
+        if self.smallest_margin.as_ref().is_none_or(|(smallest, ..)| cost < smallest) {
+            let strategy = trial.proposed_by.keyword();
+            self.smallest_margin = Some((*cost, self.tried_runs, strategy, trial.point.clone()));
+        }
+    }
 }
 
 fn run_hunt(
@@ -270,68 +288,72 @@ fn run_hunt(
     let folder = CampaignFolder::open_with_subfolders(out, &["found"])?;
     let _lock = folder.lock()?;
     let executable = cells::executable_sha256().map_err(HuntError::Executable)?;
-    let names: Vec<String> = runs.expectation_names.iter().chain(&args.margin).cloned().collect();
+    let expectation_names: Vec<String> =
+        runs.expectation_names.iter().chain(&args.margin).cloned().collect();
     let programs = runs.processes.map(HuntProcessExecutor::identity).unwrap_or_default();
-    let of = format!("{scenario:?} {vary:?} {names:?} {} {executable}{programs}", args.uniform);
-    let identity = cells::sha256(of.as_bytes()).map_err(HuntError::Executable)?;
-    let mut journal = Journal::open(folder.path(), &identity, &names)?;
+    let identity_text = format!(
+        "{scenario:?} {vary:?} {expectation_names:?} {} {executable}{programs}",
+        args.uniform
+    );
+    let identity = cells::sha256(identity_text.as_bytes()).map_err(HuntError::Executable)?;
+    let mut journal = Journal::open(folder.path(), &identity, &expectation_names)?;
     if let Some(damage) = &journal.damage {
         tracing::warn!("{damage}");
     }
     folder.replace_file("scenario.toml", runs.text)?;
     runs.processes.map_or(Ok(()), HuntProcessExecutor::prepare).map_err(HuntError::Programs)?;
-    let tally = search_runs(args, scenario.seed, runs, &mut journal)?;
-    let (margin, number, by, point) = tally.smallest_margin.as_ref().expect("one was run");
+    let progress = search_runs(args, scenario.seed, runs, &mut journal)?;
+    let (margin, number, strategy, point) = progress.smallest_margin.as_ref().expect("one was run");
     let plan = runs.space.decode_plan(point);
-    let nearest = runs.run_and_evaluate(&plan)?;
-    let missed = tally.has_missed();
-    let (shrunk, found) = match missed {
-        true => shrink(runs, plan.clone(), point.clone(), nearest)?,
-        false => (plan.clone(), nearest),
+    let evaluation = runs.run_and_evaluate(&plan)?;
+    let is_missed = progress.has_missed();
+    let (shrunk_plan, found) = match is_missed {
+        true => shrink(runs, plan.clone(), point.clone(), evaluation)?,
+        false => (plan.clone(), evaluation),
     };
-    let (name, words) = found.describe();
-    let file = match missed {
+    let (name, description) = found.describe();
+    let file = match is_missed {
         true => format!("found/{}-{name}.toml", scenario.name),
         false => "nearest.toml".to_owned(),
     };
     let path = folder.path().join(&file);
     let replay = ["phalanx", "run", &path.to_string_lossy(), "--pace", "lockstep"];
     let replay = format_command_line(replay.into_iter());
-    folder.replace_file(&file, &found.scenario_with_comment(&words))?;
-    let drawn = path.with_extension("");
-    runs.write_page(&found, &path, &words, &drawn)?;
-    let (faults, starts) = (shrunk.faults.len(), shrunk.starts.len());
+    folder.replace_file(&file, &found.scenario_with_comment(&description))?;
+    let page_dir = path.with_extension("");
+    runs.write_page(&found, &path, &description, &page_dir)?;
+    let (faults, starts) = (shrunk_plan.faults.len(), shrunk_plan.starts.len());
     let report = json!({
-        "scenario": scenario.name, "seed": scenario.seed, "runs": tally.tried_runs, "not_sound": tally.invalid_runs,
-        "found": missed, "run": number, "by": by, "expectation": name, "margin": margin,
+        "scenario": scenario.name, "seed": scenario.seed, "runs": progress.tried_runs, "not_sound": progress.invalid_runs,
+        "found": is_missed, "run": number, "by": strategy, "expectation": name, "margin": margin,
         "file": file, "margin_of_file": found.margin(), "trajectory_hash": found.hash(), "faults": faults,
-        "starts": starts, "what": words,
+        "starts": starts, "what": description,
     });
     folder.replace_file("hunt.json", &to_json(&report))?;
-    let mut text = format!("{}: {} runs", scenario.name, tally.tried_runs);
-    if tally.invalid_runs > 0 {
-        text += &format!(", {} of them invalid and skipped", tally.invalid_runs);
+    let mut text = format!("{}: {} runs", scenario.name, progress.tried_runs);
+    if progress.invalid_runs > 0 {
+        text += &format!(", {} of them invalid and skipped", progress.invalid_runs);
     }
-    text += &match missed {
+    text += &match is_missed {
         true => format!(
-            "\nfound in run {number}, by {by}: {words} (margin {})\n",
+            "\nfound in run {number}, by {strategy}: {description} (margin {})\n",
             format_short(found.margin())
         ),
         false => format!(
-            "\nno expectation missed; smallest margin in run {number}, by {by}: {words} (margin {})\n",
+            "\nno expectation missed; smallest margin in run {number}, by {strategy}: {description} (margin {})\n",
             format_short(*margin)
         ),
     };
-    if missed {
-        let (before, starts_before) = (plan.faults.len(), plan.starts.len());
+    if is_missed {
+        let (faults_before, starts_before) = (plan.faults.len(), plan.starts.len());
         text += &format!(
-            "shrunk from {before} faults and {starts_before} other starts to {faults} and {starts}\n"
+            "shrunk from {faults_before} faults and {starts_before} other starts to {faults} and {starts}\n"
         );
     }
-    let page = drawn.join("report.html");
+    let page = page_dir.join("report.html");
     text += &format!("written to {}\npage: {}\n{replay}\n", path.display(), page.display());
-    let printed = print(&text);
-    Ok(if missed { exit::EXPECTATION_MISSED } else { printed })
+    let exit_code = print(&text);
+    Ok(if is_missed { exit::EXPECTATION_MISSED } else { exit_code })
 }
 
 /// Tries runs until one misses an expectation, or the limit of runs or time is reached.
@@ -341,92 +363,85 @@ fn search_runs(
     runs: &RunContext<'_>,
     journal: &mut Journal,
 ) -> Result<HuntProgress, HuntError> {
-    let began = Instant::now();
-    let otherwise = if args.minutes.is_some() { usize::MAX } else { DEFAULT_RUN_COUNT };
-    let most = args.runs.map_or(otherwise, |runs| runs as usize);
-    let (space, matters) = (runs.space, |point: &[f64]| runs.space.used_coordinates(point));
+    let start = Instant::now();
+    let default_max = if args.minutes.is_some() { usize::MAX } else { DEFAULT_RUN_COUNT };
+    let runs_max = args.runs.map_or(default_max, |runs| runs as usize);
+    let (space, used_coordinates) =
+        (runs.space, |point: &[f64]| runs.space.used_coordinates(point));
     let mut search = Search::new(
         space.coordinate_layout(),
-        &matters,
+        &used_coordinates,
         space.unchanged_point(),
         seed,
         args.uniform,
     );
-    let (bar, mut lines) = (runs_progress_bar(most), ProgressLines::new(most));
-    let mut tally = HuntProgress::default();
-    let mut why_unsound = String::new();
+    let (bar, mut lines) = (runs_progress_bar(runs_max), ProgressLines::new(runs_max));
+    let mut progress = HuntProgress::default();
+    let mut invalid_reason = String::new();
     let mut rate =
-        RunRate { start_time: began, run_count: 0, is_printed: runs.processes.is_none() };
-    while tally.tried_runs < most && !tally.has_missed() {
+        RunRate { start_time: start, run_count: 0, is_printed: runs.processes.is_none() };
+    while progress.tried_runs < runs_max && !progress.has_missed() {
         let trials = search.propose_batch();
-        let trials = &trials[..trials.len().min(most - tally.tried_runs)];
-        let known = journal.known_entries.iter().skip(tally.tried_runs).take(trials.len());
-        let mut came: Vec<Option<JournalEntry>> = known.cloned().collect();
-        let fresh = &trials[came.len()..];
-        if !fresh.is_empty() {
-            let any = tally.smallest_margin.is_some();
-            if any && args.minutes.is_some_and(|minutes| began.elapsed() >= minutes) {
+        let trials = &trials[..trials.len().min(runs_max - progress.tried_runs)];
+        let known_entries =
+            journal.known_entries.iter().skip(progress.tried_runs).take(trials.len());
+        let mut entries: Vec<Option<JournalEntry>> = known_entries.cloned().collect();
+        let new_trials = &trials[entries.len()..];
+        if !new_trials.is_empty() {
+            let has_valid_run = progress.smallest_margin.is_some();
+            if has_valid_run && args.minutes.is_some_and(|minutes| start.elapsed() >= minutes) {
                 break;
             }
             // Runs by processes take long, so each group of concurrent ones is added to the journal at once.
-            let group = runs.processes.map_or(fresh.len(), |_| concurrent_run_count(runs.jobs));
-            for fresh in fresh.chunks(group) {
-                if runs.processes.is_some() && came.iter().any(misses_expectation) {
+            let group_size =
+                runs.processes.map_or(new_trials.len(), |_| concurrent_run_count(runs.jobs));
+            for group in new_trials.chunks(group_size) {
+                if runs.processes.is_some() && entries.iter().any(misses_expectation) {
                     break;
                 }
-                let news = evaluate_new_trials(runs, fresh, journal, &mut why_unsound)?;
-                rate.add(fresh.len(), most, args.minutes);
-                came.extend(news);
+                let new_entries = evaluate_new_trials(runs, group, journal, &mut invalid_reason)?;
+                rate.add(group.len(), runs_max, args.minutes);
+                entries.extend(new_entries);
             }
         }
         // Runs by processes after a miss are not needed.
-        let trials = &trials[..came.len()];
-        let cost = |JournalEntry { margins, observed_events: traits }| Evaluation {
+        let trials = &trials[..entries.len()];
+        let cost = |JournalEntry { margins, observed_events }| Evaluation {
             cost: margins.into_iter().fold(f64::INFINITY, f64::min),
-            observed_events: traits,
+            observed_events,
         };
-        let told: Vec<Option<Evaluation>> = came.into_iter().map(|tried| tried.map(cost)).collect();
-        for (trial, came) in trials.iter().zip(&told) {
-            if tally.has_missed() {
+        let evaluations: Vec<Option<Evaluation>> =
+            entries.into_iter().map(|entry| entry.map(cost)).collect();
+        for (trial, evaluation) in trials.iter().zip(&evaluations) {
+            if progress.has_missed() {
                 break;
             }
-            tally.tried_runs += 1;
-            match came {
-                None => tally.invalid_runs += 1,
-                Some(Evaluation { cost, .. })
-                    if tally.smallest_margin.as_ref().is_none_or(|(least, ..)| cost < least) =>
-                {
-                    tally.smallest_margin = Some((
-                        *cost,
-                        tally.tried_runs,
-                        trial.proposed_by.keyword(),
-                        trial.point.clone(),
-                    ));
-                }
-                Some(_) => {}
-            }
+            progress.add(trial, evaluation.as_ref());
         }
-        if tally.smallest_margin.is_none() && tally.tried_runs >= most.min(INVALID_RUNS_MAX) {
-            return Err(HuntError::NoValidRun(tally.tried_runs, why_unsound));
+        if progress.smallest_margin.is_none()
+            && progress.tried_runs >= runs_max.min(INVALID_RUNS_MAX)
+        {
+            return Err(HuntError::NoValidRun(progress.tried_runs, invalid_reason));
         }
-        let margin = tally.smallest_margin.as_ref().map_or(f64::INFINITY, |(margin, ..)| *margin);
+        let margin =
+            progress.smallest_margin.as_ref().map_or(f64::INFINITY, |(margin, ..)| *margin);
         show_finished_runs(
             bar,
             &mut lines,
-            tally.tried_runs,
+            progress.tried_runs,
             format!(", smallest margin {}", format_short(margin)),
         );
-        if !tally.has_missed() {
-            search.record_evaluations(&told);
+        if !progress.has_missed() {
+            search.record_evaluations(&evaluations);
         }
     }
     bar.finish_and_clear();
-    Ok(tally)
+    Ok(progress)
 }
 
 /// Returns whether a run missed an expectation.
-fn misses_expectation(tried: &Option<JournalEntry>) -> bool {
-    tried.as_ref().is_some_and(|tried| tried.margins.iter().any(|margin| *margin < 0.0))
+fn misses_expectation(entry: &Option<JournalEntry>) -> bool {
+    entry.as_ref().is_some_and(|entry| entry.margins.iter().any(|margin| *margin < 0.0))
 }
 
 /// Runs new trials and appends them to the journal; by processes, only those up to the first miss. Returns what the
@@ -435,30 +450,32 @@ fn evaluate_new_trials(
     runs: &RunContext<'_>,
     trials: &[Trial],
     journal: &mut Journal,
-    why_unsound: &mut String,
+    invalid_reason: &mut String,
 ) -> Result<Vec<Option<JournalEntry>>, HuntError> {
     let plans: Vec<_> = trials.iter().map(|trial| runs.space.decode_plan(&trial.point)).collect();
-    let mut news = Vec::new();
-    for judged in runs.run_and_evaluate_all(&plans) {
-        news.push(match judged {
-            Ok(judged) => Some(JournalEntry {
-                margins: judged.margins,
-                observed_events: judged.observed_events,
+    let mut entries = Vec::new();
+    for evaluation in runs.run_and_evaluate_all(&plans) {
+        entries.push(match evaluation {
+            Ok(evaluation) => Some(JournalEntry {
+                margins: evaluation.margins,
+                observed_events: evaluation.observed_events,
             }),
-            Err(RunEvaluationError::InvalidScenario(why)) => {
-                *why_unsound = why;
+            Err(RunEvaluationError::InvalidScenario(reason)) => {
+                *invalid_reason = reason;
                 None
             }
-            Err(why) => return Err(why.into()),
+            Err(error) => return Err(error.into()),
         });
     }
-    if let (Some(_), Some(missed)) = (runs.processes, news.iter().position(misses_expectation)) {
+    if let (Some(_), Some(missed_index)) =
+        (runs.processes, entries.iter().position(misses_expectation))
+    {
         // The journal is the same for every number of concurrent runs.
-        news.truncate(missed + 1);
+        entries.truncate(missed_index + 1);
     }
-    let by = trials.iter().map(|trial| trial.proposed_by.keyword());
-    journal.append(by.zip(&news)).map_err(HuntError::Write)?;
-    Ok(news)
+    let strategies = trials.iter().map(|trial| trial.proposed_by.keyword());
+    journal.append(strategies.zip(&entries)).map_err(HuntError::Write)?;
+    Ok(entries)
 }
 
 /// Measured number of runs per minute.
@@ -469,24 +486,30 @@ struct RunRate {
 }
 
 impl RunRate {
-    /// Adds runs that have ended. Prints the rate once enough of them have, with the time that `most` runs take, or the
-    /// number of runs that fit in `minutes`.
-    fn add(&mut self, runs: usize, most: usize, minutes: Option<Duration>) {
+    /// Adds runs that have ended. Prints the rate once enough of them have, with the time that `runs_max` runs take,
+    /// or the number of runs that fit in `minutes`.
+    fn add(&mut self, runs: usize, runs_max: usize, minutes: Option<Duration>) {
         self.run_count += runs;
         if self.is_printed || self.run_count < RATE_REPORT_RUN_COUNT {
             return;
         }
         self.is_printed = true;
         let per_minute = 60.0 * self.run_count as f64 / self.start_time.elapsed().as_secs_f64();
-        let all = match minutes {
+        let estimate = match minutes {
             Some(minutes) => {
-                let fit = (per_minute * minutes.as_secs_f64() / 60.0).min(most as f64);
-                format!("about {fit:.0} runs in {} min", format_short(minutes.as_secs_f64() / 60.0))
+                let run_count = (per_minute * minutes.as_secs_f64() / 60.0).min(runs_max as f64);
+                format!(
+                    "about {run_count:.0} runs in {} min",
+                    format_short(minutes.as_secs_f64() / 60.0)
+                )
             }
-            None => format!("{most} runs take up to {:.0} min", (most as f64 / per_minute).ceil()),
+            None => format!(
+                "{runs_max} runs take up to {:.0} min",
+                (runs_max as f64 / per_minute).ceil()
+            ),
         };
         print_info(&format!(
-            "{per_minute:.0} runs per minute, measured on {}: {all}",
+            "{per_minute:.0} runs per minute, measured on {}: {estimate}",
             self.run_count
         ));
     }
@@ -502,20 +525,20 @@ fn shrink(
 ) -> Result<(RunPlan, RunEvaluation), HuntError> {
     let bounds =
         if runs.processes.is_some() { &PROCESS_SHRINK_BOUNDS } else { &IN_PROCESS_SHRINK_BOUNDS };
-    let mut shrinking =
+    let mut shrinker =
         Shrinker { runs, bounds, expectation_index: found.smallest_margin_index(), tried_runs: 0 };
-    let mut random = SplitMix64::new(runs.space.scenario().seed);
-    let mut least = (plan, found);
+    let mut rng = SplitMix64::new(runs.space.scenario().seed);
+    let mut simplest = (plan, found);
     loop {
-        least = shrinking.shrink_run(least, plans_with_fewer_faults)?;
-        let mut fewer = shrinking.remove_one_fault(&least.0, &point, &mut random)?;
-        if fewer.is_none() && least.0.faults.len() > FEW_FAULTS_MAX {
-            fewer = shrinking.search_few_faults(&point)?;
+        simplest = shrinker.shrink_run(simplest, plans_with_fewer_faults)?;
+        let mut candidate = shrinker.remove_one_fault(&simplest.0, &point, &mut rng)?;
+        if candidate.is_none() && simplest.0.faults.len() > FEW_FAULTS_MAX {
+            candidate = shrinker.search_few_faults(&point)?;
         }
-        let Some((plan, judged, at)) = fewer else {
-            return shrinking.shrink_run(least, simpler_plans);
+        let Some((plan, evaluation, candidate_point)) = candidate else {
+            return shrinker.shrink_run(simplest, simpler_plans);
         };
-        (least, point) = ((plan, judged), at);
+        (simplest, point) = ((plan, evaluation), candidate_point);
     }
 }
 
@@ -531,41 +554,41 @@ struct Shrinker<'r> {
 impl Shrinker<'_> {
     /// Runs the plans and returns the results of the valid ones, with the index of each plan.
     fn evaluate_plans(&self, plans: &[RunPlan]) -> Result<Vec<(usize, RunEvaluation)>, HuntError> {
-        let all = self.runs.run_and_evaluate_all(plans);
-        let mut sound = Vec::new();
-        for (place, judged) in all.into_iter().enumerate() {
-            match judged {
-                Ok(judged) => sound.push((place, judged)),
-                Err(why @ (RunEvaluationError::Stopped | RunEvaluationError::NoMargin(_))) => {
-                    return Err(why.into());
+        let results = self.runs.run_and_evaluate_all(plans);
+        let mut valid = Vec::new();
+        for (index, result) in results.into_iter().enumerate() {
+            match result {
+                Ok(evaluation) => valid.push((index, evaluation)),
+                Err(error @ (RunEvaluationError::Stopped | RunEvaluationError::NoMargin(_))) => {
+                    return Err(error.into());
                 }
                 Err(_) => {}
             }
         }
-        Ok(sound)
+        Ok(valid)
     }
 
     /// Replaces the run by the first simpler run that misses the expectation too, until there is none.
     fn shrink_run(
         &mut self,
-        mut least: (RunPlan, RunEvaluation),
+        mut simplest: (RunPlan, RunEvaluation),
         simpler: fn(&RunPlan, &SearchSpace) -> Vec<RunPlan>,
     ) -> Result<(RunPlan, RunEvaluation), HuntError> {
         'simpler: while self.tried_runs < self.bounds.runs_max {
-            for plans in simpler(&least.0, self.runs.space).chunks(self.bounds.batch_runs) {
+            for plans in simpler(&simplest.0, self.runs.space).chunks(self.bounds.batch_runs) {
                 self.tried_runs += plans.len();
-                let judged = self.evaluate_plans(plans)?;
-                let missed = judged
+                let evaluations = self.evaluate_plans(plans)?;
+                let found = evaluations
                     .into_iter()
-                    .find(|(_, judged)| judged.margins[self.expectation_index] < 0.0);
-                if let Some((place, judged)) = missed {
-                    least = (plans[place].clone(), judged);
+                    .find(|(_, evaluation)| evaluation.margins[self.expectation_index] < 0.0);
+                if let Some((index, evaluation)) = found {
+                    simplest = (plans[index].clone(), evaluation);
                     continue 'simpler;
                 }
             }
             break;
         }
-        Ok(least)
+        Ok(simplest)
     }
 
     /// Searches for a run with one fault less that misses the expectation for other values of the remaining
@@ -574,34 +597,36 @@ impl Shrinker<'_> {
         &self,
         plan: &RunPlan,
         point: &[f64],
-        random: &mut SplitMix64,
+        rng: &mut SplitMix64,
     ) -> Result<Option<(RunPlan, RunEvaluation, Vec<f64>)>, HuntError> {
-        let gone = if plan.faults.len() < 2 { 0 } else { plan.faults.len() };
+        let fault_count = if plan.faults.len() < 2 { 0 } else { plan.faults.len() };
         let space = self.runs.space;
-        let ways = (0..gone).rev().flat_map(|gone| [(gone, false), (gone, true)]);
-        for (gone, strongest) in ways {
-            let mut kept = plan.faults.clone();
-            kept.remove(gone);
+        let attempts = (0..fault_count).rev().flat_map(|index| [(index, false), (index, true)]);
+        for (removed_index, strongest) in attempts {
+            let mut remaining_faults = plan.faults.clone();
+            remaining_faults.remove(removed_index);
             let plan = |point: &Vec<f64>| {
-                let plan = space.decode_plan(point).with_only_faults(&kept);
+                let plan = space.decode_plan(point).with_only_faults(&remaining_faults);
                 if strongest { space.maximize_faults(&plan) } else { plan }
             };
-            let (mut nearest, mut at, mut nearer) = (f64::INFINITY, point.to_vec(), 0);
+            let (mut smallest_margin, mut best_point, mut best_batch) =
+                (f64::INFINITY, point.to_vec(), 0);
             for batch in 0..self.bounds.one_less_batches_max {
-                if batch - nearer > self.bounds.one_less_failures_max {
+                if batch - best_batch > self.bounds.one_less_failures_max {
                     break;
                 }
                 let points: Vec<_> = (0..self.bounds.batch_runs)
-                    .map(|_| draw_nearby_point(&at, space, random))
+                    .map(|_| draw_nearby_point(&best_point, space, rng))
                     .collect();
                 let plans: Vec<_> = points.iter().map(plan).collect();
-                for (place, judged) in self.evaluate_plans(&plans)? {
-                    let margin = judged.margins[self.expectation_index];
+                for (index, evaluation) in self.evaluate_plans(&plans)? {
+                    let margin = evaluation.margins[self.expectation_index];
                     if margin < 0.0 {
-                        return Ok(Some((plans[place].clone(), judged, points[place].clone())));
+                        return Ok(Some((plans[index].clone(), evaluation, points[index].clone())));
                     }
-                    if margin < nearest {
-                        (nearest, at, nearer) = (margin, points[place].clone(), batch);
+                    if margin < smallest_margin {
+                        (smallest_margin, best_point, best_batch) =
+                            (margin, points[index].clone(), batch);
                     }
                 }
             }
@@ -616,26 +641,27 @@ impl Shrinker<'_> {
         point: &[f64],
     ) -> Result<Option<(RunPlan, RunEvaluation, Vec<f64>)>, HuntError> {
         let (space, seed) = (self.runs.space, self.runs.space.scenario().seed);
-        let matters = |point: &[f64]| space.used_coordinates(point);
+        let used_coordinates = |point: &[f64]| space.used_coordinates(point);
         let mut search =
-            Search::new(space.coordinate_layout(), &matters, point.to_vec(), seed, false);
-        let mut tried = 0;
-        while tried < self.bounds.few_faults_runs_max {
+            Search::new(space.coordinate_layout(), &used_coordinates, point.to_vec(), seed, false);
+        let mut tried_runs = 0;
+        while tried_runs < self.bounds.few_faults_runs_max {
             let trials = search.propose_batch().to_vec();
-            tried += trials.len();
+            tried_runs += trials.len();
             let mut plans: Vec<_> =
                 trials.iter().map(|trial| space.decode_plan(&trial.point)).collect();
             plans.iter_mut().for_each(|plan| plan.faults.truncate(FEW_FAULTS_MAX));
-            let mut came = vec![None; plans.len()];
-            for (place, judged) in self.evaluate_plans(&plans)? {
-                let cost = judged.margins[self.expectation_index];
+            let mut evaluations = vec![None; plans.len()];
+            for (index, evaluation) in self.evaluate_plans(&plans)? {
+                let cost = evaluation.margins[self.expectation_index];
                 if cost < 0.0 {
-                    let (plan, point) = (plans[place].clone(), trials[place].point.clone());
-                    return Ok(Some((plan, judged, point)));
+                    let (plan, point) = (plans[index].clone(), trials[index].point.clone());
+                    return Ok(Some((plan, evaluation, point)));
                 }
-                came[place] = Some(Evaluation { cost, observed_events: judged.observed_events });
+                evaluations[index] =
+                    Some(Evaluation { cost, observed_events: evaluation.observed_events });
             }
-            search.record_evaluations(&came);
+            search.record_evaluations(&evaluations);
         }
         Ok(None)
     }

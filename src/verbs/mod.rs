@@ -100,7 +100,7 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &BuildIn
     screen::log_to_stderr();
     limit_iceoryx2_log();
     fail_at_file_size_limits();
-    let ended = match verb {
+    let result = match verb {
         Verb::New(args) => Ok(new::new(args, catalog)),
         Verb::Run(args) => args.run(catalog, launcher.clone(), build),
         Verb::Sweep(args) => sweep::sweep(args, catalog, launcher, build),
@@ -116,7 +116,7 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &BuildIn
         Verb::Verify(args) => verify::verify(args, catalog, launcher.clone(), build),
     };
     // The error has already been reported.
-    ended.unwrap_or_else(|code| code)
+    result.unwrap_or_else(|code| code)
 }
 
 /// Rejects an output directory `out` inside the directory of run roots, where later runs would find a
@@ -137,9 +137,10 @@ fn reject_inside_run_roots(out: &Path, what: &str) -> Result<(), u8> {
 /// Returns the absolute path, with symbolic links resolved as far as the path exists.
 fn resolve_path(path: &Path) -> PathBuf {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
-    let there = path.ancestors().find_map(|there| Some((there, there.canonicalize().ok()?)));
-    let Some((there, canonical)) = there else { return path };
-    canonical.join(path.strip_prefix(there).unwrap_or(Path::new("")))
+    let ancestor =
+        path.ancestors().find_map(|ancestor| Some((ancestor, ancestor.canonicalize().ok()?)));
+    let Some((ancestor, canonical)) = ancestor else { return path };
+    canonical.join(path.strip_prefix(ancestor).unwrap_or(Path::new("")))
 }
 
 /// Rejects a recording that does not exist, or that is a symbolic link out of its folder.

@@ -28,12 +28,14 @@ pub struct NewArgs {
     from: Option<String>,
 }
 
-fn parse_name(word: &str) -> Result<String, String> {
-    let mut letters = word.chars();
-    let begins = letters.next().is_some_and(|letter| letter.is_ascii_alphabetic());
-    let goes_on = letters.all(|letter| letter.is_ascii_alphanumeric() || "-_".contains(letter));
-    if begins && goes_on {
-        Ok(word.to_owned())
+fn parse_name(name: &str) -> Result<String, String> {
+    let mut characters = name.chars();
+    let has_valid_start =
+        characters.next().is_some_and(|character| character.is_ascii_alphabetic());
+    let has_valid_rest =
+        characters.all(|character| character.is_ascii_alphanumeric() || "-_".contains(character));
+    if has_valid_start && has_valid_rest {
+        Ok(name.to_owned())
     } else {
         Err("must be a letter, then letters, digits, `-` or `_`".into())
     }
@@ -51,18 +53,21 @@ pub(super) fn new(NewArgs { name, from }: &NewArgs, catalog: &Catalog) -> u8 {
         }
         return print_failure(&format_args!("cannot create {}: {error}", folder.display()));
     }
-    let shipped = shipped::SCENARIOS.iter().find(|(shipped, _)| from.as_deref() == Some(shipped));
-    let scenario = match shipped {
-        Some((shipped, text)) => {
+    let shipped_scenario =
+        shipped::SCENARIOS.iter().find(|(shipped_name, _)| from.as_deref() == Some(shipped_name));
+    let scenario = match shipped_scenario {
+        Some((shipped_name, text)) => {
             let text =
-                text.replace(&format!("name = \"{shipped}\""), &format!("name = \"{name}\""));
+                text.replace(&format!("name = \"{shipped_name}\""), &format!("name = \"{name}\""));
             format!("#:schema scenario.schema.json\n{text}")
         }
         None => SCENARIO_TEMPLATE.replace("NAME", name),
     };
-    let named = shipped::REFERENCED_FILES.iter().filter(|(file, _)| scenario.contains(file));
-    let named: Vec<_> =
-        named.map(|&(file, text)| (file, text.to_owned(), "the scenario names it")).collect();
+    let referenced_files =
+        shipped::REFERENCED_FILES.iter().filter(|(file, _)| scenario.contains(file));
+    let referenced_files: Vec<_> = referenced_files
+        .map(|&(file, text)| (file, text.to_owned(), "the scenario names it"))
+        .collect();
     let files = [
         ("scenario.toml", scenario, "the experiment, with comments"),
         (
@@ -76,14 +81,14 @@ pub(super) fn new(NewArgs { name, from }: &NewArgs, catalog: &Catalog) -> u8 {
             "a control law to start from; delete it if you need none",
         ),
     ];
-    let files = files.into_iter().chain(named);
+    let files = files.into_iter().chain(referenced_files);
     let mut listing = String::new();
-    for (file, text, about) in files {
+    for (file, text, description) in files {
         let path = folder.join(file);
         if let Err(error) = fs::write(&path, text) {
             return print_failure(&format_args!("cannot write {}: {error}", path.display()));
         }
-        listing += &format!("{:<32}  {about}\n", path.display().to_string());
+        listing += &format!("{:<32}  {description}\n", path.display().to_string());
     }
     print(&format!("{listing}\nnext: phalanx run {name}/scenario.toml --pace lockstep\n"))
 }

@@ -23,14 +23,17 @@ pub(super) fn recover(args: &RecoverArgs) -> Result<u8, u8> {
     check_in_run_folder(&args.file)?;
     let out = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
     match rebuild(&args.file, &out) {
-        Ok(RecoverOutcome::Complete { is_checked: checked }) => {
-            let limit = match checked {
+        Ok(RecoverOutcome::Complete { is_checked }) => {
+            let limitation = match is_checked {
                 true => "",
                 false => {
                     ", as far as its checksums reach; an earlier version wrote it, and metadata and indexes have none"
                 }
             };
-            Ok(print(&format!("{} is complete{limit}: nothing to recover\n", args.file.display())))
+            Ok(print(&format!(
+                "{} is complete{limitation}: nothing to recover\n",
+                args.file.display()
+            )))
         }
         Ok(RecoverOutcome::Recovered(recovered)) => {
             match print(&format!("{recovered}written to {}\n", out.display())) {

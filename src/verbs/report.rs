@@ -26,20 +26,21 @@ pub(super) fn report(
 ) -> Result<u8, u8> {
     let scenario = page::scenario_path(run_dir).map_err(|error| print_misuse(&error))?;
     // The run has already printed the warnings.
-    let (scenario, ..) =
-        read(&scenario, &Overrides::default(), catalog).map_err(|why| print_invalid_file(&why))?;
-    let written = page::write_page(run_dir, &scenario, None).and_then(|written| {
-        let animated = animate.as_ref().map(|path| page::write_animation(run_dir, &scenario, path));
-        animated.transpose().map(|_| written)
+    let (scenario, ..) = read(&scenario, &Overrides::default(), catalog)
+        .map_err(|error| print_invalid_file(&error))?;
+    let result = page::write_page(run_dir, &scenario, None).and_then(|page| {
+        let animation =
+            animate.as_ref().map(|path| page::write_animation(run_dir, &scenario, path));
+        animation.transpose().map(|_| page)
     });
-    let WrittenPage { path, cut_short_note: cut_short, damage, is_checked } =
-        written.map_err(|error| print_failure(&error))?;
-    let unchecked = (cut_short.is_none() && !is_checked)
+    let WrittenPage { path, cut_short_note, damage, is_checked } =
+        result.map_err(|error| print_failure(&error))?;
+    let unchecked_note = (cut_short_note.is_none() && !is_checked)
         .then_some("its tables have no checksums to verify them");
-    let why = cut_short.or(unchecked);
-    let why = why.map_or(String::new(), |why| format!("{}: {why}\n", scenario.name));
-    let printed = print(&format!("{why}written to {}\n", path.display()));
-    let Some(damage) = damage else { return Ok(printed) };
+    let note = cut_short_note.or(unchecked_note);
+    let note = note.map_or(String::new(), |note| format!("{}: {note}\n", scenario.name));
+    let exit_code = print(&format!("{note}written to {}\n", path.display()));
+    let Some(damage) = damage else { return Ok(exit_code) };
     print_failure(&format_args!("{}: {damage}; the report shows this too", run_dir.display()));
     Err(exit::EXPECTATION_MISSED)
 }

@@ -57,12 +57,12 @@ struct Endpoint {
     listens: bool,
 }
 
-fn parse_endpoint(word: &str) -> Result<Endpoint, String> {
-    let (listens, word) = match word.strip_prefix(LISTEN_PREFIX) {
+fn parse_endpoint(text: &str) -> Result<Endpoint, String> {
+    let (listens, text) = match text.strip_prefix(LISTEN_PREFIX) {
         Some(rest) => (true, rest),
-        None => (false, word),
+        None => (false, text),
     };
-    let address: SocketAddr = word.parse().map_err(|_| {
+    let address: SocketAddr = text.parse().map_err(|_| {
         format!(
             "must be ADDRESS:PORT or {LISTEN_PREFIX}ADDRESS:PORT, such as {ROUTER_ADDRESS} or {LISTEN_PREFIX}{ROUTER_ADDRESS}"
         )
@@ -78,43 +78,43 @@ fn parse_endpoint(word: &str) -> Result<Endpoint, String> {
     Ok(Endpoint { address, listens })
 }
 
-fn parse_hz(word: &str) -> Result<f64, String> {
-    let hz = word.parse().ok().filter(|&hz: &f64| hz > 0.0 && hz <= RATE_HZ_MAX);
+fn parse_hz(text: &str) -> Result<f64, String> {
+    let hz = text.parse().ok().filter(|&hz: &f64| hz > 0.0 && hz <= RATE_HZ_MAX);
     hz.ok_or_else(|| format!("must be above 0 and at most {RATE_HZ_MAX}"))
 }
 
 impl Ros2Args {
     /// Returns the configuration of the ROS 2 bridge without its run root; `None` without --ros2. On an
-    /// error, prints it and returns the exit code. `lives_here` tells by index whether a robot runs on this
+    /// error, prints it and returns the exit code. `is_local` returns by index whether a robot runs on this
     /// host.
     pub(super) fn to_bridge_brief(
         &self,
         scenario: &Scenario,
-        realtime: bool,
-        lives_here: impl Fn(usize) -> bool,
+        is_realtime: bool,
+        is_local: impl Fn(usize) -> bool,
     ) -> Result<Option<Ros2Brief>, u8> {
         let Some(Endpoint { address, listens }) = self.ros2 else { return Ok(None) };
-        if !realtime {
-            let why = "--ros2 requires --pace realtime: lockstep time is not ROS time";
-            return Err(print_misuse(&why));
+        if !is_realtime {
+            let message = "--ros2 requires --pace realtime: lockstep time is not ROS time";
+            return Err(print_misuse(&message));
         }
         let domain = match (self.ros2_domain, std::env::var("ROS_DOMAIN_ID")) {
             (Some(domain), _) => domain,
             (None, Err(_)) => 0,
-            (None, Ok(word)) => match word.parse().ok().filter(|&domain| domain <= DOMAIN_MAX) {
+            (None, Ok(text)) => match text.parse().ok().filter(|&domain| domain <= DOMAIN_MAX) {
                 Some(domain) => domain,
                 None => {
                     return Err(print_misuse(&format_args!(
-                        "ROS_DOMAIN_ID is {word:?}, but must be a number from 0 to {DOMAIN_MAX}"
+                        "ROS_DOMAIN_ID is {text:?}, but must be a number from 0 to {DOMAIN_MAX}"
                     )));
                 }
             },
         };
         let brief = ros2_brief(scenario, address, listens, domain, self.ros2_hz)?;
         let robots = scenario.robots.iter().enumerate();
-        let takers =
-            robots.filter(|&(i, robot)| robot.role.reference == Reference::Goal && lives_here(i));
-        let goals = takers.map(|(_, robot)| GoalBrief {
+        let goal_robots =
+            robots.filter(|&(i, robot)| robot.role.reference == Reference::Goal && is_local(i));
+        let goals = goal_robots.map(|(_, robot)| GoalBrief {
             robot: robot.name.clone(),
             start_m: front_point(robot.start, robot.front_point_m).into(),
         });
@@ -139,8 +139,8 @@ mod tests {
     #[test]
     fn rate_out_of_range_is_rejected() {
         assert_eq!(parse_hz("12.5"), Ok(12.5));
-        for word in ["0", "-1", "1001", "NaN", "fast"] {
-            assert!(parse_hz(word).is_err(), "{word}");
+        for text in ["0", "-1", "1001", "NaN", "fast"] {
+            assert!(parse_hz(text).is_err(), "{text}");
         }
     }
 }

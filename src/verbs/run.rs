@@ -105,11 +105,11 @@ impl RunArgs {
             Some(fleet) => Some(HostPart::new(fleet, &scenario, &text)?),
             None => reject_host_faults(&scenario).map(|()| None)?,
         };
-        let lives_here = |robot: usize| {
+        let is_local = |robot: usize| {
             part.as_ref().is_none_or(|part| part.brief.robots[robot].host == part.brief.here)
         };
         let ros2 =
-            self.ros2.to_bridge_brief(&scenario, self.pace == PaceArg::Realtime, lives_here)?;
+            self.ros2.to_bridge_brief(&scenario, self.pace == PaceArg::Realtime, is_local)?;
         // Binds before anything is written or spawned, because the port may be in use.
         let live_view = self.bind_live_view()?;
         let programs =
@@ -122,55 +122,58 @@ impl RunArgs {
             && !part.has_plant()
         {
             if self.view.is_some() || ros2.is_some() {
-                let why = "--view and --ros2 must be given on the plant's host, the only one that sees the whole run";
-                return Err(print_misuse(&why));
+                let message = "--view and --ros2 must be given on the plant's host, the only one that sees the whole run";
+                return Err(print_misuse(&message));
             }
-            let place = self.run_location(&scenario, self.fleet.host.as_deref());
-            return share::run_host_part(&scenario, &text, part, &programs, &place, &launcher);
+            let location = self.run_location(&scenario, self.fleet.host.as_deref());
+            return share::run_host_part(&scenario, &text, part, &programs, &location, &launcher);
         }
-        let how =
+        let options =
             ExecutionOptions { host_part: part, ..ExecutionOptions::new(pace, launcher, programs) };
         if let Some(cell) = &self.campaign.cell {
             // Other runs of the campaign use the remaining cores.
-            let how = ExecutionOptions { launcher: how.launcher.without_awake_cores(), ..how };
+            let options =
+                ExecutionOptions { launcher: options.launcher.without_awake_cores(), ..options };
             return Ok(cell::execute_campaign_run(
                 &self.campaign,
                 cell,
                 &scenario,
                 &text,
                 &manifest,
-                how,
+                options,
             ));
         }
-        let how = ExecutionOptions { is_unmeasured: self.unmeasured, live_view, ros2, ..how };
-        let ended = execute(&scenario, &text, &manifest, &self.run_location(&scenario, None), how);
-        let ended = ended.map_err(|error| match error.downcast_ref() {
+        let options =
+            ExecutionOptions { is_unmeasured: self.unmeasured, live_view, ros2, ..options };
+        let result =
+            execute(&scenario, &text, &manifest, &self.run_location(&scenario, None), options);
+        let result = result.map_err(|error| match error.downcast_ref() {
             Some(RunDirError::Exists(_)) => print_misuse(&error),
             _ => print_failure(&error),
         })?;
-        Ok(self.finish(&scenario, &ended))
+        Ok(self.finish(&scenario, &result))
     }
 
     /// Rejects options that contradict each other.
     fn check_option_conflicts(&self) -> Result<(), u8> {
-        let lockstep = self.pace == PaceArg::Lockstep;
-        let open = self.view.is_some() || self.fleet.has_fleet();
+        let is_lockstep = self.pace == PaceArg::Lockstep;
+        let accepts_connections = self.view.is_some() || self.fleet.has_fleet();
         let contradictions = [
             (
-                lockstep && self.realtime_priority,
+                is_lockstep && self.realtime_priority,
                 "--realtime-priority requires --pace realtime: lockstep has no deadlines",
             ),
             (
-                self.insecure && !open,
+                self.insecure && !accepts_connections,
                 "--insecure requires --view=ADDR or --fleet: nothing else accepts connections from other machines",
             ),
             (
-                lockstep && self.fleet.has_fleet(),
+                is_lockstep && self.fleet.has_fleet(),
                 "--fleet requires --pace realtime: in lockstep each tick would wait for the network",
             ),
         ];
-        match contradictions.iter().find(|(contradicts, _)| *contradicts) {
-            Some((_, why)) => Err(print_misuse(why)),
+        match contradictions.iter().find(|(is_contradiction, _)| *is_contradiction) {
+            Some((_, message)) => Err(print_misuse(message)),
             None => Ok(()),
         }
     }
@@ -184,12 +187,12 @@ impl RunArgs {
 
     /// Binds the port of the live view, if requested.
     fn bind_live_view(&self) -> Result<Option<LiveView>, u8> {
-        let bound = self.view.map(|address| supervisor::view::bind(address, self.insecure));
-        let bound = bound.transpose().map_err(|error| match error {
+        let server = self.view.map(|address| supervisor::view::bind(address, self.insecure));
+        let server = server.transpose().map_err(|error| match error {
             ViewError::NotLoopback(_) => print_misuse(&error),
             _ => print_failure(&error),
         })?;
-        Ok(bound.map(|bound| LiveView { bound_port: bound, allows_control: self.view_control }))
+        Ok(server.map(|server| LiveView { bound_port: server, allows_control: self.view_control }))
     }
 
     /// Returns the launcher with real-time priority if requested and permitted. Records in the manifest
@@ -221,42 +224,43 @@ impl RunArgs {
     }
 
     /// Writes checksums and the report page, prints the result, and returns the exit code.
-    fn finish(&self, scenario: &Scenario, ended: &ExecutionResult) -> u8 {
-        let checksums = ended
+    fn finish(&self, scenario: &Scenario, result: &ExecutionResult) -> u8 {
+        let checksums = result
             .all_files_written
-            .then(|| checksums::write_checksums(&ended.run_dir, &ended.run_dir));
+            .then(|| checksums::write_checksums(&result.run_dir, &result.run_dir));
         let is_written = matches!(checksums, Some(Ok(())));
         if let Some(Err(error)) = checksums {
             print_failure(&format_args!(
                 "cannot write checksums into {}: {error}",
-                ended.run_dir.display()
+                result.run_dir.display()
             ));
         }
-        if ended.has_begun && is_written && !self.no_report {
+        if result.has_begun && is_written && !self.no_report {
             // A missing page does not invalidate the run, which is already on disk.
-            if let Err(error) = page::write_page(&ended.run_dir, scenario, None) {
+            if let Err(error) = page::write_page(&result.run_dir, scenario, None) {
                 print_failure(&error);
             }
         }
-        let printed = match self.output {
+        let exit_code = match self.output {
             // The error has been reported, and there are no results to show.
-            OutputFormat::Text if !ended.has_begun => exit::OK,
+            OutputFormat::Text if !result.has_begun => exit::OK,
             OutputFormat::Text => {
-                let written = if is_written { "written" } else { "not all of it is written" };
-                let (screen, out) = (ended.summary_text.trim_end(), ended.run_dir.display());
-                print(&format!("{screen}\n{written} to {out}\n"))
+                let written_text = if is_written { "written" } else { "not all of it is written" };
+                let (summary_text, run_dir) =
+                    (result.summary_text.trim_end(), result.run_dir.display());
+                print(&format!("{summary_text}\n{written_text} to {run_dir}\n"))
             }
-            OutputFormat::Json => print_result(OutputFormat::Json, &to_json(&ended.summary)),
+            OutputFormat::Json => print_result(OutputFormat::Json, &to_json(&result.summary)),
         };
         // Printed last, below the figures.
-        for (process, how) in &ended.failed_processes {
-            let log = ended.run_dir.join(format!("logs/{process}.jsonl"));
+        for (process, cause) in &result.failed_processes {
+            let log = result.run_dir.join(format!("logs/{process}.jsonl"));
             let log = if log.exists() { log.display().to_string() } else { "on its host".into() };
-            print_info(&format!("failed: {how}; its log: {log}"));
+            print_info(&format!("failed: {cause}; its log: {log}"));
         }
-        match ended.summary.exit {
+        match result.summary.exit {
             exit::OK | exit::EXPECTATION_MISSED if !is_written => exit::INFRASTRUCTURE_FAILURE,
-            exit::OK => printed,
+            exit::OK => exit_code,
             code => code,
         }
     }

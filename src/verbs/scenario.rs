@@ -32,16 +32,16 @@ impl ScenarioArgs {
         self.read_with_keys(&[], catalog)
     }
 
-    /// Works as [`Self::read`], and also sets the keys in `also`.
+    /// Works as [`Self::read`], and also sets the keys in `extra_keys`.
     pub(super) fn read_with_keys(
         &self,
-        also: &[String],
+        extra_keys: &[String],
         catalog: &Catalog,
     ) -> Result<(Scenario, String), u8> {
-        let set = self.set.iter().chain(also).cloned().collect();
-        let overrides = Overrides { assignments: set, faults: self.fault.clone(), seed: self.seed };
+        let assignments = self.set.iter().chain(extra_keys).cloned().collect();
+        let overrides = Overrides { assignments, faults: self.fault.clone(), seed: self.seed };
         let (scenario, text, warnings) = read_for_run(&self.path, &overrides, catalog)
-            .map_err(|why| print_invalid_file(&why))?;
+            .map_err(|error| print_invalid_file(&error))?;
         warnings.iter().for_each(print_diagnostic);
         Ok((scenario, text))
     }

@@ -52,8 +52,8 @@ pub(super) fn print_result(output: OutputFormat, text: &str) -> u8 {
 }
 
 /// Returns the exit code of a program that has written its result to stdout.
-pub(crate) fn exit_code_of_print(written: io::Result<()>) -> u8 {
-    match written.and_then(|()| io::stdout().flush()) {
+pub(crate) fn exit_code_of_print(result: io::Result<()>) -> u8 {
+    match result.and_then(|()| io::stdout().flush()) {
         Ok(()) => exit::OK,
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::OK,
         Err(error) => print_failure(&format_args!("cannot write to stdout: {error}")),
@@ -119,9 +119,9 @@ pub(super) fn show_progress(bar: &ProgressBar, t_ns: u64) {
         return;
     }
     bar.set_position(t_ns / NS_PER_MS);
-    let seconds = |ms: u64| ms as f64 / 1e3;
-    let whole = bar.length().map_or(0.0, seconds);
-    bar.set_message(format!("{:.1} of {whole} s", seconds(t_ns / NS_PER_MS)));
+    let to_seconds = |ms: u64| ms as f64 / 1e3;
+    let total_s = bar.length().map_or(0.0, to_seconds);
+    bar.set_message(format!("{:.1} of {total_s} s", to_seconds(t_ns / NS_PER_MS)));
 }
 
 /// Removes the bar of a finished run.
@@ -148,21 +148,22 @@ pub(super) fn runs_progress_bar(runs: usize) -> &'static ProgressBar {
     })
 }
 
-/// Moves the bar to `done`. If stderr is not a terminal, prints a line instead, when one is due. `more` is appended.
+/// Moves the bar to `finished_runs`. If stderr is not a terminal, prints a line instead, when one is due. `suffix` is
+/// appended.
 pub(super) fn show_finished_runs(
     bar: &ProgressBar,
     lines: &mut ProgressLines,
-    done: usize,
-    more: String,
+    finished_runs: usize,
+    suffix: String,
 ) {
-    bar.set_position(done as u64);
-    if bar.is_hidden() && lines.are_due(done) {
+    bar.set_position(finished_runs as u64);
+    if bar.is_hidden() && lines.are_due(finished_runs) {
         match lines.runs {
-            usize::MAX => print_info(&format!("{done} runs{more}")),
-            runs => print_info(&format!("{done} of {runs} runs{more}")),
+            usize::MAX => print_info(&format!("{finished_runs} runs{suffix}")),
+            runs => print_info(&format!("{finished_runs} of {runs} runs{suffix}")),
         }
     }
-    bar.set_message(more);
+    bar.set_message(suffix);
 }
 
 /// Schedule of progress lines without a terminal: after each tenth of the runs that took at least 1 s,
@@ -170,21 +171,21 @@ pub(super) fn show_finished_runs(
 pub(super) struct ProgressLines {
     runs: usize,
     finished_runs: usize,
-    last_shown: Instant,
+    last_print_time: Instant,
 }
 
 impl ProgressLines {
     pub(super) fn new(runs: usize) -> ProgressLines {
-        ProgressLines { runs, finished_runs: 0, last_shown: Instant::now() }
+        ProgressLines { runs, finished_runs: 0, last_print_time: Instant::now() }
     }
 
-    fn are_due(&mut self, done: usize) -> bool {
-        let tenth = |done: usize| done / self.runs.div_ceil(10).max(1);
-        let wait_s = if tenth(done) > tenth(self.finished_runs) { 1 } else { 30 };
-        let is_late = self.last_shown.elapsed() >= Duration::from_secs(wait_s);
-        let is_due = done > self.finished_runs && (is_late || done == self.runs);
+    fn are_due(&mut self, finished_runs: usize) -> bool {
+        let tenth = |finished_runs: usize| finished_runs / self.runs.div_ceil(10).max(1);
+        let interval_s = if tenth(finished_runs) > tenth(self.finished_runs) { 1 } else { 30 };
+        let is_late = self.last_print_time.elapsed() >= Duration::from_secs(interval_s);
+        let is_due = finished_runs > self.finished_runs && (is_late || finished_runs == self.runs);
         if is_due {
-            (self.finished_runs, self.last_shown) = (done, Instant::now());
+            (self.finished_runs, self.last_print_time) = (finished_runs, Instant::now());
         }
         is_due
     }

@@ -21,32 +21,32 @@ pub(super) fn run_host_part(
     text: &str,
     part: &HostPart,
     programs: &Programs,
-    place: &RunLocation,
+    location: &RunLocation,
     launcher: &Launcher,
 ) -> Result<u8, u8> {
     let stop = super::stop_flag_on_signals().map_err(|error| print_failure(&error))?;
     never_block_on_stderr();
-    let make = |out: &Path| {
+    let create_host_dir = |out: &Path| {
         let host_dir = HostDir::create(out)?;
         host_dir.write_scenario(text)?;
         host_dir.write_fleet(&part.fleet_text)?;
         Ok(host_dir)
     };
-    let made = place.create_with(make).and_then(|made| {
-        made.1.write_programs(programs)?;
-        Ok(made)
+    let created = location.create_with(create_host_dir).and_then(|created| {
+        created.1.write_programs(programs)?;
+        Ok(created)
     });
-    let (out, host_dir) = made.map_err(|error| match error {
+    let (out, host_dir) = created.map_err(|error| match error {
         RunDirError::Exists(_) => print_misuse(&error),
         _ => print_failure(&error),
     })?;
-    let (here, plant) = (part.brief.here, part.brief.plant);
+    let (own_host, plant_host) = (part.brief.here, part.brief.plant);
     let name = |host: usize| part.brief.hosts[host].name.clone();
-    let (here, plant) = (name(here), name(plant));
-    print_info(&format!("host {here}: waiting for the plant's host {plant}"));
+    let (own_host, plant_host) = (name(own_host), name(plant_host));
+    print_info(&format!("host {own_host}: waiting for the plant's host {plant_host}"));
     match share::run(scenario, part.brief.clone(), launcher, &host_dir, &stop) {
         Ok(HostEnd::RunEnded) => Ok(print(&format!(
-            "{}, host {here}: the run has ended; its results are on {plant}\nlogs are in {}\n",
+            "{}, host {own_host}: the run has ended; its results are on {plant_host}\nlogs are in {}\n",
             scenario.name,
             out.display()
         ))),

@@ -77,7 +77,7 @@ pub(super) fn sweep(
     launcher: &Launcher,
     build: &BuildInfo,
 ) -> Result<u8, u8> {
-    let campaign = file::read(&args.path, catalog).map_err(|why| print_invalid_file(&why))?;
+    let campaign = file::read(&args.path, catalog).map_err(|error| print_invalid_file(&error))?;
     if args.in_process && campaign.pace == Pace::Realtime {
         return Err(print_misuse(
             &"--in-process requires pace = \"lockstep\": a run in real time needs processes, so remove the \
@@ -85,32 +85,34 @@ pub(super) fn sweep(
         ));
     }
     if args.in_process && args.emit_commands && args.chunk.is_none() {
-        let why = "--emit-commands prints runs by processes: with --in-process, add --chunk RUNS";
-        return Err(print_misuse(&why));
+        let error = "--emit-commands prints runs by processes: with --in-process, add --chunk RUNS";
+        return Err(print_misuse(&error));
     }
-    let (name, all) = (&campaign.name, campaign.run_count());
-    if let Some(only) = args.only.as_ref().filter(|only| only.largest_number() > all) {
+    let (name, run_count) = (&campaign.name, campaign.run_count());
+    if let Some(numbers) = args.only.as_ref().filter(|numbers| numbers.largest_number() > run_count)
+    {
         return Err(print_misuse(&format_args!(
-            "--only {only} is out of range: {name} has {all} runs"
+            "--only {numbers} is out of range: {name} has {run_count} runs"
         )));
     }
     let executable = cells::executable_sha256()
         .map_err(|error| print_failure(&format_args!("cannot read the executable: {error}")))?;
-    let wanted = |number| args.only.as_ref().is_none_or(|only| only.contains(number));
-    let cells = cells::campaign_runs(&campaign, catalog, &executable, wanted).map_err(|error| {
-        if let CampaignRunError::Scenario { diagnostic, run } = &error {
-            print_diagnostic(diagnostic);
-            print_info(run);
-        } else {
-            print_failure(&error);
-        }
-        exit::BAD_SCENARIO
-    })?;
+    let is_selected = |number| args.only.as_ref().is_none_or(|numbers| numbers.contains(number));
+    let cells =
+        cells::campaign_runs(&campaign, catalog, &executable, is_selected).map_err(|error| {
+            if let CampaignRunError::Scenario { diagnostic, run } = &error {
+                print_diagnostic(diagnostic);
+                print_info(run);
+            } else {
+                print_failure(&error);
+            }
+            exit::BAD_SCENARIO
+        })?;
     let out = args.out.clone().unwrap_or_else(|| Path::new(CAMPAIGNS_DIR).join(&campaign.name));
     reject_inside_run_roots(&out, "--out")?;
     let origin = Origin { build, executable: &executable };
-    let ended = run_sweep(args, &campaign, &cells, &out, launcher, catalog, &origin);
-    ended.map_err(|error| match error.downcast_ref() {
+    let result = run_sweep(args, &campaign, &cells, &out, launcher, catalog, &origin);
+    result.map_err(|error| match error.downcast_ref() {
         Some(LockError::HeldByProcess(..)) => print_misuse(&error),
         _ => print_failure(&error),
     })
@@ -131,8 +133,8 @@ fn run_sweep(
         folder.clear_failures(cells);
     }
     // Reading results, printing commands and running selected numbers may happen concurrently, so they need no lock.
-    let runs = !args.emit_commands && !args.collect;
-    let _lock = (runs && args.only.is_none()).then(|| folder.lock()).transpose()?;
+    let executes_runs = !args.emit_commands && !args.collect;
+    let _lock = (executes_runs && args.only.is_none()).then(|| folder.lock()).transpose()?;
     let mut states = folder.read_states(cells, campaign.file_retention)?;
     report_existing_runs(args, campaign, cells, &folder, &states);
     let missing = missing_runs(cells, &states);
@@ -143,10 +145,10 @@ fn run_sweep(
         let text = load_text(&campaign.path, "").unwrap_or_default();
         folder.replace_file("campaign.toml", &text)?;
     }
-    let mut interrupted = false;
-    if runs && !missing.is_empty() {
+    let mut was_interrupted = false;
+    if executes_runs && !missing.is_empty() {
         let processes = ProcessExecutor { campaign, folder: &folder, launcher, stop: &stop };
-        let ended = match args.in_process {
+        let result = match args.in_process {
             false => execute_missing_runs(args, campaign, &missing, &folder, &processes, &stop)?,
             true => {
                 let executor = InProcessExecutor {
@@ -158,42 +160,42 @@ fn run_sweep(
                     process_executor: processes,
                     process_fallback: Mutex::new((0, "")),
                 };
-                let ended =
+                let result =
                     execute_missing_runs(args, campaign, &missing, &folder, &executor, &stop)?;
-                if let (count @ 1.., why) =
+                if let (count @ 1.., reason) =
                     *executor.process_fallback.lock().expect("no other thread holds the lock")
                 {
                     print_info(&format!(
-                        "{count} of them by processes, because the scenario has {why}"
+                        "{count} of them by processes, because the scenario has {reason}"
                     ));
                 }
-                ended
+                result
             }
         };
-        interrupted = ended.was_interrupted;
-        for (cell, known) in cells.iter().zip(&mut states).filter(|(_, known)| known.needs_run()) {
-            *known = read_state(&folder.run_path(&cell.id), campaign.file_retention)?;
+        was_interrupted = result.was_interrupted;
+        for (cell, state) in cells.iter().zip(&mut states).filter(|(_, state)| state.needs_run()) {
+            *state = read_state(&folder.run_path(&cell.id), campaign.file_retention)?;
         }
     }
-    if let (Some(only), false) = (&args.only, interrupted) {
+    if let (Some(only), false) = (&args.only, was_interrupted) {
         return Ok(print_run_counts(campaign, only, &states));
     }
     let damaged = states.iter().filter(|state| matches!(state, RunState::Damaged(_))).count();
     let rows = table::campaign_rows(cells, &folder, states);
-    if interrupted {
-        let (done, all) = (rows.len(), cells.len());
+    if was_interrupted {
+        let (done_count, total) = (rows.len(), cells.len());
         print_info(&format!(
-            "interrupted: {done} of {all} runs are done; run the same command to continue"
+            "interrupted: {done_count} of {total} runs are done; run the same command to continue"
         ));
         return Ok(exit::INTERRUPTED);
     }
     write_results(campaign, &rows, &folder, origin)?;
-    let absent = cells.len() - rows.len() - damaged;
+    let missing_count = cells.len() - rows.len() - damaged;
     let mut text = format!("{}: {} of {} runs", campaign.name, rows.len(), cells.len());
-    text += &format_totals(&rows, absent, damaged);
-    let printed = print(&format!("{text}\nwritten to {}\n", out.display()));
-    Ok(match (damaged, absent + rows.iter().filter(|row| row.summary().is_none()).count()) {
-        (0, 0) => printed,
+    text += &format_totals(&rows, missing_count, damaged);
+    let exit_code = print(&format!("{text}\nwritten to {}\n", out.display()));
+    Ok(match (damaged, missing_count + rows.iter().filter(|row| row.summary().is_none()).count()) {
+        (0, 0) => exit_code,
         (0, _) => exit::INFRASTRUCTURE_FAILURE,
         _ => exit::EXPECTATION_MISSED,
     })
@@ -206,43 +208,47 @@ fn command_lines(
     missing: &[&CampaignRun],
     folder: &CampaignFolder,
 ) -> Result<String, Failure> {
-    let unknown = |error| format!("cannot locate the executable and the campaign file: {error}");
-    let executable = std::env::current_exe().map_err(unknown)?;
-    let text = |path: &Path| path.to_string_lossy().into_owned();
-    let line = |words: Vec<String>| {
-        format_command_line([text(&executable)].into_iter().chain(words)) + "\n"
+    let locate_error =
+        |error| format!("cannot locate the executable and the campaign file: {error}");
+    let executable = std::env::current_exe().map_err(locate_error)?;
+    let path_text = |path: &Path| path.to_string_lossy().into_owned();
+    let line = |arguments: Vec<String>| {
+        format_command_line([path_text(&executable)].into_iter().chain(arguments)) + "\n"
     };
     let Some(chunk) = args.chunk else {
-        let words = missing.iter().map(|cell| cell.arguments(campaign, &folder.run_path(&cell.id)));
-        return Ok(words.map(line).collect());
+        let arguments =
+            missing.iter().map(|cell| cell.arguments(campaign, &folder.run_path(&cell.id)));
+        return Ok(arguments.map(line).collect());
     };
     // The command may be run from any working directory.
-    let path = campaign.path.canonicalize().map_err(unknown)?;
+    let path = campaign.path.canonicalize().map_err(locate_error)?;
     let chunks = missing.chunks(chunk.get()).map(|chunk| {
         let numbers: RunNumbers = chunk.iter().map(|cell| cell.number).collect();
-        let mut words = vec!["sweep".into(), text(&path), "--out".into(), text(folder.path())];
-        words.extend(["--only".into(), numbers.to_string()]);
-        words.extend(["--jobs", "1"].map(str::to_owned));
-        words.extend(args.in_process.then(|| "--in-process".into()));
-        line(words)
+        let mut arguments =
+            vec!["sweep".into(), path_text(&path), "--out".into(), path_text(folder.path())];
+        arguments.extend(["--only".into(), numbers.to_string()]);
+        arguments.extend(["--jobs", "1"].map(str::to_owned));
+        arguments.extend(args.in_process.then(|| "--in-process".into()));
+        line(arguments)
     });
     Ok(chunks.collect())
 }
 
 /// Prints how many of the selected runs have a result, and returns the exit code.
-fn print_run_counts(campaign: &Campaign, only: &RunNumbers, states: &[RunState]) -> u8 {
-    let done = states.iter().filter(|state| matches!(state, RunState::Done(_))).count();
-    let (name, all) = (&campaign.name, states.len());
-    let printed = print(&format!("{name}: {done} of {all} runs ({only}) have a result\n"));
-    if done == all { printed } else { exit::INFRASTRUCTURE_FAILURE }
+fn print_run_counts(campaign: &Campaign, numbers: &RunNumbers, states: &[RunState]) -> u8 {
+    let done_count = states.iter().filter(|state| matches!(state, RunState::Done(_))).count();
+    let (name, total) = (&campaign.name, states.len());
+    let exit_code =
+        print(&format!("{name}: {done_count} of {total} runs ({numbers}) have a result\n"));
+    if done_count == total { exit_code } else { exit::INFRASTRUCTURE_FAILURE }
 }
 
 /// Returns the number of runs with each outcome, as text.
-fn format_totals(rows: &[table::RunRow<'_>], absent: usize, damaged: usize) -> String {
+fn format_totals(rows: &[table::RunRow<'_>], missing: usize, damaged: usize) -> String {
     let mut text = String::new();
-    for (count, what) in [(absent, "missing"), (damaged, "damaged")] {
+    for (count, label) in [(missing, "missing"), (damaged, "damaged")] {
         if count > 0 {
-            text += &format!(", {count} are {what}");
+            text += &format!(", {count} are {label}");
         }
     }
     for outcome in ["held", "missed", "unseen", "undeclared"] {
@@ -251,9 +257,9 @@ fn format_totals(rows: &[table::RunRow<'_>], absent: usize, damaged: usize) -> S
             text += &format!(", {outcome} {count}");
         }
     }
-    let broken = rows.iter().filter(|row| row.summary().is_none()).count();
-    if broken > 0 {
-        text += &format!(", {broken} given up after infrastructure failures");
+    let failed = rows.iter().filter(|row| row.summary().is_none()).count();
+    if failed > 0 {
+        text += &format!(", {failed} given up after infrastructure failures");
     }
     text
 }
@@ -274,22 +280,24 @@ fn report_existing_runs(
     states: &[RunState],
 ) {
     for (cell, state) in cells.iter().zip(states) {
-        let RunState::Damaged(why) = state else { continue };
-        let (run, which) = (folder.run_path(&cell.id), cell.describe(campaign));
-        let damaged = format!("{} is damaged: {why} ({which})", run.display());
+        let RunState::Damaged(reason) = state else { continue };
+        let (run, description) = (folder.run_path(&cell.id), cell.describe(campaign));
+        let damage_text = format!("{} is damaged: {reason} ({description})", run.display());
         match args.collect {
             true => {
-                print_failure(&format_args!("{damaged}; run again without --collect to repeat it"));
+                print_failure(&format_args!(
+                    "{damage_text}; run again without --collect to repeat it"
+                ));
             }
             false => print_info(&format!(
-                "{damaged}; repeating it, and keeping the damaged one as {}.damaged",
+                "{damage_text}; repeating it, and keeping the damaged one as {}.damaged",
                 cell.id
             )),
         }
     }
-    let there = states.iter().filter(|state| !state.needs_run()).count();
-    if there > 0 && !args.collect && !args.emit_commands {
-        print_info(&format!("{there} of {} runs already have a result", cells.len()));
+    let existing_count = states.iter().filter(|state| !state.needs_run()).count();
+    if existing_count > 0 && !args.collect && !args.emit_commands {
+        print_info(&format!("{existing_count} of {} runs already have a result", cells.len()));
     }
 }
 
@@ -330,25 +338,25 @@ fn execute_missing_runs(
     let bar = runs_progress_bar(missing.len());
     let jobs = args.jobs.map(usize::from);
     let mut lines = ProgressLines::new(missing.len());
-    let ended = pool::execute_runs(campaign, missing, folder, executor, stop, jobs, |progress| {
-        let failed = match progress.failed_attempts {
+    let result = pool::execute_runs(campaign, missing, folder, executor, stop, jobs, |progress| {
+        let failure_text = match progress.failed_attempts {
             0 => String::new(),
             failures => format!(", {failures} failed attempts"),
         };
-        show_finished_runs(bar, &mut lines, progress.finished_runs, failed);
+        show_finished_runs(bar, &mut lines, progress.finished_runs, failure_text);
     });
     bar.finish_and_clear();
     // Processes of an earlier campaign may have exited only now.
     folder.remove_stale_files();
-    let ended = ended?;
+    let result = result?;
     folder.sync()?;
     print_info(&format!(
         "{} runs in {:.1} s, {} at a time; they used {:.0} % of {} cores",
         missing.len(),
-        ended.wall_time_s,
-        ended.jobs,
-        100.0 * ended.processor_time_s / (ended.wall_time_s * ended.cores as f64),
-        ended.cores,
+        result.wall_time_s,
+        result.jobs,
+        100.0 * result.processor_time_s / (result.wall_time_s * result.cores as f64),
+        result.cores,
     ));
-    Ok(ended)
+    Ok(result)
 }

@@ -80,7 +80,7 @@ pub(super) fn verify(
         _ => print_misuse(&error),
     })?;
     let (scenario, text, _) = read_for_run(&path, &Overrides::default(), catalog)
-        .map_err(|why| print_invalid_file(&why))?;
+        .map_err(|error| print_invalid_file(&error))?;
     if let Some(program) = scenario.programs().next().filter(|_| !args.allow_programs) {
         return Err(print_misuse(&format_args!(
             "{} starts a program from the run directory, {}, which may be untrusted: \
@@ -100,7 +100,7 @@ pub(super) fn verify(
         Some(out) => (out.clone(), None),
         None => {
             let scratch =
-                ScratchRunDir::create_next_to(run_dir).map_err(|why| print_failure(&why))?;
+                ScratchRunDir::create_next_to(run_dir).map_err(|error| print_failure(&error))?;
             (scratch.run_dir.clone(), Some(scratch))
         }
     };
@@ -108,12 +108,12 @@ pub(super) fn verify(
     let comparison = Comparison::compare(run_dir, &out).map_err(|error| {
         print_failure(&format_args!("cannot compare {}: {error}", run_dir.display()))
     })?;
-    let printed = match args.output {
+    let exit_code = match args.output {
         OutputFormat::Text => print(&format!("{}: {comparison}", run_dir.display())),
         OutputFormat::Json => print_result(OutputFormat::Json, &to_json(&comparison)),
     };
-    match (printed, comparison.same) {
+    match (exit_code, comparison.same) {
         (exit::OK, false) => Err(exit::EXPECTATION_MISSED),
-        (printed, _) => Ok(printed),
+        (exit_code, _) => Ok(exit_code),
     }
 }

@@ -57,13 +57,13 @@ impl FleetMember {
     /// Reads a fleet file. On an error, prints it and returns the exit code. `insecure` permits hosts without
     /// certificates.
     pub(super) fn read(path: &Path, host: &str, insecure: bool) -> Result<FleetMember, u8> {
-        let fleet = fleet::read(path).map_err(|why| print_invalid_file(&why))?;
-        let sound = fleet.find_host(host).and_then(|here| match insecure {
-            true => Ok(here),
-            false => fleet.check_certificates_configured().map(|()| here),
+        let fleet = fleet::read(path).map_err(|error| print_invalid_file(&error))?;
+        let host_index = fleet.find_host(host).and_then(|host_index| match insecure {
+            true => Ok(host_index),
+            false => fleet.check_certificates_configured().map(|()| host_index),
         });
-        let here = sound.map_err(|error| print_misuse(&error))?;
-        Ok(FleetMember { fleet, host_index: here })
+        let host_index = host_index.map_err(|error| print_misuse(&error))?;
+        Ok(FleetMember { fleet, host_index })
     }
 
     /// Returns the scenario keys that the fleet sets: the command timeout H includes the latency between hosts.
@@ -72,14 +72,14 @@ impl FleetMember {
         vec![format!("realtime.between_hosts_s={latency_s:?}")]
     }
 
-    /// Returns the brief of this host's bridge, and the text of the fleet file. `effective` is the effective scenario
-    /// text. On an error, prints it and returns the exit code.
+    /// Returns the brief of this host's bridge, and the text of the fleet file. `effective_text` is the effective
+    /// scenario text. On an error, prints it and returns the exit code.
     pub(super) fn brief_and_text(
         self,
         scenario: &Scenario,
-        effective: &str,
+        effective_text: &str,
     ) -> Result<(BridgeBrief, String), u8> {
-        let brief = self.fleet.bridge_brief(self.host_index, scenario, effective);
+        let brief = self.fleet.bridge_brief(self.host_index, scenario, effective_text);
         let brief = brief.map_err(|error: FleetError| {
             print_failure(&error);
             exit::BAD_SCENARIO
@@ -90,15 +90,15 @@ impl FleetMember {
 
 /// Creates the certificates for the hosts of a fleet file, valid for `days`. Returns the exit code.
 pub(super) fn make_certificates(fleet: &Path, days: u32) -> Result<u8, u8> {
-    let fleet = fleet::read(fleet).map_err(|why| print_invalid_file(&why))?;
-    let made = certificates::create_certificates(&fleet, Validity::for_days(days));
-    let files = made.map_err(|error| match error {
+    let fleet = fleet::read(fleet).map_err(|error| print_invalid_file(&error))?;
+    let result = certificates::create_certificates(&fleet, Validity::for_days(days));
+    let files = result.map_err(|error| match error {
         CertificatesError::NoFolder | CertificatesError::Exists(..) => print_misuse(&error),
         _ => print_failure(&error),
     })?;
-    let written: String = files.iter().map(|path| format!("{}\n", path.display())).collect();
+    let paths: String = files.iter().map(|path| format!("{}\n", path.display())).collect();
     Ok(print(&format!(
-        "{written}\neach host needs ca.pem and its own HOST.pem and HOST.key; keep each HOST.key on its host only\n"
+        "{paths}\neach host needs ca.pem and its own HOST.pem and HOST.key; keep each HOST.key on its host only\n"
     )))
 }
 

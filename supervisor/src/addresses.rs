@@ -21,9 +21,9 @@ impl FixedAddressesGuard {
     /// slower, with the same results.
     pub(crate) fn for_children() -> Option<FixedAddressesGuard> {
         // SAFETY: a plain system call.
-        let before = unsafe { personality(PERSONALITY_QUERY) };
-        set_personality(before | ADDR_NO_RANDOMIZE)
-            .then_some(FixedAddressesGuard { previous_personality: before })
+        let previous_personality = unsafe { personality(PERSONALITY_QUERY) };
+        set_personality(previous_personality | ADDR_NO_RANDOMIZE)
+            .then_some(FixedAddressesGuard { previous_personality })
     }
 }
 
@@ -33,9 +33,9 @@ impl Drop for FixedAddressesGuard {
     }
 }
 
-fn set_personality(wanted: c_int) -> bool {
+fn set_personality(value: c_int) -> bool {
     // SAFETY: a plain system call that affects only processes started later.
-    wanted >= 0 && unsafe { personality(wanted as c_ulong) } >= 0
+    value >= 0 && unsafe { personality(value as c_ulong) } >= 0
 }
 
 #[cfg(test)]
@@ -49,12 +49,12 @@ mod tests {
     }
 
     #[test]
-    fn children_have_the_same_addresses_for_as_long_as_wanted() {
+    fn children_have_the_same_addresses_while_the_guard_exists() {
         let before = read_personality_in_child();
-        let Some(same) = FixedAddressesGuard::for_children() else { return };
-        let asked = c_int::from_str_radix(&read_personality_in_child(), 16).unwrap();
-        assert_eq!(asked & ADDR_NO_RANDOMIZE, ADDR_NO_RANDOMIZE);
-        drop(same);
+        let Some(guard) = FixedAddressesGuard::for_children() else { return };
+        let child_personality = c_int::from_str_radix(&read_personality_in_child(), 16).unwrap();
+        assert_eq!(child_personality & ADDR_NO_RANDOMIZE, ADDR_NO_RANDOMIZE);
+        drop(guard);
         assert_eq!(read_personality_in_child(), before);
     }
 }

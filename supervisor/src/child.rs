@@ -85,8 +85,8 @@ impl Child {
     }
 
     /// Returns this child as the keeper of a program.
-    pub(crate) fn with_keeper(mut self, kept: Option<KeeperConfig>) -> Child {
-        self.keeper_config = kept;
+    pub(crate) fn with_keeper(mut self, keeper_config: Option<KeeperConfig>) -> Child {
+        self.keeper_config = keeper_config;
         self
     }
 
@@ -98,16 +98,16 @@ impl Child {
     /// Returns the IDs of the processes that do the work: the child's own, or those below a keeper once
     /// there are any.
     pub(crate) fn worker_pids(&self) -> Vec<u32> {
-        let below =
+        let descendants =
             if self.keeper_config.is_some() { tree::descendants(self.pid()) } else { Vec::new() };
-        if below.is_empty() { vec![self.pid()] } else { below }
+        if descendants.is_empty() { vec![self.pid()] } else { descendants }
     }
 
     /// Returns the process ID of the agent or the plant, which owns the ports; `None` for a kept program
     /// until it is known.
     pub(crate) fn agent_pid(&self) -> Option<u32> {
-        let Some(kept) = &self.keeper_config else { return Some(self.pid()) };
-        std::fs::read_to_string(&kept.pid_file).ok()?.trim().parse().ok()
+        let Some(keeper_config) = &self.keeper_config else { return Some(self.pid()) };
+        std::fs::read_to_string(&keeper_config.pid_file).ok()?.trim().parse().ok()
     }
 
     /// Samples the state of the child with all its processes. Fails if it is dead.
@@ -120,14 +120,16 @@ impl Child {
 
     /// Kills the child, with a warning, if its processes together exceed their memory bound.
     pub(crate) fn kill_if_over_memory_limit(&self) {
-        let Some(most_mb) = self.keeper_config.as_ref().and_then(|kept| kept.memory_max_mb) else {
+        let Some(limit_mb) =
+            self.keeper_config.as_ref().and_then(|keeper_config| keeper_config.memory_max_mb)
+        else {
             return;
         };
-        let mb =
+        let used_mb =
             tree::private_memory_bytes(self.pid()).map_or(0, |bytes| bytes.div_ceil(1_000_000));
-        if mb > most_mb && self.first_kill_time.get().is_none() {
+        if used_mb > limit_mb && self.first_kill_time.get().is_none() {
             tracing::warn!(
-                "{}: its processes have {mb} MB together, above the limit of {most_mb} MB (memory_max_mb); killing them",
+                "{}: its processes have {used_mb} MB together, above the limit of {limit_mb} MB (memory_max_mb); killing them",
                 self.name()
             );
             if let Err(error) = self.kill() {
@@ -148,17 +150,17 @@ impl Child {
             None => self.send_signal(Signal::KILL),
             Some(_) if tree::descendants(self.pid()).is_empty() => self.send_signal(Signal::KILL),
             Some(_) => {
-                let killed = tree::kill_all(self.pid());
+                let result = tree::kill_all(self.pid());
                 // The keeper reaps them, and exits with the robot's status.
-                killed.and(self.send_signal(Signal::CONT))
+                result.and(self.send_signal(Signal::CONT))
             }
         }
     }
 
     /// Sends SIGTERM, followed by SIGCONT so that a stopped child receives it.
     pub fn terminate(&self) {
-        let asked = self.send_signal(Signal::TERM).and_then(|()| self.resume());
-        if let Err(error) = asked {
+        let result = self.send_signal(Signal::TERM).and_then(|()| self.resume());
+        if let Err(error) = result {
             tracing::warn!("{}: {error}", self.name());
         }
     }
@@ -173,8 +175,9 @@ impl Child {
 
     /// Resumes the child with SIGCONT after [`Child::stop`].
     pub fn resume(&self) -> Result<(), SignalError> {
-        let below = self.keeper_config.as_ref().map(|_| tree::signal_all(self.pid(), Signal::CONT));
-        below.unwrap_or(Ok(())).and(self.send_signal(Signal::CONT))
+        let result =
+            self.keeper_config.as_ref().map(|_| tree::signal_all(self.pid(), Signal::CONT));
+        result.unwrap_or(Ok(())).and(self.send_signal(Signal::CONT))
     }
 
     /// Returns whether the child is stopped, also if another process stopped it (`kill -STOP`, Ctrl-Z).
@@ -202,25 +205,25 @@ impl Child {
         if self.usage.is_none() {
             match usage::read_exited_child(self.pidfd.as_fd()) {
                 Ok(None) => return None,
-                Ok(dead) => self.usage = dead,
+                Ok(usage) => self.usage = usage,
                 Err(error) => {
                     tracing::warn!(pid = self.pid(), %error, "cannot read its resource usage")
                 }
             }
         }
-        let ended = self.process.try_wait().unwrap_or_else(|error| {
+        let status = self.process.try_wait().unwrap_or_else(|error| {
             tracing::warn!(pid = self.pid(), %error, "cannot read its exit status");
             None
         });
-        if ended.is_some()
+        if status.is_some()
             && orphans::remove_known_child(self.pid())
             && self.keeper_config.is_some()
         {
             // Processes killed together with it need not be named.
-            let names = self.first_kill_time.get().is_none();
-            orphans::kill_all_orphans(self.log.parent(), names);
+            let warns = self.first_kill_time.get().is_none();
+            orphans::kill_all_orphans(self.log.parent(), warns);
         }
-        ended
+        status
     }
 
     /// Kills the child and waits for its exit, at most `KILLED_EXIT_TIMEOUT`. Returns the exit status; `None`,
@@ -233,28 +236,30 @@ impl Child {
             tracing::warn!("{}: {error}", self.name());
             return None;
         }
-        let killed = *self.first_kill_time.get_or_init(Instant::now);
-        let ended = self.wait_timeout(KILLED_EXIT_TIMEOUT.saturating_sub(killed.elapsed()));
-        if ended.is_none() {
+        let kill_time = *self.first_kill_time.get_or_init(Instant::now);
+        let status = self.wait_timeout(KILLED_EXIT_TIMEOUT.saturating_sub(kill_time.elapsed()));
+        if status.is_none() {
             tracing::warn!(
                 pid = self.pid(),
                 "killed, but does not exit: it is in an uninterruptible wait"
             );
         }
-        ended
+        status
     }
 
     /// Waits for the child to exit, at most for `limit`. Returns the exit status.
     pub fn wait_timeout(&mut self, limit: Duration) -> Option<ExitStatus> {
-        let began = Instant::now();
+        let start = Instant::now();
         loop {
-            let left = limit.saturating_sub(began.elapsed());
-            let time =
-                Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
-            let _ = poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&time));
-            let ended = self.try_reap();
-            if ended.is_some() || left.is_zero() {
-                return ended;
+            let remaining = limit.saturating_sub(start.elapsed());
+            let timeout = Timespec {
+                tv_sec: remaining.as_secs() as i64,
+                tv_nsec: remaining.subsec_nanos().into(),
+            };
+            let _ = poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&timeout));
+            let status = self.try_reap();
+            if status.is_some() || remaining.is_zero() {
+                return status;
             }
             std::thread::sleep(RETRY_INTERVAL);
         }
@@ -353,7 +358,7 @@ impl LogEntry {
 /// First words of the line that separates the processes of a robot in its log.
 const REPLACEMENT_LINE_START: &str = "a replacement is started: incarnation ";
 
-/// Returns the line that stands in a robot's log before the output of a replacement.
+/// Returns the line that precedes the output of a replacement in a robot's log.
 pub(crate) fn replacement_line(incarnation: u64) -> String {
     format!("{{\"level\":\"INFO\",\"message\":\"{REPLACEMENT_LINE_START}{incarnation}\"}}\n")
 }
@@ -425,8 +430,8 @@ pub fn prepare_process() -> io::Result<()> {
 pub(crate) fn close_inherited_descriptors() -> io::Result<()> {
     // By its number: the C library has a name for it only since glibc 2.34. SAFETY: a plain system call; no
     // code uses a descriptor beyond the first three yet.
-    let closed = unsafe { libc::syscall(libc::SYS_close_range, 3_u64, u64::from(u32::MAX), 0_u64) };
-    if closed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+    let result = unsafe { libc::syscall(libc::SYS_close_range, 3_u64, u64::from(u32::MAX), 0_u64) };
+    if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
 #[cfg(test)]
@@ -451,16 +456,16 @@ mod tests {
     fn child_is_stopped_between_sigstop_and_sigcont() {
         let mut child =
             Child::watch(start_process("sleep", "1000"), Path::new("/dev/null")).unwrap();
-        let mut becomes = |stopped| {
-            let began = Instant::now();
+        let mut wait_until = |stopped| {
+            let start = Instant::now();
             while child.is_stopped() != stopped {
-                assert!(began.elapsed() < Duration::from_secs(60));
+                assert!(start.elapsed() < Duration::from_secs(60));
                 std::thread::sleep(RETRY_INTERVAL);
             }
             assert_eq!(child.is_stopped(), stopped, "until that changes");
             if stopped { child.resume() } else { child.stop() }.unwrap();
         };
-        [false, true, false].into_iter().for_each(&mut becomes);
+        [false, true, false].into_iter().for_each(&mut wait_until);
     }
 
     #[test]
@@ -487,17 +492,19 @@ mod tests {
     /// be killed.
     #[test]
     fn unkillable_process_is_given_up() {
-        let mut held =
+        let mut child =
             Child::watch(start_process("sleep", "1000"), Path::new("/dev/null")).unwrap();
-        let sleeping = Pid::from_child(&held.process);
-        let own =
-            std::mem::replace(&mut held.pidfd, pidfd_open(Pid::INIT, PidfdFlags::empty()).unwrap());
-        assert_eq!(held.kill_and_wait(), None);
+        let sleep_pid = Pid::from_child(&child.process);
+        let child_pidfd = std::mem::replace(
+            &mut child.pidfd,
+            pidfd_open(Pid::INIT, PidfdFlags::empty()).unwrap(),
+        );
+        assert_eq!(child.kill_and_wait(), None);
         // Once given up, it costs no further wait.
-        assert!(held.first_kill_time.get().unwrap().elapsed() >= KILLED_EXIT_TIMEOUT);
-        drop(held);
-        assert!(PathBuf::from(format!("/proc/{}", sleeping.as_raw_nonzero())).exists());
-        pidfd_send_signal(&own, Signal::KILL).unwrap();
-        rustix::process::waitpid(Some(sleeping), rustix::process::WaitOptions::empty()).unwrap();
+        assert!(child.first_kill_time.get().unwrap().elapsed() >= KILLED_EXIT_TIMEOUT);
+        drop(child);
+        assert!(PathBuf::from(format!("/proc/{}", sleep_pid.as_raw_nonzero())).exists());
+        pidfd_send_signal(&child_pidfd, Signal::KILL).unwrap();
+        rustix::process::waitpid(Some(sleep_pid), rustix::process::WaitOptions::empty()).unwrap();
     }
 }

@@ -30,27 +30,27 @@ pub struct ControlTimerArguments {
 }
 
 /// Runs the process `phalanx-machine` until it is stopped, and returns the exit code.
-pub fn main(timer: &ControlTimerArguments) -> u8 {
-    process::main("phalanx-machine", timer.realtime_priority, || run(timer))
+pub fn main(arguments: &ControlTimerArguments) -> u8 {
+    process::main("phalanx-machine", arguments.realtime_priority, || run(arguments))
 }
 
-fn run(control: &ControlTimerArguments) -> Result<(), Failure> {
+fn run(arguments: &ControlTimerArguments) -> Result<(), Failure> {
     let stop = StopFlag::for_termination_signals()
         .map_err(|error| format!("cannot handle signals: {error}"))?;
-    run_root::join(&control.run_root)?;
+    run_root::join(&arguments.run_root)?;
     clock::tighten_timer_slack();
     process::request_time_slice(TimeSlice::Short);
     let node = service::create_node("machine")?;
-    let mut measured = LatencyRecorder::for_incarnation(0, 1);
-    let latency = LatencyPort::new(&service::machine_latency_topic().open(&node)?, &measured)?;
-    let period = Duration::from_nanos(control.period_ns);
-    let phase = period.mul_f64(golden_phase(control.robots + 1));
-    let mut timer = Timer::new(control.period_ns, phase.as_nanos() as u64);
+    let mut recorder = LatencyRecorder::for_incarnation(0, 1);
+    let latency = LatencyPort::new(&service::machine_latency_topic().open(&node)?, &recorder)?;
+    let period = Duration::from_nanos(arguments.period_ns);
+    let phase = period.mul_f64(golden_phase(arguments.robots + 1));
+    let mut timer = Timer::new(arguments.period_ns, phase.as_nanos() as u64);
     while !stop.is_requested() {
         let Some(wake) = timer.wait() else { continue };
-        measured.record(Stage::Machine, 0, wake.lateness_ns);
-        latency.send_if_due(&mut measured, wake.due_ns);
+        recorder.record(Stage::Machine, 0, wake.lateness_ns);
+        latency.send_if_due(&mut recorder, wake.due_ns);
     }
-    latency.send(&mut measured, clock::now_ns());
+    latency.send(&mut recorder, clock::now_ns());
     Ok(())
 }

@@ -52,11 +52,11 @@ impl Cores {
     /// large machine start at different cores. Returns `None` with a single processor, or if the kernel
     /// does not report the topology.
     pub(crate) fn assign(robots: usize, first: usize) -> Option<Cores> {
-        let usable = sched_getaffinity(None).ok()?;
+        let usable_cpus = sched_getaffinity(None).ok()?;
         let topology = Topology::for_this_thread()?;
         let assignment = CoreAssignment::compute(&topology, robots, first)?;
         Some(Cores {
-            usable_cpus: usable,
+            usable_cpus,
             assignment,
             is_cpu_time_limited: topology.quota_cores.is_some(),
             robots,
@@ -100,7 +100,7 @@ pub(crate) struct Placement {
 impl Placement {
     /// Creates a placement without pinned processes. `launcher` starts the processes that keep cores awake.
     pub(crate) fn new(cores: Cores, launcher: Launcher) -> Placement {
-        let without_awake = cores.is_cpu_time_limited
+        let skips_awake_processes = cores.is_cpu_time_limited
             || !launcher.keeps_cores_awake()
             || cores.robots > AWAKE_ROBOTS_PER_CORE_MAX * cores.groups();
         Placement {
@@ -116,7 +116,7 @@ impl Placement {
             is_pinned: false,
             awake_processes: Vec::new(),
             killed_awake_processes: Vec::new(),
-            skips_awake_processes: without_awake,
+            skips_awake_processes,
             usage: Usage::default(),
         }
     }
@@ -136,25 +136,29 @@ impl Placement {
             self.pin_processes(plant, robots, log);
             return;
         }
-        let passed = self.last_load_sample.map(|at| at.elapsed());
-        if passed.is_some_and(|passed| passed < LOAD_SAMPLE_INTERVAL) {
+        let elapsed = self.last_load_sample.map(|at| at.elapsed());
+        if elapsed.is_some_and(|elapsed| elapsed < LOAD_SAMPLE_INTERVAL) {
             return;
         }
-        let Some(busy_s) = read_busy_time_s(self.cores.assignment.assigned_processors()) else {
+        let Some(busy_time_s) = read_busy_time_s(self.cores.assignment.assigned_processors())
+        else {
             return;
         };
-        let awake = self.awake_processes.iter().map(|(_, child)| child);
-        let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(awake);
-        let ended_s = self.usage.user_s + self.usage.system_s;
-        let ours_s = process_cpu_time_s()
-            + ended_s
+        let awake_children = self.awake_processes.iter().map(|(_, child)| child);
+        let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(awake_children);
+        let ended_cpu_time_s = self.usage.user_s + self.usage.system_s;
+        let own_cpu_time_s = process_cpu_time_s()
+            + ended_cpu_time_s
             + processes.flat_map(Child::worker_pids).map(cpu_time_of_process_s).sum::<f64>();
         // Two known errors: the time of a process that died since the last sample counts as time of others,
         // and the time of a released process on other cores is subtracted too.
-        let others_s = (busy_s - self.last_busy_time_s) - (ours_s - self.own_cpu_time_s).max(0.0);
+        let other_cpu_time_s =
+            (busy_time_s - self.last_busy_time_s) - (own_cpu_time_s - self.own_cpu_time_s).max(0.0);
         (self.last_load_sample, self.last_busy_time_s, self.own_cpu_time_s) =
-            (Some(Instant::now()), busy_s, ours_s);
-        if passed.is_some_and(|passed| others_s > OTHER_LOAD_CORES_MAX * passed.as_secs_f64()) {
+            (Some(Instant::now()), busy_time_s, own_cpu_time_s);
+        if elapsed
+            .is_some_and(|elapsed| other_cpu_time_s > OTHER_LOAD_CORES_MAX * elapsed.as_secs_f64())
+        {
             if self.is_pinned {
                 self.unpin_all(plant, robots);
             }
@@ -168,8 +172,8 @@ impl Placement {
 
     /// Returns whether the trial has just changed the number of cores.
     fn advance_trial(&mut self, ticks: u32) -> bool {
-        let &mut (began, before) = self.trial_start.get_or_insert((Instant::now(), ticks));
-        self.tuner.advance_search(began.elapsed(), ticks.wrapping_sub(before).into()).is_some()
+        let &mut (start, start_ticks) = self.trial_start.get_or_insert((Instant::now(), ticks));
+        self.tuner.advance_search(start.elapsed(), ticks.wrapping_sub(start_ticks).into()).is_some()
     }
 
     /// Pins all processes to cores. Repeated at each call, because replacements start elsewhere.
@@ -182,28 +186,28 @@ impl Placement {
         if !std::mem::replace(&mut self.is_pinned, true) {
             request_time_slice_of_all_threads(TimeSlice::Long);
         }
-        let used = self.tuner.cores();
-        self.start_awake_processes(used, log);
+        let core_count = self.tuner.cores();
+        self.start_awake_processes(core_count, log);
         for (i, child) in robots {
             pin_all_processes(
                 child,
-                &single_core_set(self.cores.assignment.processor_of_robot(i, used)),
+                &single_core_set(self.cores.assignment.processor_of_robot(i, core_count)),
             );
         }
         pin_all_processes(plant, &single_core_set(self.cores.assignment.plant_processor));
         pin_process(0, &single_core_set(self.cores.assignment.supervisor_processor));
     }
 
-    fn start_awake_processes(&mut self, used: usize, log: &Path) {
-        let cores = self.cores.assignment.robot_processors(used).to_vec();
-        let (stay, go) = std::mem::take(&mut self.awake_processes)
+    fn start_awake_processes(&mut self, core_count: usize, log: &Path) {
+        let cores = self.cores.assignment.robot_processors(core_count).to_vec();
+        let (kept_processes, removed_processes) = std::mem::take(&mut self.awake_processes)
             .into_iter()
             .partition(|(core, child)| cores.contains(core) && !child.is_dead());
-        self.awake_processes = stay;
-        self.kill_awake_processes(go);
+        self.awake_processes = kept_processes;
+        self.kill_awake_processes(removed_processes);
         for core in cores {
             if self.skips_awake_processes
-                || self.awake_processes.iter().any(|&(kept, _)| kept == core)
+                || self.awake_processes.iter().any(|&(awake_core, _)| awake_core == core)
             {
                 continue;
             }
@@ -227,7 +231,7 @@ impl Placement {
         // Ticks counted under other load are not comparable.
         (self.trial_start, self.tuner) =
             (None, CoreCountTuner::new(self.cores.robots, self.cores.groups()));
-        // If there are other cores, the remaining time on these says little, so an attempt is made.
+        // If there are other cores, the load of the assigned cores shows little about them, so an attempt is made.
         if self.cores.assignment.assigned_processors().count()
             < self.cores.usable_cpus.count() as usize
         {
@@ -254,14 +258,14 @@ impl Placement {
     fn release_cores(&mut self) {
         pin_process(0, &self.cores.usable_cpus);
         request_time_slice_of_all_threads(TimeSlice::KernelDefault);
-        let awake = std::mem::take(&mut self.awake_processes);
-        self.kill_awake_processes(awake);
+        let awake_processes = std::mem::take(&mut self.awake_processes);
+        self.kill_awake_processes(awake_processes);
     }
 
     /// Kills these processes that keep cores awake, and reaps the processes killed before that have exited. Warns of a
     /// process that had died before.
-    fn kill_awake_processes(&mut self, mut awake: Vec<(usize, Child)>) {
-        for (core, child) in &mut awake {
+    fn kill_awake_processes(&mut self, mut processes: Vec<(usize, Child)>) {
+        for (core, child) in &mut processes {
             match child.try_reap() {
                 Some(status) => tracing::warn!(
                     "the process that kept core {core} awake died ({}); the run is slower without it, with the same results",
@@ -270,14 +274,14 @@ impl Placement {
                 None => drop(child.kill()),
             }
         }
-        self.killed_awake_processes.extend(awake.into_iter().map(|(_, child)| child));
+        self.killed_awake_processes.extend(processes.into_iter().map(|(_, child)| child));
         let usage = &mut self.usage;
         self.killed_awake_processes.retain_mut(|child| {
-            let exited = child.try_reap().is_some();
-            if exited {
+            let has_exited = child.try_reap().is_some();
+            if has_exited {
                 *usage += child.usage().unwrap_or_default();
             }
-            !exited
+            !has_exited
         });
     }
 }
@@ -304,12 +308,12 @@ fn pin_process(pid: u32, cores: &CpuSet) {
 /// Checks on the calling thread whether processes can be pinned and the load by other processes can be
 /// read. Leaves the thread's affinity unchanged. Fails with the reason.
 pub fn check_pinning_support() -> Result<(), String> {
-    let refused = |error| format!("sched_setaffinity: {error}");
-    let usable = sched_getaffinity(None).map_err(refused)?;
-    sched_setaffinity(None, &usable).map_err(refused)?;
-    let first = (0..CpuSet::MAX_CPU).find(|&processor| usable.is_set(processor));
-    let busy_s = read_busy_time_s(first.into_iter());
-    busy_s.map(|_| ()).ok_or_else(|| "/proc/stat is not readable".into())
+    let affinity_error = |error| format!("sched_setaffinity: {error}");
+    let usable_cpus = sched_getaffinity(None).map_err(affinity_error)?;
+    sched_setaffinity(None, &usable_cpus).map_err(affinity_error)?;
+    let first = (0..CpuSet::MAX_CPU).find(|&processor| usable_cpus.is_set(processor));
+    let busy_time_s = read_busy_time_s(first.into_iter());
+    busy_time_s.map(|_| ()).ok_or_else(|| "/proc/stat is not readable".into())
 }
 
 /// Returns the processor time used on these processors since the machine started, s. `None` if it cannot be read.
@@ -333,8 +337,8 @@ fn read_busy_time_s(processors: impl Iterator<Item = usize>) -> Option<f64> {
 fn cpu_time_of_process_s(pid: u32) -> f64 {
     let mut clock = 0;
     // SAFETY: a plain call that writes `clock`.
-    let known = unsafe { libc::clock_getcpuclockid(pid as i32, &mut clock) } == 0;
-    if known { read_clock_s(clock) } else { 0.0 }
+    let is_known = unsafe { libc::clock_getcpuclockid(pid as i32, &mut clock) } == 0;
+    if is_known { read_clock_s(clock) } else { 0.0 }
 }
 
 /// Returns the processor time that this process has used, s.
@@ -359,14 +363,14 @@ mod tests {
     #[test]
     fn processes_are_pinned_without_awake_processes() {
         let Some(cores) = Cores::assign(1, 0) else { return };
-        let plants_core = cores.assignment.plant_processor;
+        let plant_core = cores.assignment.plant_processor;
         let sleep = Command::new("sleep").arg("1000").spawn().unwrap();
         let plant = Child::watch(sleep, Path::new("/dev/null")).unwrap();
         let mut placement = Placement::new(cores, Launcher::new("/no/such/executable"));
         placement.update(&plant, std::iter::empty(), 0, Path::new("/dev/null"));
         assert!(placement.awake_processes.is_empty() && placement.skips_awake_processes);
-        let placed = sched_getaffinity(Pid::from_raw(plant.pid() as i32)).unwrap();
-        assert_eq!((placed.count(), placed.is_set(plants_core)), (1, true));
+        let affinity = sched_getaffinity(Pid::from_raw(plant.pid() as i32)).unwrap();
+        assert_eq!((affinity.count(), affinity.is_set(plant_core)), (1, true));
         placement.end_placement();
     }
 
@@ -386,8 +390,8 @@ mod tests {
 
     #[test]
     fn busy_time_of_the_machine_includes_this_process() {
-        let own = process_cpu_time_s();
-        assert!(own > 0.0 && cpu_time_of_process_s(std::process::id()) >= own);
+        let own_time_s = process_cpu_time_s();
+        assert!(own_time_s > 0.0 && cpu_time_of_process_s(std::process::id()) >= own_time_s);
         assert!(read_busy_time_s(std::iter::once(0)).is_none_or(|busy_s| busy_s > 0.0));
     }
 }

@@ -35,7 +35,7 @@ const CLEANUP_ATTEMPT_TIMEOUT: Duration = Duration::from_millis(500);
 const POLL_INTERVAL_MIN: Duration = Duration::from_millis(20);
 /// Minimum polling interval as a multiple of the time that a search takes, which grows with the number of files.
 const POLL_INTERVAL_FACTOR: u32 = 5;
-/// Time after a clean-up at which a remaining connection with a dead process counts as unclaimed. Living
+/// Time after a clean-up at which a remaining connection with a dead process counts as unclaimed. Alive
 /// processes release theirs at their next send or receive.
 const UNCLAIMED_TIMEOUT: Duration = Duration::from_secs(1);
 /// Maximum time to wait for the last clean-up at the end of a run.
@@ -71,7 +71,7 @@ pub enum DeadProcessOwner {
 pub struct Cleaner {
     requests: Option<Sender<DeadProcessOwner>>,
     results: Receiver<DeadProcessOwner>,
-    /// Event descriptor, readable while there may be results in `done`.
+    /// Event descriptor, readable while there may be results in `results`.
     results_event: Arc<OwnedFd>,
     /// Whether the run has ended, so that its run root is removed and no clean-up is needed.
     has_ended: Arc<AtomicBool>,
@@ -82,25 +82,25 @@ impl Cleaner {
     /// Starts the thread with its own node, in a run that this process has joined.
     pub fn start(run_root: &RunRoot, node: &Node) -> Result<Cleaner, CleanerError> {
         layout::verify(run_root.path(), node)?;
-        let (requests, incoming) = channel::<DeadProcessOwner>();
-        let (outgoing, done) = channel();
-        let refused = |source| SpawnError::from_thread_error("the clean-up thread", source);
-        let news = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
-        let news = Arc::new(news.map_err(|error| refused(error.into()))?);
-        let told = news.clone();
+        let (requests, request_receiver) = channel::<DeadProcessOwner>();
+        let (result_sender, results) = channel();
+        let spawn_error = |source| SpawnError::from_thread_error("the clean-up thread", source);
+        let results_event = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
+        let results_event = Arc::new(results_event.map_err(|error| spawn_error(error.into()))?);
+        let results_event_writer = results_event.clone();
         let has_ended = Arc::new(AtomicBool::new(false));
-        let ended = has_ended.clone();
+        let run_has_ended = has_ended.clone();
         let run_root = run_root.path().to_path_buf();
         let thread = std::thread::Builder::new().name("cleanup".into());
         let thread = thread.spawn(move || {
             let node = service::create_node("cleanup");
-            let mut cleaned_some = false;
+            let mut has_cleaned = false;
             loop {
-                let wait = if cleaned_some { UNCLAIMED_TIMEOUT } else { Duration::MAX };
-                let dead = match incoming.recv_timeout(wait) {
-                    Ok(dead) => dead,
+                let timeout = if has_cleaned { UNCLAIMED_TIMEOUT } else { Duration::MAX };
+                let owner = match request_receiver.recv_timeout(timeout) {
+                    Ok(owner) => owner,
                     Err(RecvTimeoutError::Timeout) => {
-                        cleaned_some = false;
+                        has_cleaned = false;
                         if let Err(error) = remove_unclaimed_connections(&run_root) {
                             tracing::warn!(%error, "cannot search for stale resources of dead processes");
                         }
@@ -108,42 +108,42 @@ impl Cleaner {
                     }
                     Err(RecvTimeoutError::Disconnected) => break,
                 };
-                cleaned_some = true;
+                has_cleaned = true;
                 // One clean-up, which searches the whole run root, is for all that died meanwhile.
-                let dead: Vec<DeadProcessOwner> = std::iter::once(dead).chain(incoming.try_iter()).collect();
-                let cleaned = match &node {
+                let owners: Vec<DeadProcessOwner> = std::iter::once(owner).chain(request_receiver.try_iter()).collect();
+                let result = match &node {
                     Ok(node) => {
-                        clean_without_hanging(node, &run_root, &ended).map_err(|e| e.to_string())
+                        clean_without_hanging(node, &run_root, &run_has_ended).map_err(|e| e.to_string())
                     }
                     Err(error) => Err(error.to_string()),
                 };
-                if ended.load(Ordering::Relaxed) {
+                if run_has_ended.load(Ordering::Relaxed) {
                     break;
                 }
-                if let Err(error) = cleaned {
-                    tracing::warn!(?dead, error, "clean-up failed");
+                if let Err(error) = result {
+                    tracing::warn!(dead = ?owners, error, "clean-up failed");
                 }
-                if dead.into_iter().any(|dead| outgoing.send(dead).is_err()) {
+                if owners.into_iter().any(|owner| result_sender.send(owner).is_err()) {
                     break;
                 }
                 // If the counter is full, the reader is already signaled.
-                let _ = rustix::io::write(&*told, &1u64.to_ne_bytes());
+                let _ = rustix::io::write(&*results_event_writer, &1u64.to_ne_bytes());
             }
         });
-        let thread = thread.map_err(refused)?;
+        let thread = thread.map_err(spawn_error)?;
         Ok(Cleaner {
             requests: Some(requests),
-            results: done,
-            results_event: news,
+            results,
+            results_event,
             has_ended,
             thread: Some(thread),
         })
     }
 
     /// Requests the removal of the stale resources of a process, which must be reaped.
-    pub fn request_cleanup(&self, dead: DeadProcessOwner) {
+    pub fn request_cleanup(&self, owner: DeadProcessOwner) {
         let requests = self.requests.as_ref().expect("open until dropped");
-        requests.send(dead).expect("the thread ends only when this does");
+        requests.send(owner).expect("the thread ends only when this does");
     }
 
     /// Returns the next owner whose stale resources are removed.
@@ -164,9 +164,9 @@ impl Drop for Cleaner {
         self.requests = None;
         let Some(thread) = self.thread.take() else { return };
         // The thread ends after the dead process that it is cleaning up after.
-        let asked = Instant::now();
+        let start = Instant::now();
         while !thread.is_finished() {
-            if asked.elapsed() > LAST_CLEANUP_TIMEOUT {
+            if start.elapsed() > LAST_CLEANUP_TIMEOUT {
                 tracing::warn!("a clean-up does not end; the next run completes it");
                 return;
             }
@@ -192,21 +192,21 @@ fn clean_without_hanging(
     run_root: &Path,
     has_ended: &AtomicBool,
 ) -> Result<(), CleanupError> {
-    let (at_work, done) = channel::<()>();
+    let (work_sender, work_receiver) = channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
-            let mut wait = POLL_INTERVAL_MIN;
-            while done.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
-                let began = Instant::now();
+            let mut interval = POLL_INTERVAL_MIN;
+            while work_receiver.recv_timeout(interval) == Err(RecvTimeoutError::Timeout) {
+                let start = Instant::now();
                 if let Err(error) = remove_half_made_connections(run_root) {
                     tracing::debug!(%error, "cannot search for half-made connections");
                 }
-                wait = POLL_INTERVAL_MIN.max(POLL_INTERVAL_FACTOR * began.elapsed());
+                interval = POLL_INTERVAL_MIN.max(POLL_INTERVAL_FACTOR * start.elapsed());
             }
         });
-        let cleaned = remove_stale_resources(node, run_root, has_ended);
-        drop(at_work);
-        cleaned
+        let result = remove_stale_resources(node, run_root, has_ended);
+        drop(work_sender);
+        result
     })
 }
 
@@ -216,39 +216,39 @@ fn remove_stale_resources(
     run_root: &Path,
     has_ended: &AtomicBool,
 ) -> Result<(), CleanupError> {
-    let mut census = DeathCache::default();
+    let mut death_cache = DeathCache::default();
     // Processes that die from here on are left to the next clean-up, because iceoryx2 has not processed their ports.
     let files = list_nodes(run_root)?;
-    let dead: BTreeSet<u128> = files.map(|(id, _)| id).filter(|&id| census.is_dead(id)).collect();
-    let between_the_dead = remove_half_made_connections(run_root)?;
-    let mut unseen = dead.clone();
-    let listed = Node::list(node.config(), |state| {
+    let dead: BTreeSet<u128> =
+        files.map(|(id, _)| id).filter(|&id| death_cache.is_dead(id)).collect();
+    let dead_connections = remove_half_made_connections(run_root)?;
+    let mut pending_ids = dead.clone();
+    let list_result = Node::list(node.config(), |state| {
         // Other processes that died meanwhile may have left half-made connections too.
-        let seen_to = unseen.remove(&state.node_id().value());
-        if let (true, NodeState::Dead(of_the_dead)) = (seen_to, state)
-            && let Err(error) = of_the_dead.blocking_remove_stale_resources(CLEANUP_ATTEMPT_TIMEOUT)
+        let is_selected = pending_ids.remove(&state.node_id().value());
+        if let (true, NodeState::Dead(dead_node)) = (is_selected, state)
+            && let Err(error) = dead_node.blocking_remove_stale_resources(CLEANUP_ATTEMPT_TIMEOUT)
         {
             tracing::debug!(?error, "removed by hand");
         }
-        // Checking a living process costs as much as removing a port of a dead one.
-        let is_done = unseen.is_empty() || has_ended.load(Ordering::Relaxed);
+        // Checking an alive process costs as much as removing a port of a dead one.
+        let is_done = pending_ids.is_empty() || has_ended.load(Ordering::Relaxed);
         if is_done { CallbackProgression::Stop } else { CallbackProgression::Continue }
     });
     if has_ended.load(Ordering::Relaxed) {
         return Ok(());
     }
-    if let Err(error) = listed {
+    if let Err(error) = list_result {
         tracing::warn!(%error, "cannot list nodes");
     }
     // A process killed during registration leaves a node that iceoryx2 cannot remove or does not list, so
     // its files are removed directly.
     for (_, path) in list_nodes(run_root)?.filter(|(id, _)| dead.contains(id)) {
-        let removed =
-            if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-        removed.map_err(|source| CleanupError::Remove { path, source })?;
+        let result = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        result.map_err(|source| CleanupError::Remove { path, source })?;
     }
-    // The clean-up of each end leaves a connection to the other end if that died first.
-    between_the_dead.into_iter().try_for_each(remove_if_present)
+    // The clean-up of each endpoint leaves a connection to the other endpoint if that died first.
+    dead_connections.into_iter().try_for_each(remove_if_present)
 }
 
 fn remove_if_present(path: PathBuf) -> Result<(), CleanupError> {
@@ -263,43 +263,49 @@ fn remove_if_present(path: PathBuf) -> Result<(), CleanupError> {
 /// Removes connections that a process was creating when it was killed, for which iceoryx2 would wait.
 /// Leaves those between two dead processes, and returns them.
 fn remove_half_made_connections(run_root: &Path) -> Result<Vec<PathBuf>, CleanupError> {
-    let mut census = DeathCache::default();
-    let mut between_the_dead = Vec::new();
-    for (path, ends) in list_connections(run_root)? {
-        let gone = ends.into_iter().filter(|&end| census.is_dead(end)).count();
-        let half_made = |found: fs::Metadata| found.mode() & 0o777 == INCOMPLETE_PERMISSIONS;
-        if gone > 0 && fs::metadata(&path).is_ok_and(half_made) {
+    let mut death_cache = DeathCache::default();
+    let mut dead_connections = Vec::new();
+    for (path, endpoints) in list_connections(run_root)? {
+        let dead_count =
+            endpoints.into_iter().filter(|&endpoint| death_cache.is_dead(endpoint)).count();
+        let is_half_made =
+            |metadata: fs::Metadata| metadata.mode() & 0o777 == INCOMPLETE_PERMISSIONS;
+        if dead_count > 0 && fs::metadata(&path).is_ok_and(is_half_made) {
             // The file may have been removed meanwhile.
             let _ = fs::File::options()
                 .write(true)
                 .open(&path)
                 .and_then(|mut file| file.write_all(&INVALID_VERSION));
             remove_if_present(path)?;
-        } else if gone == 2 {
-            between_the_dead.push(path);
+        } else if dead_count == 2 {
+            dead_connections.push(path);
         }
     }
-    Ok(between_the_dead)
+    Ok(dead_connections)
 }
 
-/// Removes connections of dead processes that the living end has not opened. iceoryx2 leaves them: a
+/// Removes connections of dead processes that the alive endpoint has not opened. iceoryx2 leaves them: a
 /// process creates a connection and then registers in it; a process killed in between leaves a complete
 /// connection without an owner, and only the last owner removes it.
 fn remove_unclaimed_connections(run_root: &Path) -> Result<(), CleanupError> {
-    let mut census = DeathCache::default();
-    let mut opened = BTreeMap::<u32, String>::new();
-    for (path, ends) in list_connections(run_root)? {
-        let Some(living) = ends.iter().position(|&end| !census.is_dead(end)) else { continue };
-        if !census.is_dead(ends[1 - living]) {
+    let mut death_cache = DeathCache::default();
+    let mut memory_maps = BTreeMap::<u32, String>::new();
+    for (path, endpoints) in list_connections(run_root)? {
+        let Some(alive_index) =
+            endpoints.iter().position(|&endpoint| !death_cache.is_dead(endpoint))
+        else {
+            continue;
+        };
+        if !death_cache.is_dead(endpoints[1 - alive_index]) {
             continue;
         }
-        let living = layout::creator_pid(ends[living]);
-        let opened = opened.entry(living).or_insert_with(|| {
-            fs::read_to_string(format!("/proc/{living}/maps")).unwrap_or_default()
+        let alive_pid = layout::creator_pid(endpoints[alive_index]);
+        let memory_maps = memory_maps.entry(alive_pid).or_insert_with(|| {
+            fs::read_to_string(format!("/proc/{alive_pid}/maps")).unwrap_or_default()
         });
         // A process that cannot be inspected may have it open.
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if !opened.is_empty() && !opened.contains(&name) {
+        if !memory_maps.is_empty() && !memory_maps.contains(&name) {
             tracing::debug!(name, "removed an unclaimed connection");
             remove_if_present(path)?;
         }
@@ -338,11 +344,11 @@ mod tests {
         let base = tempfile::tempdir().unwrap();
         let run_root = RunRoot::create(&base.path().join("runs")).unwrap();
         run_root::join(run_root.path()).unwrap();
-        let living = service::create_node("living").unwrap();
-        assert_eq!(creator_pid(living.id().value()), std::process::id());
+        let node = service::create_node("living").unwrap();
+        assert_eq!(creator_pid(node.id().value()), std::process::id());
 
-        let mut gone = std::process::Command::new("true").spawn().unwrap();
-        gone.wait().unwrap();
+        let mut dead_process = std::process::Command::new("true").spawn().unwrap();
+        dead_process.wait().unwrap();
         let nodes = nodes_dir(run_root.path());
         let files = || {
             let names = fs::read_dir(&nodes).unwrap().map(|entry| entry.unwrap().file_name());
@@ -350,7 +356,7 @@ mod tests {
         };
         let before = files();
         // One has created only its directory, another also the file that shows that it is alive.
-        let ids = [1, 2].map(|time_s: u128| u128::from(gone.id()) << 64 | time_s);
+        let ids = [1, 2].map(|time_s: u128| u128::from(dead_process.id()) << 64 | time_s);
         for id in ids {
             fs::create_dir(nodes.join(id.to_string())).unwrap();
             fs::write(nodes.join(format!("{id}/{ICEORYX2_PREFIX}node.details")), "").unwrap();
@@ -361,15 +367,15 @@ mod tests {
         let connection = |sender, receiver| {
             run_root.path().join(format!("{ICEORYX2_PREFIX}type_{sender}_{receiver}.connection"))
         };
-        let known = connection(ids[0], ids[1]);
-        fs::write(&known, "whole").unwrap();
-        clean_without_hanging(&living, run_root.path(), &AtomicBool::new(false)).unwrap();
+        let dead_connection = connection(ids[0], ids[1]);
+        fs::write(&dead_connection, "whole").unwrap();
+        clean_without_hanging(&node, run_root.path(), &AtomicBool::new(false)).unwrap();
         assert_eq!(files(), before);
-        assert!(!known.exists(), "a connection between the dead");
-        // A half-made connection between living processes is left to them.
-        let alive = living.id().value();
-        let made = [ids[0], alive].map(|end| {
-            let path = connection(alive, end);
+        assert!(!dead_connection.exists(), "a connection between the dead");
+        // A half-made connection between alive processes is left to them.
+        let alive_id = node.id().value();
+        let half_made_files = [ids[0], alive_id].map(|receiver| {
+            let path = connection(alive_id, receiver);
             let mut options = fs::File::options();
             (
                 options
@@ -382,28 +388,33 @@ mod tests {
             )
         });
         remove_half_made_connections(run_root.path()).unwrap();
-        assert_eq!(made.each_ref().map(|(_, path)| path.exists()), [false, true]);
+        assert_eq!(half_made_files.each_ref().map(|(_, path)| path.exists()), [false, true]);
         // A process that has the file open stops waiting, because the file is no longer empty and has an
         // invalid version.
-        assert_eq!(made.map(|(file, _)| file.metadata().unwrap().len()), [8, 0]);
-        // Complete connections are removed once the living end has released them, or if it never opened them.
-        let left = connection(ids[0], alive);
-        let file = fs::File::options().read(true).write(true).create_new(true).open(&left).unwrap();
+        assert_eq!(half_made_files.map(|(file, _)| file.metadata().unwrap().len()), [8, 0]);
+        // Complete connections are removed once the alive endpoint has released them, or if it never opened them.
+        let unclaimed_connection = connection(ids[0], alive_id);
+        let file = fs::File::options()
+            .read(true)
+            .write(true)
+            .create_new(true)
+            .open(&unclaimed_connection)
+            .unwrap();
         file.set_len(4096).unwrap();
-        let between_the_living = connection(alive, alive);
-        fs::write(&between_the_living, "whole").unwrap();
+        let alive_connection = connection(alive_id, alive_id);
+        fs::write(&alive_connection, "whole").unwrap();
         // SAFETY: a mapping of a file of this length, which no other process changes.
-        let mapped = unsafe {
+        let mapping = unsafe {
             use rustix::mm::{MapFlags, ProtFlags, mmap};
             mmap(std::ptr::null_mut(), 4096, ProtFlags::READ, MapFlags::SHARED, &file, 0).unwrap()
         };
         remove_unclaimed_connections(run_root.path()).unwrap();
-        assert!(left.exists(), "the living end has it open");
+        assert!(unclaimed_connection.exists(), "the living end has it open");
         // SAFETY: mapped above, and not accessed by other code.
-        unsafe { rustix::mm::munmap(mapped, 4096).unwrap() };
+        unsafe { rustix::mm::munmap(mapping, 4096).unwrap() };
         remove_unclaimed_connections(run_root.path()).unwrap();
-        assert!(!left.exists() && between_the_living.exists());
-        drop(living);
+        assert!(!unclaimed_connection.exists() && alive_connection.exists());
+        drop(node);
         run_root.remove().unwrap();
     }
 }

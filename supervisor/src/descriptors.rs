@@ -21,13 +21,13 @@ static INHERITED_DESCRIPTORS: AtomicU64 = AtomicU64::new(0);
 /// The limit of the machine permits too few open files.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{need}, and no process may have more than {most} (RLIMIT_NOFILE): raise it by `ulimit -n {}` as root, or by \
+    "{need}, and no process may have more than {maximum} (RLIMIT_NOFILE): raise it by `ulimit -n {}` as root, or by \
      nofile in /etc/security/limits.conf",
     need.files()
 )]
 pub struct TooFewDescriptors {
     pub(crate) need: RequiredDescriptors,
-    pub(crate) most: u64,
+    pub(crate) maximum: u64,
 }
 
 /// Use of the live view in a run.
@@ -82,7 +82,9 @@ impl fmt::Display for RequiredDescriptors {
         }
         match self.inherited_count {
             0 => Ok(()),
-            open => write!(f, ", {open} more are open already (inherited from the parent process)"),
+            inherited => {
+                write!(f, ", {inherited} more are open already (inherited from the parent process)")
+            }
         }
     }
 }
@@ -102,8 +104,8 @@ pub(crate) fn count_inherited_descriptors() {
     let numbers = fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
     let numbers = numbers.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
     // One of them reads that folder.
-    let beyond = numbers.filter(|&number| number > 2).count().saturating_sub(1);
-    INHERITED_DESCRIPTORS.store(beyond as u64, Ordering::Relaxed);
+    let inherited_count = numbers.filter(|&number| number > 2).count().saturating_sub(1);
+    INHERITED_DESCRIPTORS.store(inherited_count as u64, Ordering::Relaxed);
 }
 
 /// Raises the soft limit of open files to what a run needs. Most machines begin with 1024, for the sake of old
@@ -117,9 +119,9 @@ pub(crate) fn raise_descriptor_limit(need: RequiredDescriptors) -> Result<(), To
     if current.is_none_or(|current| current >= files) {
         return Ok(());
     }
-    let raised = Rlimit { current: Some(files), maximum };
-    setrlimit(Resource::Nofile, raised)
-        .map_err(|_| TooFewDescriptors { need, most: maximum.unwrap_or(u64::MAX) })
+    let new_limit = Rlimit { current: Some(files), maximum };
+    setrlimit(Resource::Nofile, new_limit)
+        .map_err(|_| TooFewDescriptors { need, maximum: maximum.unwrap_or(u64::MAX) })
 }
 
 #[cfg(test)]
@@ -134,7 +136,7 @@ mod tests {
             (94, "3 robots need 94 open files")
         );
         let all = RequiredDescriptors { view: ViewUse::Watch, inherited_count: 100, ..alone };
-        let error = TooFewDescriptors { need: all, most: 200 }.to_string();
+        let error = TooFewDescriptors { need: all, maximum: 200 }.to_string();
         assert!(
             error.starts_with("3 robots need 94 open files, the live view 72, 100 more"),
             "{error}"

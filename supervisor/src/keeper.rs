@@ -98,40 +98,46 @@ impl ProgramStart {
             .spawn()
             .map_err(|error| with_context(&format!("cannot start {}", program.display()), error))?;
         // The keeper's own command line contains no brief, so that the robot is found by its program.
-        let words = [
+        let arguments = [
             PROCESS_NAME.into(),
             "keep".into(),
             parent.to_string().into(),
             child.id().to_string().into(),
             self.pid_file.clone().into_os_string(),
         ];
-        Err(with_context("cannot become the keeper of the program", exec_own_executable(&words)))
+        Err(with_context(
+            "cannot become the keeper of the program",
+            exec_own_executable(&arguments),
+        ))
     }
 }
 
 /// Replaces this process by the same executable with other arguments, without the environment variable that makes a
 /// process of phalanx die with its parent. Unlike with [`Command::exec`], blocked signals stay blocked. Returns the
 /// error.
-fn exec_own_executable(words: &[OsString]) -> io::Error {
-    let string = |bytes: &[u8]| CString::new(bytes).map_err(io::Error::other);
-    let strings = || -> io::Result<(Vec<CString>, Vec<CString>)> {
-        let words = words.iter().map(|word| string(word.as_bytes())).collect::<io::Result<_>>()?;
-        let kept = std::env::vars_os().filter(|(name, _)| name != PARENT_PID_VARIABLE);
+fn exec_own_executable(arguments: &[OsString]) -> io::Error {
+    let c_string = |bytes: &[u8]| CString::new(bytes).map_err(io::Error::other);
+    let c_strings = || -> io::Result<(Vec<CString>, Vec<CString>)> {
+        let arguments = arguments
+            .iter()
+            .map(|argument| c_string(argument.as_bytes()))
+            .collect::<io::Result<_>>()?;
+        let variables = std::env::vars_os().filter(|(name, _)| name != PARENT_PID_VARIABLE);
         let entry = |(name, value): (OsString, OsString)| {
-            string(&[name.as_bytes(), b"=", value.as_bytes()].concat())
+            c_string(&[name.as_bytes(), b"=", value.as_bytes()].concat())
         };
-        Ok((words, kept.map(entry).collect::<io::Result<_>>()?))
+        Ok((arguments, variables.map(entry).collect::<io::Result<_>>()?))
     };
-    let (words, variables) = match strings() {
-        Ok(strings) => strings,
+    let (arguments, variables) = match c_strings() {
+        Ok(c_strings) => c_strings,
         Err(error) => return error,
     };
-    let pointers = |strings: &[CString]| -> Vec<*const libc::c_char> {
-        strings.iter().map(|string| string.as_ptr()).chain([std::ptr::null()]).collect()
+    let pointers = |c_strings: &[CString]| -> Vec<*const libc::c_char> {
+        c_strings.iter().map(|c_string| c_string.as_ptr()).chain([std::ptr::null()]).collect()
     };
-    let (words, variables) = (pointers(&words), pointers(&variables));
+    let (arguments, variables) = (pointers(&arguments), pointers(&variables));
     // SAFETY: both are arrays of strings that end in a null pointer, and outlive the call.
-    unsafe { libc::execve(c"/proc/self/exe".as_ptr(), words.as_ptr(), variables.as_ptr()) };
+    unsafe { libc::execve(c"/proc/self/exe".as_ptr(), arguments.as_ptr(), variables.as_ptr()) };
     io::Error::last_os_error()
 }
 
@@ -180,12 +186,12 @@ struct Keeper {
     signals: OwnedFd,
 }
 
-/// Keeps the program `first`, a child of this process, until the robot has exited, and exits like it.
+/// Keeps the program `program_pid`, a child of this process, until the robot has exited, and exits like it.
 /// `parent` is the supervisor's process ID. Returns an exit code only if the program exited with one, or if
 /// the keeper failed.
-pub fn supervise_program(parent: u32, first: u32, pid_file: &Path) -> u8 {
+pub fn supervise_program(parent: u32, program_pid: u32, pid_file: &Path) -> u8 {
     set_thread_name(PROCESS_NAME);
-    let mut keeper = match Keeper::new(parent, first, pid_file) {
+    let mut keeper = match Keeper::new(parent, program_pid, pid_file) {
         Ok(keeper) => keeper,
         Err(error) => {
             let _ = writeln!(Stderr, "error: cannot keep the program: {error}");
@@ -194,11 +200,11 @@ pub fn supervise_program(parent: u32, first: u32, pid_file: &Path) -> u8 {
     };
     loop {
         let has_children = keeper.reap();
-        let ended = match has_children {
+        let status = match has_children {
             true => keeper.exit_status_if_over(),
             false => Some(keeper.status()),
         };
-        if let Some(status) = ended {
+        if let Some(status) = status {
             return exit_like(status);
         }
         keeper.wait_for_event();
@@ -206,7 +212,7 @@ pub fn supervise_program(parent: u32, first: u32, pid_file: &Path) -> u8 {
 }
 
 impl Keeper {
-    fn new(parent: u32, first: u32, pid_file: &Path) -> io::Result<Keeper> {
+    fn new(parent: u32, program_pid: u32, pid_file: &Path) -> io::Result<Keeper> {
         let set = block_signals()?;
         // SAFETY: a plain system call; the descriptor is new and nothing else owns it.
         let signals = unsafe {
@@ -219,7 +225,7 @@ impl Keeper {
         set_parent_process_death_signal(Some(Signal::USR1))?;
         let orphaned_since = (parent_id() != parent).then(Instant::now);
         Ok(Keeper {
-            program_pid: first,
+            program_pid,
             program_status: None,
             last_status: None,
             pid_file: pid_file.into(),
@@ -292,10 +298,10 @@ impl Keeper {
             _ => {
                 let since = agent_dead_since?;
                 let is_late = since.elapsed() > WRAPPER_EXIT_TIMEOUT;
-                let unknown = ExitStatus::from_raw(libc::SIGKILL);
+                let unknown_status = ExitStatus::from_raw(libc::SIGKILL);
                 match agent_is_reaped {
                     true => Some(self.status()),
-                    false => is_late.then_some(unknown),
+                    false => is_late.then_some(unknown_status),
                 }
             }
         }
@@ -303,13 +309,13 @@ impl Keeper {
 
     /// Returns the exit status of the robot: that of the agent if the keeper has reaped it, else that of the program.
     fn status(&self) -> ExitStatus {
-        let of_agent = self.agent.as_ref().and_then(|agent| agent.status);
-        let of_program = match self.program_status {
+        let agent_status = self.agent.as_ref().and_then(|agent| agent.status);
+        let program_status = match self.program_status {
             Some(status) if !status.success() => Some(status),
             Some(status) => self.last_status.or(Some(status)),
             None => None,
         };
-        of_agent.or(of_program).unwrap_or(ExitStatus::from_raw(libc::SIGKILL))
+        agent_status.or(program_status).unwrap_or(ExitStatus::from_raw(libc::SIGKILL))
     }
 
     /// Kills the program and the agent after the supervisor's death, and all other processes once the
@@ -324,19 +330,19 @@ impl Keeper {
         if since.elapsed() > REAPER_TIMEOUT {
             let _ = tree::kill_all(std::process::id());
         }
-        let killed = ExitStatus::from_raw(libc::SIGKILL);
-        (since.elapsed() > REAPER_TIMEOUT + KILLED_EXIT_TIMEOUT).then_some(killed)
+        let kill_status = ExitStatus::from_raw(libc::SIGKILL);
+        (since.elapsed() > REAPER_TIMEOUT + KILLED_EXIT_TIMEOUT).then_some(kill_status)
     }
 
     /// Waits for a signal or the exit of the agent, and processes the signals.
     fn wait_for_event(&mut self) {
-        let alive = self.agent.as_ref().filter(|agent| agent.dead_since.is_none());
-        let mut awaited = vec![PollFd::new(&self.signals, PollFlags::IN)];
-        let pidfd = alive.and_then(|agent| agent.pidfd.as_ref());
-        awaited.extend(pidfd.map(|pidfd| PollFd::new(pidfd, PollFlags::IN)));
-        let settled = alive.is_some() && self.orphaned_since.is_none();
-        let limit = Timespec { tv_sec: 0, tv_nsec: PID_FILE_POLL_INTERVAL.subsec_nanos().into() };
-        let _ = poll(&mut awaited, (!settled).then_some(&limit));
+        let alive_agent = self.agent.as_ref().filter(|agent| agent.dead_since.is_none());
+        let mut poll_fds = vec![PollFd::new(&self.signals, PollFlags::IN)];
+        let pidfd = alive_agent.and_then(|agent| agent.pidfd.as_ref());
+        poll_fds.extend(pidfd.map(|pidfd| PollFd::new(pidfd, PollFlags::IN)));
+        let can_wait_indefinitely = alive_agent.is_some() && self.orphaned_since.is_none();
+        let timeout = Timespec { tv_sec: 0, tv_nsec: PID_FILE_POLL_INTERVAL.subsec_nanos().into() };
+        let _ = poll(&mut poll_fds, (!can_wait_indefinitely).then_some(&timeout));
         while let Some(signal) = self.next_signal() {
             match signal {
                 libc::SIGCHLD => {}

@@ -19,9 +19,9 @@ const BYTES_PER_MIB: u64 = 1 << 20;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProcessCountLimit {
     /// Name of the limit, and its owner.
-    pub what: String,
+    pub name: String,
     /// Maximum that the limit permits.
-    pub most: u64,
+    pub maximum: u64,
     /// Number that counts towards the limit now.
     pub used: u64,
     /// How to raise or avoid the limit.
@@ -30,7 +30,7 @@ pub struct ProcessCountLimit {
 
 impl fmt::Display for ProcessCountLimit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {} of {}", self.what, self.used, self.most)
+        write!(f, "{}: {} of {}", self.name, self.used, self.maximum)
     }
 }
 
@@ -40,9 +40,9 @@ pub(crate) fn explain_refusal(error: &io::Error) -> String {
         Some(libc::EAGAIN) => format_process_limits(error, &read_process_limits()),
         Some(libc::ENOMEM) => explain_out_of_memory(error),
         Some(libc::EMFILE) => {
-            let most = getrlimit(Resource::Nofile).current.map_or("-".into(), |n| n.to_string());
+            let maximum = getrlimit(Resource::Nofile).current.map_or("-".into(), |n| n.to_string());
             format!(
-                "this process has reached its limit of {most} open files (RLIMIT_NOFILE); raise it by \
+                "this process has reached its limit of {maximum} open files (RLIMIT_NOFILE); raise it by \
                  `ulimit -n`, or by nofile in /etc/security/limits.conf"
             )
         }
@@ -57,17 +57,17 @@ pub(crate) fn explain_refusal(error: &io::Error) -> String {
 
 fn format_process_limits(error: &io::Error, limits: &[ProcessCountLimit]) -> String {
     let reached: Vec<&ProcessCountLimit> =
-        limits.iter().filter(|limit| limit.used >= limit.most).collect();
+        limits.iter().filter(|limit| limit.used >= limit.maximum).collect();
     if reached.is_empty() {
-        let known: Vec<String> = limits.iter().map(ProcessCountLimit::to_string).collect();
+        let limit_texts: Vec<String> = limits.iter().map(ProcessCountLimit::to_string).collect();
         return format!(
             "the kernel permits no further process or thread ({error}); none of the known limits \
              is reached ({})",
-            known.join(", ")
+            limit_texts.join(", ")
         );
     }
-    let clauses = reached.iter().map(|ProcessCountLimit { what, most, used, remedy }| {
-        format!("{what} permits {most} processes and threads, and there are {used}; {remedy}")
+    let clauses = reached.iter().map(|ProcessCountLimit { name, maximum, used, remedy }| {
+        format!("{name} permits {maximum} processes and threads, and there are {used}; {remedy}")
     });
     clauses.collect::<Vec<_>>().join("; ")
 }
@@ -89,19 +89,26 @@ pub fn read_process_limits() -> Vec<ProcessCountLimit> {
 
 /// Returns the limits on the number of processes and threads that `needed` more might exceed.
 fn read_exceedable_limits(needed: u64) -> Vec<ProcessCountLimit> {
-    let running: Option<u64> = fs::read_to_string("/proc/loadavg").ok().and_then(|text| {
+    let running_tasks: Option<u64> = fs::read_to_string("/proc/loadavg").ok().and_then(|text| {
         let tasks = text.split_whitespace().nth(3)?;
         tasks.split_once('/')?.1.parse().ok()
     });
-    let may_exceed = |most: u64| most.saturating_sub(running.unwrap_or(most)) < needed;
+    let may_exceed =
+        |maximum: u64| maximum.saturating_sub(running_tasks.unwrap_or(maximum)) < needed;
     let mut limits: Vec<ProcessCountLimit> = read_user_limit(may_exceed).into_iter().collect();
     let groups = cgroup::find_cgroup_folders(Path::new("/"), "pids");
     limits.extend(groups.iter().filter_map(|group| read_group_limit(&group.path)));
     for name in ["threads-max", "pid_max"] {
-        if let (Some(most), Some(used)) = (read_number(format!("/proc/sys/kernel/{name}")), running)
+        if let (Some(maximum), Some(used)) =
+            (read_number(format!("/proc/sys/kernel/{name}")), running_tasks)
         {
             let remedy = format!("raise it by `sysctl kernel.{name}=...` as root");
-            limits.push(ProcessCountLimit { what: format!("kernel.{name}"), most, used, remedy });
+            limits.push(ProcessCountLimit {
+                name: format!("kernel.{name}"),
+                maximum,
+                used,
+                remedy,
+            });
         }
     }
     limits
@@ -110,7 +117,7 @@ fn read_exceedable_limits(needed: u64) -> Vec<ProcessCountLimit> {
 /// Returns the limit RLIMIT_NPROC, or `None` if it is infinite, `may_exceed` rules out that it is reached, or this
 /// process is exempt from it.
 fn read_user_limit(may_exceed: impl Fn(u64) -> bool) -> Option<ProcessCountLimit> {
-    let most = getrlimit(Resource::Nproc).current.filter(|&most| may_exceed(most))?;
+    let maximum = getrlimit(Resource::Nproc).current.filter(|&maximum| may_exceed(maximum))?;
     let exempt = CapabilitySet::SYS_RESOURCE | CapabilitySet::SYS_ADMIN;
     if capabilities(None).is_ok_and(|sets| sets.effective.intersects(exempt)) {
         return None;
@@ -119,8 +126,8 @@ fn read_user_limit(may_exceed: impl Fn(u64) -> bool) -> Option<ProcessCountLimit
     let processes = fs::read_dir("/proc").ok()?.flatten();
     let used = processes.filter_map(|entry| count_threads(&entry.path(), user)).sum();
     Some(ProcessCountLimit {
-        what: "RLIMIT_NPROC of this user".into(),
-        most,
+        name: "RLIMIT_NPROC of this user".into(),
+        maximum,
         used,
         remedy: "raise it by `ulimit -u`, or by nproc in /etc/security/limits.conf".into(),
     })
@@ -137,11 +144,11 @@ fn count_threads(process: &Path, user: u32) -> Option<u64> {
 }
 
 fn read_group_limit(group: &Path) -> Option<ProcessCountLimit> {
-    let most = read_number(group.join("pids.max"))?;
+    let maximum = read_number(group.join("pids.max"))?;
     let used = read_number(group.join("pids.current"))?;
     Some(ProcessCountLimit {
-        what: format!("pids.max of the control group {}", group.display()),
-        most,
+        name: format!("pids.max of the control group {}", group.display()),
+        maximum,
         used,
         remedy: "raise it (of a container: --pids-limit; of a systemd unit: TasksMax=)".into(),
     })
@@ -157,7 +164,7 @@ const ADDRESS_KIB_OF_A_ROBOT: u64 = 4608;
 pub enum LimitTooLow {
     /// Address space, KiB.
     #[error(
-        "{robots} robots need {needed} KiB of address space, and the limit is {most} KiB (RLIMIT_AS): raise it by \
+        "{robots} robots need {needed} KiB of address space, and the limit is {maximum} KiB (RLIMIT_AS): raise it by \
          `ulimit -v {needed}`, or by as in /etc/security/limits.conf"
     )]
     AddressSpace {
@@ -166,11 +173,11 @@ pub enum LimitTooLow {
         /// Address space that the run needs.
         needed: u64,
         /// Limit of the address space.
-        most: u64,
+        maximum: u64,
     },
     /// Memory of a control group, MiB.
     #[error(
-        "{robots} robots need about {needed} MiB of memory, and {what} leaves {left} of {most} MiB: raise it (of a \
+        "{robots} robots need about {needed} MiB of memory, and {name} leaves {available} of {maximum} MiB: raise it (of a \
          container: --memory; of a systemd unit: MemoryMax=), or run fewer robots"
     )]
     Memory {
@@ -179,15 +186,15 @@ pub enum LimitTooLow {
         /// Memory that the run needs.
         needed: u64,
         /// Name of the limit.
-        what: String,
+        name: String,
         /// Free memory below the limit, page cache included.
-        left: u64,
+        available: u64,
         /// Limit of the control group.
-        most: u64,
+        maximum: u64,
     },
     /// Available memory of the machine, MiB.
     #[error(
-        "{robots} robots need about {needed} MiB of memory, and {left} of {most} MiB of this machine are available: end \
+        "{robots} robots need about {needed} MiB of memory, and {available} of {maximum} MiB of this machine are available: end \
          other programs, or run fewer robots"
     )]
     MachineMemory {
@@ -196,14 +203,14 @@ pub enum LimitTooLow {
         /// Memory that the run needs.
         needed: u64,
         /// Available memory, page cache included.
-        left: u64,
+        available: u64,
         /// Memory of the machine.
-        most: u64,
+        maximum: u64,
     },
     /// Number of processes and threads.
     #[error(
         "{robots} robots need {needed} processes and threads, and {} permits {}, of which {} are in use: {}",
-        limit.what, limit.most, limit.used, limit.remedy
+        limit.name, limit.maximum, limit.used, limit.remedy
     )]
     Processes {
         /// Number of robots.
@@ -215,7 +222,7 @@ pub enum LimitTooLow {
     },
     /// Queued signals, of which each timer takes one.
     #[error(
-        "{robots} robots in lockstep need {needed} queued signals, one for each timer, and {used} of {most} are taken \
+        "{robots} robots in lockstep need {needed} queued signals, one for each timer, and {used} of {maximum} are taken \
          (RLIMIT_SIGPENDING): raise it by `ulimit -i {}`, or by sigpending in /etc/security/limits.conf",
         used + needed
     )]
@@ -227,7 +234,7 @@ pub enum LimitTooLow {
         /// Number of signals that are queued for processes of this user.
         used: u64,
         /// Limit of queued signals.
-        most: u64,
+        maximum: u64,
     },
 }
 
@@ -242,11 +249,11 @@ const FURTHER_ROBOT_MEMORY_KIB: (u64, u64) = (128, 2100);
 
 /// Returns the memory that a run needs, bytes, shared memory included.
 pub fn needed_memory_bytes(robots: usize, in_lockstep: bool) -> u64 {
-    let [of_a_run, of_a_robot] =
+    let [run_kib, robot_kib] =
         if in_lockstep { MEMORY_KIB_IN_LOCKSTEP } else { MEMORY_KIB_IN_REAL_TIME };
-    let (few, of_a_further_robot) = FURTHER_ROBOT_MEMORY_KIB;
-    let further = (robots as u64).saturating_sub(few);
-    1024 * (of_a_run + of_a_robot * robots as u64 + of_a_further_robot * further)
+    let (small_count, further_robot_kib) = FURTHER_ROBOT_MEMORY_KIB;
+    let further_robots = (robots as u64).saturating_sub(small_count);
+    1024 * (run_kib + robot_kib * robots as u64 + further_robot_kib * further_robots)
 }
 
 /// Checks that processes, memory, address space and, in lockstep, queued signals suffice for a run.
@@ -256,49 +263,49 @@ pub fn needed_memory_bytes(robots: usize, in_lockstep: bool) -> u64 {
 pub fn check(robots: usize, in_lockstep: bool) -> Result<(), LimitTooLow> {
     let needed = needed_processes(robots);
     let mut limits = read_exceedable_limits(needed).into_iter();
-    if let Some(limit) = limits.find(|limit| limit.most.saturating_sub(limit.used) < needed) {
+    if let Some(limit) = limits.find(|limit| limit.maximum.saturating_sub(limit.used) < needed) {
         return Err(LimitTooLow::Processes { robots, needed, limit });
     }
     let needed = needed_memory_bytes(robots, in_lockstep);
-    let [left, most] = ["MemAvailable", "MemTotal"].map(read_machine_memory_mib);
-    if let (Some(left), Some(most)) = (left, most)
-        && left < needed.div_ceil(BYTES_PER_MIB)
+    let [available, maximum] = ["MemAvailable", "MemTotal"].map(read_machine_memory_mib);
+    if let (Some(available), Some(maximum)) = (available, maximum)
+        && available < needed.div_ceil(BYTES_PER_MIB)
     {
         return Err(LimitTooLow::MachineMemory {
             robots,
             needed: needed.div_ceil(BYTES_PER_MIB),
-            left,
-            most,
+            available,
+            maximum,
         });
     }
-    for MemoryLimit {
-        name: what,
-        max_bytes: most,
-        used_bytes: used,
-        reclaimable_bytes: reclaimable,
-    } in read_memory_limits()
+    for MemoryLimit { name, max_bytes: maximum, used_bytes, reclaimable_bytes } in
+        read_memory_limits()
     {
-        let left = most.saturating_sub(used.saturating_sub(reclaimable));
-        if left < needed {
-            let [needed, left, most] =
-                [needed.div_ceil(BYTES_PER_MIB), left / BYTES_PER_MIB, most / BYTES_PER_MIB];
-            return Err(LimitTooLow::Memory { robots, needed, what, left, most });
+        let available = maximum.saturating_sub(used_bytes.saturating_sub(reclaimable_bytes));
+        if available < needed {
+            let [needed, available, maximum] = [
+                needed.div_ceil(BYTES_PER_MIB),
+                available / BYTES_PER_MIB,
+                maximum / BYTES_PER_MIB,
+            ];
+            return Err(LimitTooLow::Memory { robots, needed, name, available, maximum });
         }
     }
-    let pages = fs::read_to_string("/proc/self/statm").ok();
-    let pages = pages.and_then(|text| text.split_whitespace().next()?.parse::<u64>().ok());
-    if let (Some(bytes), Some(pages)) = (getrlimit(Resource::As).current, pages) {
-        let now = pages * rustix::param::page_size() as u64 / 1024;
-        let needed = now + ADDRESS_KIB_OF_A_RUN + ADDRESS_KIB_OF_A_ROBOT * robots as u64;
+    let page_count = fs::read_to_string("/proc/self/statm").ok();
+    let page_count =
+        page_count.and_then(|text| text.split_whitespace().next()?.parse::<u64>().ok());
+    if let (Some(bytes), Some(page_count)) = (getrlimit(Resource::As).current, page_count) {
+        let used_kib = page_count * rustix::param::page_size() as u64 / 1024;
+        let needed = used_kib + ADDRESS_KIB_OF_A_RUN + ADDRESS_KIB_OF_A_ROBOT * robots as u64;
         if bytes / 1024 < needed {
-            return Err(LimitTooLow::AddressSpace { robots, needed, most: bytes / 1024 });
+            return Err(LimitTooLow::AddressSpace { robots, needed, maximum: bytes / 1024 });
         }
     }
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     match parse_queued_signals(&status) {
         // The plant has a timer too.
-        Some((used, most)) if in_lockstep && used + robots as u64 + 1 > most => {
-            Err(LimitTooLow::QueuedSignals { robots, needed: robots as u64 + 1, used, most })
+        Some((used, maximum)) if in_lockstep && used + robots as u64 + 1 > maximum => {
+            Err(LimitTooLow::QueuedSignals { robots, needed: robots as u64 + 1, used, maximum })
         }
         _ => Ok(()),
     }
@@ -307,8 +314,8 @@ pub fn check(robots: usize, in_lockstep: bool) -> Result<(), LimitTooLow> {
 /// Returns the number of queued signals of this user and its limit, from a `status` file of /proc.
 fn parse_queued_signals(status: &str) -> Option<(u64, u64)> {
     let line = status.lines().find_map(|line| line.strip_prefix("SigQ:"))?;
-    let (used, most) = line.trim().split_once('/')?;
-    Some((used.parse().ok()?, most.parse().ok()?))
+    let (used, maximum) = line.trim().split_once('/')?;
+    Some((used.parse().ok()?, maximum.parse().ok()?))
 }
 
 /// Counter of processes that the kernel killed for lack of memory, to identify that cause of a death.
@@ -326,15 +333,17 @@ impl OutOfMemoryCounter {
     /// Returns the cause of a SIGKILL that this process has not sent, if the kernel has killed a process for lack of
     /// memory since the last call.
     pub(crate) fn find_kill_cause(&mut self) -> Option<String> {
-        let before = std::mem::replace(&mut self.last_kill_count, read_out_of_memory_kills())?;
-        (self.last_kill_count? > before).then(|| {
+        let previous_count =
+            std::mem::replace(&mut self.last_kill_count, read_out_of_memory_kills())?;
+        (self.last_kill_count? > previous_count).then(|| {
             let limits = read_memory_limits().into_iter().map(|limit| format!("; {limit}"));
             format!("killed by the kernel for lack of memory{}", limits.collect::<String>())
         })
     }
 }
 
-/// Returns how many processes of this machine the kernel has killed for lack of memory. Linux before 4.13 does not say.
+/// Returns how many processes of this machine the kernel has killed for lack of memory. Linux before 4.13 does not
+/// count them.
 fn read_out_of_memory_kills() -> Option<u64> {
     let text = fs::read_to_string("/proc/vmstat").ok()?;
     text.lines().find_map(|line| line.strip_prefix("oom_kill "))?.trim().parse().ok()
@@ -346,7 +355,7 @@ struct MemoryLimit {
     name: String,
     max_bytes: u64,
     used_bytes: u64,
-    /// Part of `used` that is page cache, which the kernel drops when memory runs out.
+    /// Part of `used_bytes` that is page cache, which the kernel drops when memory runs out.
     reclaimable_bytes: u64,
 }
 
@@ -365,26 +374,21 @@ impl fmt::Display for MemoryLimit {
 /// Returns the memory limits of the control groups of this process.
 fn read_memory_limits() -> Vec<MemoryLimit> {
     let mut limits = Vec::new();
-    for cgroup::CgroupFolder { path: group, .. } in
+    for cgroup::CgroupFolder { path: folder, .. } in
         cgroup::find_cgroup_folders(Path::new("/"), "memory")
     {
         let names =
             [("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")];
-        for (most, used) in names {
+        for (max_file, used_file) in names {
             // Version 1 represents no limit by a very large number.
-            if let (Some(bytes), Some(used)) =
-                (read_number(group.join(most)), read_number(group.join(used)))
-                && bytes < 1 << 60
+            if let (Some(max_bytes), Some(used_bytes)) =
+                (read_number(folder.join(max_file)), read_number(folder.join(used_file)))
+                && max_bytes < 1 << 60
             {
-                let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
-                let what = format!("{most} of {}", group.display());
-                let reclaimable = parse_page_cache_bytes(&stat);
-                limits.push(MemoryLimit {
-                    name: what,
-                    max_bytes: bytes,
-                    used_bytes: used,
-                    reclaimable_bytes: reclaimable,
-                });
+                let stat = fs::read_to_string(folder.join("memory.stat")).unwrap_or_default();
+                let name = format!("{max_file} of {}", folder.display());
+                let reclaimable_bytes = parse_page_cache_bytes(&stat);
+                limits.push(MemoryLimit { name, max_bytes, used_bytes, reclaimable_bytes });
             }
         }
     }
@@ -412,9 +416,9 @@ fn read_machine_memory_mib(name: &str) -> Option<u64> {
 
 fn explain_out_of_memory(error: &io::Error) -> String {
     let mut clauses = Vec::new();
-    let [free, all] = ["MemAvailable", "MemTotal"].map(read_machine_memory_mib);
-    if let (Some(free), Some(all)) = (free, all) {
-        clauses.push(format!("{free} of {all} MiB are available"));
+    let [available, total] = ["MemAvailable", "MemTotal"].map(read_machine_memory_mib);
+    if let (Some(available), Some(total)) = (available, total) {
+        clauses.push(format!("{available} of {total} MiB are available"));
     }
     clauses.extend(read_memory_limits().iter().map(MemoryLimit::to_string));
     if let Some(bytes) = getrlimit(Resource::As).current {
@@ -434,21 +438,21 @@ mod tests {
         io::Error::from_raw_os_error(errno)
     }
 
-    fn limit(what: &str, most: u64, used: u64) -> ProcessCountLimit {
-        ProcessCountLimit { what: what.into(), most, used, remedy: format!("raise {what}") }
+    fn limit(name: &str, maximum: u64, used: u64) -> ProcessCountLimit {
+        ProcessCountLimit { name: name.into(), maximum, used, remedy: format!("raise {name}") }
     }
 
     #[test]
     fn reached_limit_is_named_with_a_remedy_else_all_limits_are() {
-        let words = |used| {
+        let message = |used| {
             let limits = [limit("RLIMIT_NPROC", 64, used), limit("pids.max", 100, 70)];
             format_process_limits(&limit_error(libc::EAGAIN), &limits)
         };
         assert_eq!(
-            words(64),
+            message(64),
             "RLIMIT_NPROC permits 64 processes and threads, and there are 64; raise RLIMIT_NPROC"
         );
-        let text = words(6);
+        let text = message(6);
         assert!(text.contains("RLIMIT_NPROC: 6 of 64, pids.max: 70 of 100"), "{text}");
         assert!(text.contains("temporarily unavailable"), "{text}");
     }
@@ -471,20 +475,20 @@ mod tests {
         assert!(error.starts_with("1024 robots need 1032 processes"), "{error}");
         assert!(error.contains("permits 500, of which 100 are in use: raise pids.max"), "{error}");
         let error =
-            LimitTooLow::QueuedSignals { robots: 3, needed: 4, used: 1, most: 2 }.to_string();
+            LimitTooLow::QueuedSignals { robots: 3, needed: 4, used: 1, maximum: 2 }.to_string();
         assert!(error.contains("1 of 2 are taken") && error.contains("`ulimit -i 5`"), "{error}");
     }
 
     #[test]
     fn every_limit_error_names_the_number() {
-        for (errno, named) in [
+        for (errno, part) in [
             (libc::EAGAIN, "kernel.threads-max"),
             (libc::ENOMEM, "MiB are available"),
             (libc::EMFILE, "RLIMIT_NOFILE"),
             (libc::ENFILE, "fs.file-max"),
         ] {
             let text = explain_refusal(&limit_error(errno));
-            assert!(text.contains(named), "{text}");
+            assert!(text.contains(part), "{text}");
             assert!(text.contains(|c: char| c.is_ascii_digit()), "{text}");
         }
     }

@@ -50,8 +50,8 @@ impl Logs {
     pub(crate) fn shorten_all(&mut self) {
         for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
             // A symbolic link is not a log.
-            let long = |file: fs::Metadata| file.is_file() && file.len() > LOG_BYTES_MAX;
-            if entry.metadata().is_ok_and(long)
+            let is_too_long = |file: fs::Metadata| file.is_file() && file.len() > LOG_BYTES_MAX;
+            if entry.metadata().is_ok_and(is_too_long)
                 && let Err(error) = self.shorten(&entry.path())
             {
                 tracing::warn!("cannot shorten {}: {error}", entry.path().display());
@@ -66,20 +66,20 @@ impl Logs {
         let mut end = vec![0; END_BYTES as usize];
         file.read_exact_at(&mut end, length - END_BYTES)?;
         let line_end = end.iter().position(|&byte| byte == b'\n');
-        let end = &end[line_end.map_or(0, |at| at + 1)..];
+        let end = &end[line_end.map_or(0, |index| index + 1)..];
         file.set_len(BEGINNING_BYTES)?;
         if !self.dropped_parts.contains_key(path) {
             let mib = LOG_BYTES_MAX >> 20;
             tracing::warn!("{} is longer than {mib} MiB; dropped its middle", path.display());
         }
-        let dropped = self.dropped_parts.entry(path.into()).or_default();
-        dropped.bytes += length - BEGINNING_BYTES - end.len() as u64 - dropped.line_bytes;
+        let dropped_part = self.dropped_parts.entry(path.into()).or_default();
+        dropped_part.bytes += length - BEGINNING_BYTES - end.len() as u64 - dropped_part.line_bytes;
         let line = format!(
             "\n{{\"level\":\"WARN\",\"message\":\"{} bytes were dropped here: the limit of a log is {} MiB\"}}\n",
-            dropped.bytes,
+            dropped_part.bytes,
             LOG_BYTES_MAX >> 20
         );
-        dropped.line_bytes = line.len() as u64;
+        dropped_part.line_bytes = line.len() as u64;
         file.write_all(&[line.as_bytes(), end].concat())
     }
 }
@@ -95,22 +95,27 @@ mod tests {
         let mut log = OpenOptions::new().create(true).append(true).open(&path).unwrap();
         let mut logs = Logs::new(folder.path());
         let line = format!("{:>63}\n", "x");
-        let (mut written, mut times) = (0, 0);
-        while times < 3 {
+        let (mut written, mut truncations) = (0, 0);
+        while truncations < 3 {
             let text = line.repeat(1 << 18);
             written += text.len() as u64;
             log.write_all(text.as_bytes()).unwrap();
             let before = log.metadata().unwrap().len();
             logs.shorten_all();
-            times += u64::from(log.metadata().unwrap().len() < before);
+            truncations += u64::from(log.metadata().unwrap().len() < before);
         }
         log.write_all(b"the end\n").unwrap();
         let text = fs::read_to_string(&path).unwrap();
         assert!(text.len() as u64 <= LOG_BYTES_MAX, "{}", text.len());
-        let said: Vec<&str> = text.lines().filter(|line| line.contains("dropped")).collect();
-        let [said] = said[..] else { panic!("one line says so: {said:?}") };
-        let kept = (text.lines().filter(|line| line.ends_with(" x")).count() * line.len()) as u64;
-        assert!(said.contains(&format!("\"{} bytes were", written - kept)), "{said} {kept}");
+        let report_lines: Vec<&str> =
+            text.lines().filter(|line| line.contains("dropped")).collect();
+        let [report_line] = report_lines[..] else { panic!("one line says so: {report_lines:?}") };
+        let kept_bytes =
+            (text.lines().filter(|line| line.ends_with(" x")).count() * line.len()) as u64;
+        assert!(
+            report_line.contains(&format!("\"{} bytes were", written - kept_bytes)),
+            "{report_line} {kept_bytes}"
+        );
         assert!(text.ends_with(" x\nthe end\n"), "what was said last is there");
     }
 }

@@ -36,11 +36,11 @@ pub fn compute_metrics(
 ) -> Result<Vec<(String, Option<f64>)>, String> {
     let mut metrics = Vec::new();
     for program in scenario.metric_programs() {
-        let named = |why: String| {
-            let words = program.program.command_line.join(" ");
-            format!("the metrics program `{words}` {why}")
+        let with_program_name = |reason: String| {
+            let command_line = program.program.command_line.join(" ");
+            format!("the metrics program `{command_line}` {reason}")
         };
-        metrics.extend(run_program(&program, run_dir, launcher, stop).map_err(named)?);
+        metrics.extend(run_program(&program, run_dir, launcher, stop).map_err(with_program_name)?);
     }
     Ok(metrics)
 }
@@ -60,12 +60,12 @@ fn run_program(
     let role = ProcessRole::Metrics { run_dir: &run_dir, program: &command, output: &output };
     let child = launcher.spawn(role, &log);
     let mut child = child.map_err(|error| format!("was not started: {error}"))?;
-    let (began, limit) = (Instant::now(), Duration::from_nanos(program.deadline_ns));
+    let (start, limit) = (Instant::now(), Duration::from_nanos(program.deadline_ns));
     let status = loop {
         if let Some(status) = child.wait_timeout(POLL_INTERVAL) {
             break status;
         }
-        let is_late = began.elapsed() > limit;
+        let is_late = start.elapsed() > limit;
         if is_late || stop.is_requested() {
             child.kill_and_wait();
             return Err(match is_late {

@@ -45,9 +45,9 @@ impl OrphanReaper {
             tracing::warn!(%error, "orphan processes of programs will not be found");
         }
         let logs = logs.canonicalize().unwrap_or_else(|_| logs.into());
-        let before = orphans::list_child_pids();
-        orphans::add_known_children(before.iter().map(|&pid| pid as u32));
-        OrphanReaper { earlier_children: before, log_folder: logs, reaper: None }
+        let earlier_children = orphans::list_child_pids();
+        orphans::add_known_children(earlier_children.iter().map(|&pid| pid as u32));
+        OrphanReaper { earlier_children, log_folder: logs, reaper: None }
     }
 
     /// Starts the reaper, so that orphans are killed even if this process is killed.
@@ -86,12 +86,12 @@ pub fn run_reaper(run_root: &Path, logs: &Path) -> u8 {
     // No data is ever written: the read returns when the supervisor's end closes.
     let _ = io::stdin().read(&mut [0]);
     // The descriptors of a dying process close before its children receive their signal.
-    let began = Instant::now();
-    while getppid() == supervisor && began.elapsed() < KILLED_EXIT_TIMEOUT {
+    let start = Instant::now();
+    while getppid() == supervisor && start.elapsed() < KILLED_EXIT_TIMEOUT {
         std::thread::sleep(POLL_INTERVAL);
     }
-    for named in kill_processes_of_run(run_root, Some(logs)) {
-        let _ = writeln!(Stderr, "{{\"level\":\"WARN\",\"message\":{named:?}}}");
+    for message in kill_processes_of_run(run_root, Some(logs)) {
+        let _ = writeln!(Stderr, "{{\"level\":\"WARN\",\"message\":{message:?}}}");
     }
     exit::OK
 }
@@ -99,7 +99,7 @@ pub fn run_reaper(run_root: &Path, logs: &Path) -> u8 {
 /// Kills every process of a run whose supervisor is gone, and waits until they have exited, at most
 /// `KILLED_EXIT_TIMEOUT`. Returns a message for each one that a program of the run left behind.
 pub fn kill_processes_of_run(run_root: &Path, logs: Option<&Path>) -> Vec<String> {
-    let (began, mut named) = (Instant::now(), Vec::new());
+    let (start, mut messages) = (Instant::now(), Vec::new());
     let mut killed = BTreeSet::new();
     loop {
         // Keepers exit by themselves, after all processes below them.
@@ -108,15 +108,16 @@ pub fn kill_processes_of_run(run_root: &Path, logs: Option<&Path>) -> Vec<String
                 && (belongs_to_run(pid, run_root) || find_log(pid, logs).is_some())
                 && !is_keeper(pid)
         };
-        let left: Vec<i32> = pids().filter(is_of_the_run).filter(|&pid| is_running(pid)).collect();
-        if left.is_empty() || began.elapsed() > KILLED_EXIT_TIMEOUT {
-            return named;
+        let remaining: Vec<i32> =
+            pids().filter(is_of_the_run).filter(|&pid| is_running(pid)).collect();
+        if remaining.is_empty() || start.elapsed() > KILLED_EXIT_TIMEOUT {
+            return messages;
         }
-        for pid in left.into_iter().filter(|&pid| killed.insert(pid)) {
+        for pid in remaining.into_iter().filter(|&pid| killed.insert(pid)) {
             let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
             // The kernel or the keeper kills the run's own processes. A dying process has no command line.
             if !has_brief(&line) && !is_own_process(pid) && !line.is_empty() {
-                named.push(format!("{}; killed it", describe_orphan(pid, logs)));
+                messages.push(format!("{}; killed it", describe_orphan(pid, logs)));
             }
             if let Some(pid) = Pid::from_raw(pid) {
                 let _ = kill_process(pid, Signal::KILL);
@@ -129,9 +130,9 @@ pub fn kill_processes_of_run(run_root: &Path, logs: Option<&Path>) -> Vec<String
 /// Returns whether a process or one of its ancestors was started for this run, by its environment.
 fn belongs_to_run(pid: i32, run_root: &Path) -> bool {
     let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
-    let wanted =
+    let expected_entry =
         [RUN_ROOT_VARIABLE.as_bytes(), b"=", run_root.as_os_str().as_encoded_bytes()].concat();
-    environment.split(|&byte| byte == 0).any(|entry| entry == wanted)
+    environment.split(|&byte| byte == 0).any(|entry| entry == expected_entry)
 }
 
 /// Returns whether a process is a keeper.
@@ -142,8 +143,8 @@ fn is_keeper(pid: i32) -> bool {
 
 /// Returns whether a command line names a brief, as for agents and plants.
 fn has_brief(line: &[u8]) -> bool {
-    let mut words = line.split(|&byte| byte == 0).map(String::from_utf8_lossy);
-    words.any(|word| word.contains("/briefs/") && word.ends_with(".toml"))
+    let mut arguments = line.split(|&byte| byte == 0).map(String::from_utf8_lossy);
+    arguments.any(|argument| argument.contains("/briefs/") && argument.ends_with(".toml"))
 }
 
 fn current_pid() -> i32 {

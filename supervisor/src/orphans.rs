@@ -19,7 +19,7 @@ const KILLED_EXIT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Polling interval while killed processes exit.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Environment variable that tells a child its parent's process ID.
+/// Environment variable that contains the process ID of a child's parent.
 pub(crate) const PARENT_PID_VARIABLE: &str = "PHALANX_PARENT";
 
 /// Process IDs of children that this process started, or that existed before, and has not reaped. Any other
@@ -40,34 +40,34 @@ pub(crate) fn remove_known_child(child: u32) -> bool {
     known_children().remove(&child)
 }
 
-/// Kills and reaps all orphans. `logs` is the folder of the run's logs. If `names`, a warning names each.
-pub(crate) fn kill_all_orphans(logs: Option<&Path>, names: bool) {
+/// Kills and reaps all orphans. `logs` is the folder of the run's logs. If `warns`, a warning names each.
+pub(crate) fn kill_all_orphans(logs: Option<&Path>, warns: bool) {
     let logs = logs.and_then(|logs| logs.canonicalize().ok());
-    kill_children(|pid| !known_children().contains(&(pid as u32)), logs.as_deref(), names);
+    kill_children(|pid| !known_children().contains(&(pid as u32)), logs.as_deref(), warns);
 }
 
-/// Kills and reaps the children that `is_left` selects, until there are none. If `names`, a warning names each.
-pub(crate) fn kill_children(is_left: impl Fn(i32) -> bool, logs: Option<&Path>, names: bool) {
-    let began = Instant::now();
-    let mut named = BTreeSet::new();
+/// Kills and reaps the children that `is_orphan` selects, until there are none. If `warns`, a warning names each.
+pub(crate) fn kill_children(is_orphan: impl Fn(i32) -> bool, logs: Option<&Path>, warns: bool) {
+    let start = Instant::now();
+    let mut killed = BTreeSet::new();
     // Their orphans follow in the next pass.
     loop {
-        let left = list_child_pids().into_iter().filter(|&pid| is_left(pid));
-        let left: Vec<Pid> = left.filter_map(Pid::from_raw).collect();
-        if left.is_empty() {
+        let remaining = list_child_pids().into_iter().filter(|&pid| is_orphan(pid));
+        let remaining: Vec<Pid> = remaining.filter_map(Pid::from_raw).collect();
+        if remaining.is_empty() {
             return;
         }
-        if began.elapsed() > KILLED_EXIT_TIMEOUT {
+        if start.elapsed() > KILLED_EXIT_TIMEOUT {
             tracing::warn!(
                 "{} killed processes do not exit: they are in uninterruptible waits",
-                left.len()
+                remaining.len()
             );
             return;
         }
-        for pid in left {
+        for pid in remaining {
             let number = pid.as_raw_nonzero().get();
-            if is_running(number) && named.insert(number) {
-                if names && !is_own_process(number) {
+            if is_running(number) && killed.insert(number) {
+                if warns && !is_own_process(number) {
                     tracing::warn!("{}; killed it", describe_orphan(number, logs));
                 }
                 let _ = kill_process(pid, Signal::KILL);
@@ -94,9 +94,9 @@ pub(crate) fn describe_orphan(pid: i32, logs: Option<&Path>) -> String {
 
 /// Returns the log in that folder to which the output of a process goes.
 pub(crate) fn find_log(pid: i32, logs: Option<&Path>) -> Option<PathBuf> {
-    let outputs = [1, 2].map(|number| Path::new("/proc").join(format!("{pid}/fd/{number}")));
-    let outputs = outputs.into_iter().filter_map(|output| output.read_link().ok());
-    logs.and_then(|logs| outputs.into_iter().find(|path| path.parent() == Some(logs)))
+    let output_links = [1, 2].map(|number| Path::new("/proc").join(format!("{pid}/fd/{number}")));
+    let output_links = output_links.into_iter().filter_map(|output| output.read_link().ok());
+    logs.and_then(|logs| output_links.into_iter().find(|path| path.parent() == Some(logs)))
 }
 
 /// Returns whether a process exists and is not dead.
@@ -108,6 +108,6 @@ pub(crate) fn is_running(pid: i32) -> bool {
 /// phalanx, and its children, do not have the environment variable of the parent.
 pub(crate) fn is_own_process(pid: i32) -> bool {
     let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
-    let begins = [PARENT_PID_VARIABLE.as_bytes(), b"="].concat();
-    environment.split(|&byte| byte == 0).any(|entry| entry.starts_with(&begins))
+    let prefix = [PARENT_PID_VARIABLE.as_bytes(), b"="].concat();
+    environment.split(|&byte| byte == 0).any(|entry| entry.starts_with(&prefix))
 }

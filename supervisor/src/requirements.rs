@@ -13,8 +13,8 @@ use experiment::scenario::Scenario;
 use experiment::scenario::read::RECORDED_SAMPLES_PER_S_MAX;
 use protocol::run_root;
 
-/// Bytes of a robot's sample in `samples.csv` and in the recording, measured with 64 and 256 robots that hear two
-/// others.
+/// Bytes of a robot's sample in `samples.csv` and in the recording, measured with 64 and 256 robots that receive from
+/// two others.
 const SAMPLE_BYTES: [f64; 2] = [225.0, 310.0];
 
 /// Needs of a run on one machine. Programs of the scenario are not included.
@@ -82,17 +82,17 @@ impl Requirements {
         if let Err(error) = limits::check(self.robots, false) {
             refusals.push(error.to_string());
         }
-        let most = descriptors::read_limit();
-        if let Some(most) = most.filter(|&most| most < self.open_files) {
+        let limit = descriptors::read_limit();
+        if let Some(limit) = limit.filter(|&limit| limit < self.open_files) {
             let need =
                 descriptors::RequiredDescriptors::for_run(self.robots, descriptors::ViewUse::Off);
-            refusals.push(descriptors::TooFewDescriptors { need, most }.to_string());
+            refusals.push(descriptors::TooFewDescriptors { need, maximum: limit }.to_string());
         }
         let need = self.space;
-        if let Ok(room) = AvailableSpace::of_file_system(&run_root::base_directory())
-            && !room.covers(&need)
+        if let Ok(available) = AvailableSpace::of_file_system(&run_root::base_directory())
+            && !available.covers(&need)
         {
-            refusals.push(SpaceError::TooSmall { need, room }.to_string());
+            refusals.push(SpaceError::TooSmall { need, available }.to_string());
         }
         refusals.dedup();
         refusals
@@ -120,14 +120,14 @@ impl fmt::Display for Requirements {
         )?;
         let [samples, recording] = [self.samples_bytes, self.recording_bytes].map(Bytes);
         let default = RECORDED_SAMPLES_PER_S_MAX / self.robots.max(1) as f64;
-        let why = if self.record_hz == default {
+        let default_note = if self.record_hz == default {
             format!(" (the default for {} robots)", self.robots)
         } else {
             String::new()
         };
         writeln!(
             f,
-            "{}{} samples per robot and second{why}; about {samples} of samples.csv and {recording} of run.mcap",
+            "{}{} samples per robot and second{default_note}; about {samples} of samples.csv and {recording} of run.mcap",
             label("records"),
             protocol::number::format_short(self.record_hz)
         )

@@ -53,13 +53,13 @@ const ADVICE: &str = "free space there, enlarge it (mount -o remount,size=...; i
 pub enum SpaceError {
     /// There is not enough for this run.
     #[error(
-        "shared memory is {}: {room}, and {} robots with {} links need {} and {} files; {ADVICE}",
-        room.too_small_or_full(need), need.robots, need.links, Bytes(need.bytes()), need.files()
+        "shared memory is {}: {available}, and {} robots with {} links need {} and {} files; {ADVICE}",
+        available.too_small_or_full(need), need.robots, need.links, Bytes(need.bytes()), need.files()
     )]
-    TooSmall { need: RequiredSpace, room: AvailableSpace },
+    TooSmall { need: RequiredSpace, available: AvailableSpace },
     /// There was enough at the start, and none is left.
-    #[error("shared memory is full: {room}; {ADVICE}")]
-    Full { room: AvailableSpace },
+    #[error("shared memory is full: {available}; {ADVICE}")]
+    Full { available: AvailableSpace },
 }
 
 /// Space that a run needs.
@@ -83,13 +83,14 @@ impl RequiredSpace {
         robots: impl ExactSizeIterator<Item = usize>,
         links: usize,
     ) -> RequiredSpace {
-        let need = RequiredSpace::without_messages(robots.len(), links);
-        let queued = |i| {
-            let sent = scenario.message_format(i).map_or(0, |format| format.bytes_max);
-            let recorded = scenario.recorded_message_format(i).map_or(0, |format| format.bytes_max);
-            (MESSAGE_QUEUE_LENGTH * sent) as u64 + LEAD_TICKS_MAX * recorded as u64
+        let base = RequiredSpace::without_messages(robots.len(), links);
+        let queued_bytes = |i| {
+            let sent_bytes = scenario.message_format(i).map_or(0, |format| format.bytes_max);
+            let recorded_bytes =
+                scenario.recorded_message_format(i).map_or(0, |format| format.bytes_max);
+            (MESSAGE_QUEUE_LENGTH * sent_bytes) as u64 + LEAD_TICKS_MAX * recorded_bytes as u64
         };
-        RequiredSpace { message_bytes: robots.map(queued).sum(), ..need }
+        RequiredSpace { message_bytes: robots.map(queued_bytes).sum(), ..base }
     }
 
     /// Returns the need of a run with `robots` robots, and `links` edges in its formation graph, whose laws send no
@@ -100,8 +101,8 @@ impl RequiredSpace {
 
     /// Returns the number of bytes on tmpfs, with full queues of messages.
     pub fn bytes(&self) -> u64 {
-        let of_robots = self.robots as u64 * BYTES_OF_A_ROBOT;
-        BYTES_OF_A_RUN + of_robots + self.links as u64 * BYTES_OF_A_LINK + self.message_bytes
+        let robot_bytes = self.robots as u64 * BYTES_OF_A_ROBOT;
+        BYTES_OF_A_RUN + robot_bytes + self.links as u64 * BYTES_OF_A_LINK + self.message_bytes
     }
 
     /// Returns the number of files and directories.
@@ -124,15 +125,15 @@ pub struct AvailableSpace {
 impl AvailableSpace {
     /// Returns the space on the file system of `path`, or of its nearest existing ancestor.
     pub fn of_file_system(path: &Path) -> io::Result<AvailableSpace> {
-        let there = path.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
-        let space = statvfs(there)?;
-        let (mount, kind) =
-            find_mount(there).unwrap_or_else(|| (there.into(), "file system".into()));
+        let existing_path = path.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
+        let space = statvfs(existing_path)?;
+        let (mount_point, file_system_type) = find_mount(existing_path)
+            .unwrap_or_else(|| (existing_path.into(), "file system".into()));
         // A tmpfs without a limit reports 0 of 0 blocks.
         let bytes = [space.f_blocks, space.f_bavail].map(|blocks| blocks * space.f_frsize);
         Ok(AvailableSpace {
-            mount_point: mount,
-            file_system_type: kind,
+            mount_point,
+            file_system_type,
             size_and_free_bytes: (bytes[0] > 0).then_some(bytes),
             files_free: (space.f_files > 0).then_some(space.f_favail),
         })
@@ -180,7 +181,7 @@ impl fmt::Display for AvailableSpace {
 /// Fails if `base` has too little space for a run.
 pub fn check(base: &Path, need: RequiredSpace) -> Result<(), SpaceError> {
     match AvailableSpace::of_file_system(base) {
-        Ok(room) if !room.covers(&need) => Err(SpaceError::TooSmall { need, room }),
+        Ok(available) if !available.covers(&need) => Err(SpaceError::TooSmall { need, available }),
         // If the space cannot be read, creating the run root reports the error.
         _ => Ok(()),
     }
@@ -191,19 +192,22 @@ pub fn check(base: &Path, need: RequiredSpace) -> Result<(), SpaceError> {
 pub fn allocate_reserved_memory(run_root: &Path, plant: Option<u32>) -> Result<(), SpaceError> {
     for entry in fs::read_dir(run_root).into_iter().flatten().flatten() {
         // The file may have been removed meanwhile, like those of dead processes.
-        let Ok(found) = entry.metadata() else { continue };
-        let of_plant =
+        let Ok(metadata) = entry.metadata() else { continue };
+        let is_of_plant =
             plant.is_some() && parse_sender_pid(&entry.file_name().to_string_lossy()) == plant;
-        let wanted =
-            found.len().min(if of_plant { PLANT_ALLOCATED_BYTES_MAX } else { ALLOCATED_BYTES_MAX });
-        if !found.is_file() || 512 * found.blocks() >= wanted {
+        let allocated_bytes = metadata.len().min(if is_of_plant {
+            PLANT_ALLOCATED_BYTES_MAX
+        } else {
+            ALLOCATED_BYTES_MAX
+        });
+        if !metadata.is_file() || 512 * metadata.blocks() >= allocated_bytes {
             continue;
         }
         let Ok(file) = OpenOptions::new().write(true).open(entry.path()) else { continue };
-        if let Err(Errno::NOSPC) = fallocate(file, FallocateFlags::KEEP_SIZE, 0, wanted)
-            && let Ok(room) = AvailableSpace::of_file_system(run_root)
+        if let Err(Errno::NOSPC) = fallocate(file, FallocateFlags::KEEP_SIZE, 0, allocated_bytes)
+            && let Ok(available) = AvailableSpace::of_file_system(run_root)
         {
-            return Err(SpaceError::Full { room });
+            return Err(SpaceError::Full { available });
         }
     }
     Ok(())
@@ -229,13 +233,13 @@ impl Allocator {
         run_root: &Path,
         plant: Option<u32>,
     ) -> Result<(), SpaceError> {
-        let began = Instant::now();
-        if !self.is_due || self.not_before.is_some_and(|at| began < at) {
+        let start = Instant::now();
+        if !self.is_due || self.not_before.is_some_and(|earliest| start < earliest) {
             return Ok(());
         }
         self.is_due = false;
         allocate_reserved_memory(run_root, plant)?;
-        self.not_before = Some(began + ALLOCATION_PAUSE_FACTOR * began.elapsed());
+        self.not_before = Some(start + ALLOCATION_PAUSE_FACTOR * start.elapsed());
         Ok(())
     }
 }
@@ -245,7 +249,7 @@ pub fn find_space_error(run_root: &Path) -> Option<SpaceError> {
     AvailableSpace::of_file_system(run_root)
         .ok()
         .filter(AvailableSpace::is_full)
-        .map(|room| SpaceError::Full { room })
+        .map(|available| SpaceError::Full { available })
 }
 
 /// Path on the shared file system and its mount, for the SIGBUS handler.
@@ -254,9 +258,9 @@ static SIGBUS_PATHS: OnceLock<(CString, String)> = OnceLock::new();
 /// Installs a handler for SIGBUS in this process, which shares the memory of `base`. It prints a message to
 /// stderr and exits with the code of an infrastructure failure.
 pub fn install_sigbus_handler(base: &Path) {
-    let there = base.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
-    let Ok(path) = CString::new(there.as_os_str().as_bytes()) else { return };
-    let mount = find_mount(there).map_or_else(|| there.into(), |(mount, _)| mount);
+    let existing_path = base.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
+    let Ok(path) = CString::new(existing_path.as_os_str().as_bytes()) else { return };
+    let mount = find_mount(existing_path).map_or_else(|| existing_path.into(), |(mount, _)| mount);
     let _ = SIGBUS_PATHS.set((path, mount.display().to_string()));
     let handler: extern "C" fn(libc::c_int) = handle_sigbus;
     // SAFETY: zeros are a value of this plain struct.
@@ -276,15 +280,15 @@ extern "C" fn handle_sigbus(_signal: libc::c_int) {
         // SAFETY: zeros are a value of this plain struct.
         let mut space: libc::statfs = unsafe { std::mem::zeroed() };
         // SAFETY: reads a path that ends in 0, writes `space`.
-        let known = unsafe { libc::statfs(path.as_ptr(), &mut space) } == 0;
-        let taken = |blocks: u64| Bytes(blocks * space.f_bsize as u64);
-        let full = known && taken(space.f_bavail).0 < FREE_BYTES_MIN;
-        let what = match full {
+        let is_known = unsafe { libc::statfs(path.as_ptr(), &mut space) } == 0;
+        let to_bytes = |blocks: u64| Bytes(blocks * space.f_bsize as u64);
+        let is_full = is_known && to_bytes(space.f_bavail).0 < FREE_BYTES_MIN;
+        let cause = match is_full {
             true => "shared memory is full (SIGBUS)",
             false => "a part of shared memory was removed, or could not be allocated (SIGBUS)",
         };
-        let (free, size) = (taken(space.f_bavail), taken(space.f_blocks));
-        let _ = writeln!(line, "error: {what}: {mount} has {free} of {size} free; {ADVICE}");
+        let (free, size) = (to_bytes(space.f_bavail), to_bytes(space.f_blocks));
+        let _ = writeln!(line, "error: {cause}: {mount} has {free} of {size} free; {ADVICE}");
     }
     let length = line.position() as usize;
     // SAFETY: plain system calls; the buffer has the given length.
@@ -312,13 +316,13 @@ impl fmt::Display for Bytes {
 fn find_mount(path: &Path) -> Option<(PathBuf, String)> {
     let path = path.canonicalize().ok()?;
     let mounts = fs::read_to_string("/proc/self/mountinfo").ok()?;
-    let parsed = mounts.lines().filter_map(|line| {
-        let (before, after) = line.split_once(" - ")?;
-        let mount = PathBuf::from(unescape(before.split(' ').nth(4)?));
-        Some((mount, after.split(' ').next()?.to_owned()))
+    let mounts_and_types = mounts.lines().filter_map(|line| {
+        let (mount_fields, type_fields) = line.split_once(" - ")?;
+        let mount = PathBuf::from(unescape(mount_fields.split(' ').nth(4)?));
+        Some((mount, type_fields.split(' ').next()?.to_owned()))
     });
     // The last of equals lies on top of the others.
-    parsed
+    mounts_and_types
         .filter(|(mount, _)| path.starts_with(mount))
         .max_by_key(|(mount, _)| mount.components().count())
 }
@@ -327,7 +331,7 @@ fn find_mount(path: &Path) -> Option<(PathBuf, String)> {
 fn unescape(text: &str) -> String {
     [("\\040", " "), ("\\011", "\t"), ("\\134", "\\")]
         .iter()
-        .fold(text.to_owned(), |text, (written, meant)| text.replace(written, meant))
+        .fold(text.to_owned(), |text, (escape, character)| text.replace(escape, character))
 }
 
 #[cfg(test)]
@@ -351,11 +355,12 @@ mod tests {
         assert!(available_space(None, None).covers(&need), "a tmpfs without limits");
         let small = available_space(Some([bytes - 1, bytes - 1]), None);
         assert!(!small.covers(&need) && !available_space(None, Some(files - 1)).covers(&need));
-        let error = SpaceError::TooSmall { need, room: small }.to_string();
+        let error = SpaceError::TooSmall { need, available: small }.to_string();
         assert!(error.starts_with("shared memory is too small: /m (tmpfs) has "), "{error}");
         assert!(error.contains("3 robots with 3 links need"), "{error}");
-        let error = SpaceError::TooSmall { need, room: available_space(Some([u64::MAX, 0]), None) }
-            .to_string();
+        let error =
+            SpaceError::TooSmall { need, available: available_space(Some([u64::MAX, 0]), None) }
+                .to_string();
         assert!(error.starts_with("shared memory is full: ") && error.contains(ADVICE), "{error}");
     }
 
@@ -363,29 +368,29 @@ mod tests {
     fn reserved_memory_is_allocated_up_to_the_maximum() {
         let root = tempfile::tempdir_in("/dev/shm").unwrap();
         let path = root.path().join("promised");
-        for (length, taken) in [(5_000, 8_192), (1_000_000, ALLOCATED_BYTES_MAX)] {
+        for (length, allocated) in [(5_000, 8_192), (1_000_000, ALLOCATED_BYTES_MAX)] {
             fs::File::create(&path).unwrap().set_len(length).unwrap();
             assert_eq!(fs::metadata(&path).unwrap().blocks(), 0);
             allocate_reserved_memory(root.path(), None).unwrap();
-            let found = fs::metadata(&path).unwrap();
-            assert_eq!((found.len(), 512 * found.blocks()), (length, taken));
+            let metadata = fs::metadata(&path).unwrap();
+            assert_eq!((metadata.len(), 512 * metadata.blocks()), (length, allocated));
         }
         // One file of the plant, one of another process.
-        for (process, taken) in [(7u32, 1_003_520), (8, ALLOCATED_BYTES_MAX)] {
+        for (process, allocated) in [(7u32, 1_003_520), (8, ALLOCATED_BYTES_MAX)] {
             let path = root.path().join(format!("phx_hash_{}.data", u128::from(process) << 64 | 1));
             fs::File::create(&path).unwrap().set_len(1_000_000).unwrap();
             allocate_reserved_memory(root.path(), Some(7)).unwrap();
-            assert_eq!(512 * fs::metadata(&path).unwrap().blocks(), taken);
+            assert_eq!(512 * fs::metadata(&path).unwrap().blocks(), allocated);
         }
     }
 
     #[test]
     fn mount_point_of_a_path_is_found() {
-        let (mount, kind) = find_mount(Path::new("/proc/self")).unwrap();
-        assert_eq!((mount.to_str(), kind.as_str()), (Some("/proc"), "proc"));
-        let room = AvailableSpace::of_file_system(Path::new("/dev/shm/not/yet/there")).unwrap();
-        assert_eq!(room.mount_point, Path::new("/dev/shm"));
-        assert!(room.is_tmpfs() && !room.is_full(), "{room}");
+        let (mount, file_system_type) = find_mount(Path::new("/proc/self")).unwrap();
+        assert_eq!((mount.to_str(), file_system_type.as_str()), (Some("/proc"), "proc"));
+        let space = AvailableSpace::of_file_system(Path::new("/dev/shm/not/yet/there")).unwrap();
+        assert_eq!(space.mount_point, Path::new("/dev/shm"));
+        assert!(space.is_tmpfs() && !space.is_full(), "{space}");
         assert_eq!(unescape("/a\\040b"), "/a b");
     }
 }

@@ -28,7 +28,7 @@ pub struct Launcher {
 }
 
 /// Role of a child. `brief` is its configuration file, `program` replaces the built-in agent or plant, and
-/// `words` are command-line arguments.
+/// `arguments` are command-line arguments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum ProcessRole<'a> {
@@ -50,13 +50,13 @@ pub enum ProcessRole<'a> {
     /// `phalanx reap RUN_ROOT LOGS`. It outlives this process by a moment, and its only input is that this
     /// process is gone.
     Reaper { run_root: &'a Path, logs: &'a Path },
-    /// `phalanx WORD...`: a run or a peer of a benchmark, for `phalanx bench`.
-    Bench { words: &'a [OsString] },
+    /// `phalanx ARGUMENT...`: a run or a peer of a benchmark, for `phalanx bench`.
+    Bench { arguments: &'a [OsString] },
     /// The program of a metric, with the directory of the run as its last argument. Its standard output is written to
     /// the new file `output`.
     Metrics { run_dir: &'a Path, program: &'a ProgramCommand, output: &'a Path },
-    /// `phalanx run WORD...`: a run of a campaign.
-    Run { words: &'a [OsString] },
+    /// `phalanx run ARGUMENT...`: a run of a campaign.
+    Run { arguments: &'a [OsString] },
 }
 
 impl<'a> ProcessRole<'a> {
@@ -99,9 +99,10 @@ impl fmt::Display for ProcessRole<'_> {
             }
             ProcessRole::Run { .. } => f.write_str("a run"),
             ProcessRole::Metrics { .. } => f.write_str("the program of a metric"),
-            ProcessRole::Bench { words } => {
-                let words = words.iter().take(2).map(|word| format!(" {}", word.display()));
-                write!(f, "`phalanx{}`", words.collect::<String>())
+            ProcessRole::Bench { arguments } => {
+                let arguments =
+                    arguments.iter().take(2).map(|argument| format!(" {}", argument.display()));
+                write!(f, "`phalanx{}`", arguments.collect::<String>())
             }
         }
     }
@@ -109,26 +110,26 @@ impl fmt::Display for ProcessRole<'_> {
 
 /// Failure to start a process or a thread of the run.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot start {process}: {why}")]
+#[error("cannot start {process}: {reason}")]
 pub struct SpawnError {
     process: String,
-    why: String,
+    reason: String,
     source: io::Error,
 }
 
 impl SpawnError {
     /// Returns the error for a system on which the processes of a program cannot be found.
     pub(crate) fn unsupported_programs() -> SpawnError {
-        let why = "the processes that they start could not be killed or frozen with them, because /proc does not show the \
+        let reason = "the processes that they start could not be killed or frozen with them, because /proc does not show the \
                    processes of this user, or a process may not become a subreaper (prctl); mount /proc without hidepid, \
                    or use laws that are built in";
-        let source = io::Error::other(why);
-        SpawnError { process: "programs of the scenario".into(), why: why.into(), source }
+        let source = io::Error::other(reason);
+        SpawnError { process: "programs of the scenario".into(), reason: reason.into(), source }
     }
 
-    /// Returns the error for a thread `what` that could not be started.
-    pub(crate) fn from_thread_error(what: &str, source: io::Error) -> SpawnError {
-        SpawnError { process: what.into(), why: limits::explain_refusal(&source), source }
+    /// Returns the error for a thread `thread_name` that could not be started.
+    pub(crate) fn from_thread_error(thread_name: &str, source: io::Error) -> SpawnError {
+        SpawnError { process: thread_name.into(), reason: limits::explain_refusal(&source), source }
     }
 }
 
@@ -178,37 +179,37 @@ impl Launcher {
     /// Starts a process in this role, with its output appended to `log`. The calling thread must outlive
     /// the run, because the child dies with that thread.
     pub fn spawn(&self, role: ProcessRole<'_>, log: &Path) -> Result<Child, SpawnError> {
-        let unlogged = |source: io::Error| {
-            let why = format!(
+        let log_error = |source: io::Error| {
+            let reason = format!(
                 "its log {} cannot be opened: {}",
                 log.display(),
                 limits::explain_refusal(&source)
             );
-            SpawnError { process: role.to_string(), why, source }
+            SpawnError { process: role.to_string(), reason, source }
         };
-        let refused = |source: io::Error| SpawnError {
+        let spawn_error = |source: io::Error| SpawnError {
             process: role.to_string(),
-            why: self.explain_failure(&source),
+            reason: self.explain_failure(&source),
             source,
         };
-        let out = File::options().create(true).append(true).open(log).map_err(unlogged)?;
+        let log_file = File::options().create(true).append(true).open(log).map_err(log_error)?;
         if let ProcessRole::Agent { incarnation: incarnation @ 1.., .. } = role {
             let line = child::replacement_line(incarnation);
-            (&out).write_all(line.as_bytes()).map_err(unlogged)?;
+            (&log_file).write_all(line.as_bytes()).map_err(log_error)?;
         }
         let mut command = Command::new(&self.executable);
-        let (name, verb, brief) = role.command_line_start();
+        let (name, subcommand, brief) = role.command_line_start();
         command.arg0(name);
-        let mut keeps = None;
+        let mut keeper_config = None;
         match role {
             ProcessRole::Agent { program: Some(program), .. }
             | ProcessRole::Plant { program: Some(program), .. }
             | ProcessRole::Metrics { program, .. } => {
-                let kept = self.keeper_config(&role, program);
-                add_keeper_arguments(&mut command, program, &kept);
-                keeps = Some(kept);
+                let config = self.keeper_config(&role, program);
+                add_keeper_arguments(&mut command, program, &config);
+                keeper_config = Some(config);
             }
-            _ => drop(command.args(verb)),
+            _ => drop(command.args(subcommand)),
         }
         command.args(brief);
         match role {
@@ -220,7 +221,9 @@ impl Launcher {
                 command.arg("--robots").arg(robots.to_string());
             }
             ProcessRole::Reaper { logs, .. } => drop(command.arg(logs)),
-            ProcessRole::Bench { words } | ProcessRole::Run { words } => drop(command.args(words)),
+            ProcessRole::Bench { arguments } | ProcessRole::Run { arguments } => {
+                command.args(arguments);
+            }
             _ => {}
         }
         if self.realtime_priority
@@ -236,15 +239,15 @@ impl Launcher {
         }
         command
             .stdin(Stdio::null())
-            .stdout(out.try_clone().map_err(refused)?)
-            .stderr(out)
+            .stdout(log_file.try_clone().map_err(spawn_error)?)
+            .stderr(log_file)
             .process_group(0); // a Ctrl-C on the terminal is the supervisor's alone
         // Nothing may run between fork and exec: with `pre_exec`, the start would copy the page tables of
         // this process, whose shared memory grows with the robots, once for each robot.
         command.env(PARENT_PID_VARIABLE, std::process::id().to_string());
         command.envs(self.run_root.iter().map(|run_root| (RUN_ROOT_VARIABLE, run_root)));
         if let ProcessRole::Metrics { output, .. } = role {
-            command.stdout(File::create_new(output).map_err(refused)?);
+            command.stdout(File::create_new(output).map_err(spawn_error)?);
         }
         if let ProcessRole::Reaper { .. } = role {
             command
@@ -253,16 +256,17 @@ impl Launcher {
                 .stdin(Stdio::piped());
         }
         // Never for a program of the scenario, which may process untrusted input.
-        let own_agent = matches!(role, ProcessRole::Agent { program: None, .. });
-        let same = (self.same_addresses && own_agent).then(FixedAddressesGuard::for_children);
-        let process = command.spawn().map_err(refused)?;
-        drop(same);
-        let watched = Child::watch(process, log).map_err(|source| {
-            let why =
+        let is_builtin_agent = matches!(role, ProcessRole::Agent { program: None, .. });
+        let address_guard =
+            (self.same_addresses && is_builtin_agent).then(FixedAddressesGuard::for_children);
+        let process = command.spawn().map_err(spawn_error)?;
+        drop(address_guard);
+        let child = Child::watch(process, log).map_err(|source| {
+            let reason =
                 format!("it cannot be watched (pidfd_open): {}", limits::explain_refusal(&source));
-            SpawnError { process: role.to_string(), why, source }
+            SpawnError { process: role.to_string(), reason, source }
         })?;
-        Ok(watched.with_keeper(keeps))
+        Ok(child.with_keeper(keeper_config))
     }
 
     /// Returns the configuration of a program's keeper.
@@ -294,8 +298,8 @@ impl Launcher {
 }
 
 /// Adds the arguments by which this executable starts a program and becomes its keeper.
-fn add_keeper_arguments(command: &mut Command, program: &ProgramCommand, kept: &KeeperConfig) {
-    command.arg("become").arg(&program.folder).arg("--pid-file").arg(&kept.pid_file);
+fn add_keeper_arguments(command: &mut Command, program: &ProgramCommand, config: &KeeperConfig) {
+    command.arg("become").arg(&program.folder).arg("--pid-file").arg(&config.pid_file);
     if let Some(mb) = program.memory_max_mb {
         command.arg("--memory-max-mb").arg(mb.to_string());
     }

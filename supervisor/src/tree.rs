@@ -26,8 +26,8 @@ const PASS_INTERVAL: Duration = Duration::from_micros(200);
 #[derive(Debug, thiserror::Error)]
 pub enum SignalError {
     /// The kernel refused to send the signal.
-    #[error("{signal} was not sent to its process {pid}: {why}")]
-    Refused { signal: &'static str, pid: u32, why: String },
+    #[error("{signal} was not sent to its process {pid}: {reason}")]
+    Refused { signal: &'static str, pid: u32, reason: String },
     /// Processes fork faster than they can be stopped, or some do not stop.
     #[error("its processes did not stop within {} s of SIGSTOP: {left}", STOP_DURATION_MAX.as_secs())]
     NotStopped { left: String },
@@ -43,7 +43,7 @@ impl SignalError {
             }
             _ => "",
         };
-        SignalError::Refused { signal: signal_name(signal), pid, why: format!("{error}{hint}") }
+        SignalError::Refused { signal: signal_name(signal), pid, reason: format!("{error}{hint}") }
     }
 }
 
@@ -74,8 +74,8 @@ pub(crate) fn descendants(root: u32) -> Vec<u32> {
     let parents = (!lists_children()).then(list_parents);
     let mut found = Vec::new();
     let mut seen = BTreeSet::from([root]);
-    let mut next = vec![root];
-    while let Some(pid) = next.pop() {
+    let mut stack = vec![root];
+    while let Some(pid) = stack.pop() {
         let children = match &parents {
             None => read_thread_children(pid),
             Some(parents) => {
@@ -85,7 +85,7 @@ pub(crate) fn descendants(root: u32) -> Vec<u32> {
         for child in children {
             if seen.insert(child) {
                 found.push(child);
-                next.push(child);
+                stack.push(child);
             }
         }
     }
@@ -128,8 +128,8 @@ fn list_parents() -> Vec<(u32, u32)> {
     .collect()
 }
 
-/// Returns the living processes below `root`, each with its state.
-fn living_descendants(root: u32) -> Vec<(u32, ProcessSample)> {
+/// Returns the alive processes below `root`, each with its state.
+fn alive_descendants(root: u32) -> Vec<(u32, ProcessSample)> {
     let sampled =
         descendants(root).into_iter().filter_map(|pid| Some((pid, ProcessSample::read(pid).ok()?)));
     sampled.filter(|(_, sample)| sample.state != SchedulingState::Exited).collect()
@@ -138,26 +138,26 @@ fn living_descendants(root: u32) -> Vec<(u32, ProcessSample)> {
 /// Samples the processes below `root` as one process: its processor time is their sum. It is runnable if
 /// one of them is, and stopped if all of them are. Fails if `root` is dead.
 pub(crate) fn sample_tree(root: u32) -> io::Result<ProcessSample> {
-    let top = ProcessSample::read(root)?;
-    let members = living_descendants(root);
+    let root_sample = ProcessSample::read(root)?;
+    let members = alive_descendants(root);
     let state = match members.iter().any(|(_, sample)| sample.state == SchedulingState::Runnable) {
-        _ if members.is_empty() => top.state,
+        _ if members.is_empty() => root_sample.state,
         true => SchedulingState::Runnable,
         false if are_stopped(&members) => SchedulingState::Stopped,
         false => SchedulingState::Blocked,
     };
-    let computed = top.cpu_time + members.iter().map(|(_, sample)| sample.cpu_time).sum();
+    let cpu_time = root_sample.cpu_time + members.iter().map(|(_, sample)| sample.cpu_time).sum();
     Ok(ProcessSample {
         state,
-        cpu_time: computed,
+        cpu_time,
         time_ns: clock::now_ns(),
-        start_time_ticks: top.start_time_ticks,
+        start_time_ticks: root_sample.start_time_ticks,
     })
 }
 
 /// Returns whether there are processes below `root`, and all of them are stopped.
 pub(crate) fn is_stopped(root: u32) -> bool {
-    are_stopped(&living_descendants(root))
+    are_stopped(&alive_descendants(root))
 }
 
 /// Returns whether some of the processes are stopped, and none of the others may run: a process that waits for the
@@ -171,7 +171,7 @@ fn are_stopped(members: &[(u32, ProcessSample)]) -> bool {
 /// Returns the private memory of the processes below `root` together, in bytes, if there are at least two:
 /// the kernel enforces the bound of a single one.
 pub(crate) fn private_memory_bytes(root: u32) -> Option<u64> {
-    let members = living_descendants(root);
+    let members = alive_descendants(root);
     let bytes = |pid: u32| {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
         let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"))?;
@@ -193,64 +193,68 @@ fn send_signal(pid: u32, sample: &ProcessSample, signal: Signal) -> Result<(), S
     }
 }
 
-/// Sends a signal to each living process below `root`. Returns the first error after all were tried.
+/// Sends a signal to each alive process below `root`. Returns the first error after all were tried.
 pub(crate) fn signal_all(root: u32, signal: Signal) -> Result<(), SignalError> {
-    let sent =
-        living_descendants(root).into_iter().map(|(pid, sample)| send_signal(pid, &sample, signal));
-    sent.fold(Ok(()), Result::and)
+    let results =
+        alive_descendants(root).into_iter().map(|(pid, sample)| send_signal(pid, &sample, signal));
+    results.fold(Ok(()), Result::and)
 }
 
 /// Stops every process below `root`, and returns once none of them can run or fork: two passes in a row have found
 /// the same processes, all stopped.
 pub(crate) fn stop_all(root: u32) -> Result<(), SignalError> {
-    let began = Instant::now();
-    let mut before = Vec::new();
+    let start = Instant::now();
+    let mut previous_ids = Vec::new();
     loop {
-        let members = living_descendants(root);
+        let members = alive_descendants(root);
         for (pid, sample) in &members {
             if sample.state != SchedulingState::Stopped {
                 send_signal(*pid, sample, Signal::STOP)?;
             }
         }
-        let patient = began.elapsed() < UNINTERRUPTIBLE_TIMEOUT;
-        let running: Vec<u32> =
-            members.iter().map(|(pid, _)| *pid).filter(|&pid| may_run(pid, patient)).collect();
+        let counts_uninterruptible = start.elapsed() < UNINTERRUPTIBLE_TIMEOUT;
+        let running: Vec<u32> = members
+            .iter()
+            .map(|(pid, _)| *pid)
+            .filter(|&pid| may_run(pid, counts_uninterruptible))
+            .collect();
         let ids: Vec<u32> = members.into_iter().map(|(pid, _)| pid).collect();
-        if running.is_empty() && ids == before {
+        if running.is_empty() && ids == previous_ids {
             return Ok(());
         }
-        if began.elapsed() > STOP_DURATION_MAX {
-            let left = running.iter().map(|pid| format!("{pid}")).collect::<Vec<_>>().join(", ");
-            return Err(SignalError::NotStopped { left });
+        if start.elapsed() > STOP_DURATION_MAX {
+            let running_text =
+                running.iter().map(|pid| format!("{pid}")).collect::<Vec<_>>().join(", ");
+            return Err(SignalError::NotStopped { left: running_text });
         }
-        before = ids;
+        previous_ids = ids;
         std::thread::sleep(PASS_INTERVAL);
     }
 }
 
 /// Returns whether a thread of a process may still run before SIGSTOP takes effect. A thread stops when it leaves the
-/// kernel, and completes a fork before. `patient`: an uninterruptible wait counts as running.
-fn may_run(pid: u32, patient: bool) -> bool {
+/// kernel, and completes a fork before. `counts_uninterruptible`: an uninterruptible wait counts as running.
+fn may_run(pid: u32, counts_uninterruptible: bool) -> bool {
     let threads = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
     let stats = threads.filter_map(|thread| fs::read_to_string(thread.path().join("stat")).ok());
     let mut states = stats.filter_map(|stat| stat.rsplit(')').next()?.trim_start().chars().next());
     states.any(|state| match state {
         'T' | 't' | 'Z' | 'X' | 'x' => false,
-        'D' => patient,
+        'D' => counts_uninterruptible,
         _ => true,
     })
 }
 
-/// Kills every process below `root`, and repeats that until none lives or [`KILL_TIMEOUT`] is over. A killed process
-/// does not fork, so each pass finds only processes that were forked before. Returns at once if the kernel refuses a
-/// signal.
+/// Kills every process below `root`, and repeats that until none is alive or [`KILL_TIMEOUT`] is over. A killed
+/// process does not fork, so each pass finds only processes that were forked before. Returns at once if the kernel
+/// refuses a signal.
 pub(crate) fn kill_all(root: u32) -> Result<(), SignalError> {
-    let began = Instant::now();
+    let start = Instant::now();
     loop {
-        let members = living_descendants(root);
-        let sent = members.iter().map(|(pid, sample)| send_signal(*pid, sample, Signal::KILL));
-        sent.fold(Ok(()), Result::and)?;
-        if members.is_empty() || began.elapsed() > KILL_TIMEOUT {
+        let members = alive_descendants(root);
+        let results = members.iter().map(|(pid, sample)| send_signal(*pid, sample, Signal::KILL));
+        results.fold(Ok(()), Result::and)?;
+        if members.is_empty() || start.elapsed() > KILL_TIMEOUT {
             return Ok(());
         }
         std::thread::sleep(PASS_INTERVAL);
@@ -269,9 +273,9 @@ mod tests {
         /// Starts a shell, and waits until `count` processes are below it.
         fn start(script: &str, count: usize) -> Tree {
             let tree = Tree(Command::new("sh").args(["-c", script]).spawn().unwrap());
-            let began = Instant::now();
-            while living_descendants(tree.0.id()).len() < count {
-                assert!(began.elapsed() < Duration::from_secs(60), "{count} processes");
+            let start = Instant::now();
+            while alive_descendants(tree.0.id()).len() < count {
+                assert!(start.elapsed() < Duration::from_secs(60), "{count} processes");
                 std::thread::sleep(PASS_INTERVAL);
             }
             tree
@@ -295,11 +299,11 @@ mod tests {
         assert!(is_stopped(root));
         assert_eq!(sample_tree(root).unwrap().state, SchedulingState::Stopped);
         signal_all(root, Signal::CONT).unwrap();
-        let began = Instant::now();
+        let start = Instant::now();
         while is_stopped(root) {
-            assert!(began.elapsed() < Duration::from_secs(60));
+            assert!(start.elapsed() < Duration::from_secs(60));
         }
-        let members = living_descendants(root);
+        let members = alive_descendants(root);
         kill_all(root).unwrap();
         // Without a subreaper a process whose parent died first leaves the tree while it is still dying.
         for (pid, sample) in members {
@@ -310,7 +314,7 @@ mod tests {
                 })
             };
             while !is_dead() {
-                assert!(began.elapsed() < Duration::from_secs(60), "{pid} lives");
+                assert!(start.elapsed() < Duration::from_secs(60), "{pid} lives");
                 std::thread::sleep(PASS_INTERVAL);
             }
         }
@@ -328,20 +332,20 @@ mod tests {
 
     #[test]
     fn processes_that_fork_without_end_are_stopped() {
-        let forks = "f() { while :; do (:) & wait $!; done; }; f & f & f & wait";
-        let tree = Tree::start(forks, 3);
+        let script = "f() { while :; do (:) & wait $!; done; }; f & f & f & wait";
+        let tree = Tree::start(script, 3);
         stop_all(tree.0.id()).unwrap();
-        let stopped = descendants(tree.0.id());
+        let pids = descendants(tree.0.id());
         std::thread::sleep(Duration::from_millis(20));
-        assert_eq!(descendants(tree.0.id()), stopped, "nothing was forked since");
+        assert_eq!(descendants(tree.0.id()), pids, "nothing was forked since");
     }
 
     #[test]
     fn processor_time_of_all_processes_counts() {
         let tree = Tree::start("sh -c 'while :; do :; done' & wait", 1);
-        let began = Instant::now();
+        let start = Instant::now();
         while sample_tree(tree.0.id()).unwrap().cpu_time < Duration::from_millis(50) {
-            assert!(began.elapsed() < Duration::from_secs(60));
+            assert!(start.elapsed() < Duration::from_secs(60));
             std::thread::sleep(PASS_INTERVAL);
         }
     }
@@ -350,8 +354,8 @@ mod tests {
     fn both_ways_to_list_children_agree() {
         let tree = Tree::start("sleep 1000 & sleep 1001 & wait", 2);
         let root = tree.0.id();
-        let all = list_parents().into_iter().filter(|(_, parent)| *parent == root);
-        let mut by_parent: Vec<u32> = all.map(|(pid, _)| pid).collect();
+        let children = list_parents().into_iter().filter(|(_, parent)| *parent == root);
+        let mut by_parent: Vec<u32> = children.map(|(pid, _)| pid).collect();
         let mut listed = read_thread_children(root);
         by_parent.sort_unstable();
         listed.sort_unstable();

@@ -21,9 +21,9 @@ fn outage(down: Duration) -> Option<FinishedFleetRun> {
     let mut run = triangle(&hosts, "", 12.0 + down.as_secs_f64(), &options);
     run.wait_for_run_time(3.0);
     hosts.plug(1, false);
-    let cut = Instant::now();
+    let start = Instant::now();
     std::thread::sleep(down);
-    let down_s = cut.elapsed().as_secs_f64();
+    let down_s = start.elapsed().as_secs_f64();
     hosts.plug(1, true);
     let ended = run.end();
     ended.assert_passed();
@@ -84,12 +84,13 @@ fn killed_bridge_is_restarted_on_either_host() {
     assert_eq!(ended.events("bridge-restarted").len(), 2, "{}", ended.logs());
 }
 
-/// Checks that r3, on the second host, failed for this reason, that the run failed, and that the last line says so.
+/// Checks that r3, on the second host, failed for this reason, that the run failed, and that the last line reports it.
 #[track_caller]
 fn assert_r3_failed(ended: &FinishedFleetRun, cause: &str) {
     assert_eq!(ended.codes[0], Some(1), "{}", ended.logs());
     let expectations = ended.summary["expectations"].as_array().unwrap();
-    let failed = expectations.iter().find(|asked| asked["name"] == "failed_robots").unwrap();
+    let failed =
+        expectations.iter().find(|expectation| expectation["name"] == "failed_robots").unwrap();
     let reason = format!("r3 {cause}");
     assert_eq!(failed["reason"], reason.as_str(), "{}", ended.logs());
     let log = ended.log(0);
@@ -268,9 +269,9 @@ fn planned_partition_is_a_fault_in_the_report() {
     ended.assert_undisturbed(&["r1", "r2"]);
     assert!(ended.dropped_count("partition") > 100, "{}", ended.logs());
     let lost = ended.events("contact");
-    let told = |robot: &str, what: &str| lost.iter().any(|(_, r, w)| r == robot && w == what);
+    let has_event = |robot: &str, what: &str| lost.iter().any(|(_, r, w)| r == robot && w == what);
     // r3 receives neither beacons nor samples of the plant: it stops.
-    assert!(told("r2", "lost r3"), "{lost:?}");
+    assert!(has_event("r2", "lost r3"), "{lost:?}");
     assert_eq!(ended.summary["faults"][0]["what"], "partition b");
 }
 

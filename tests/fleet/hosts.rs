@@ -57,15 +57,15 @@ impl HostNamespaces {
         command
     }
 
-    fn ip(&self, words: &str) {
-        run(self.command("ip").args(words.split(' ')), &format!("ip {words}"));
+    fn ip(&self, arguments: &str) {
+        run(self.command("ip").args(arguments.split(' ')), &format!("ip {arguments}"));
     }
 
     /// Lets the kernel search for an unreachable host ten times a second instead of once, as `docs/fleet.md`
     /// recommends: a restored link is usable only after the next search.
     fn shorten_neighbor_probing(&self) {
-        let words = "echo 100 >/proc/sys/net/ipv4/neigh/eth0/retrans_time_ms";
-        run(self.command("sh").args(["-c", words]), words);
+        let script = "echo 100 >/proc/sys/net/ipv4/neigh/eth0/retrans_time_ms";
+        run(self.command("sh").args(["-c", script]), script);
     }
 }
 
@@ -126,11 +126,11 @@ impl Hosts {
     }
 
     /// Creates this number of hosts with a bad cable to the last one.
-    pub fn make_with(count: usize, bad: Option<Cable>) -> Option<Hosts> {
-        let able = Command::new("unshare")
+    pub fn make_with(count: usize, bad_cable: Option<Cable>) -> Option<Hosts> {
+        let probe = Command::new("unshare")
             .args(["--net", "--mount", "--time", "--monotonic", "1", "--fork", "true"])
             .status();
-        if !able.is_ok_and(|status| status.success()) {
+        if !probe.is_ok_and(|status| status.success()) {
             eprintln!(
                 "SKIPPED: no namespaces for hosts here; it takes root, and a kernel with time namespaces"
             );
@@ -141,17 +141,19 @@ impl Hosts {
         switch.ip("link set hub up");
         let sockets = tempfile::tempdir().unwrap();
         let mut helpers = Vec::new();
-        let hosts = (0..count).map(|place| {
-            let host = HostNamespaces::make(CLOCKS_APART_S * place as u64 + 1_000);
-            let (cable, pid) = (format!("port{place}"), host.pid());
-            match bad.filter(|_| place == count - 1) {
+        let hosts = (0..count).map(|index| {
+            let host = HostNamespaces::make(CLOCKS_APART_S * index as u64 + 1_000);
+            let (cable, pid) = (format!("port{index}"), host.pid());
+            match bad_cable.filter(|_| index == count - 1) {
                 None => {
                     switch.ip(&format!("link add {cable} type veth peer name eth0 netns {pid}"))
                 }
-                Some(bad) => helpers.extend(taps([&switch, &host], &cable, sockets.path(), bad)),
+                Some(bad_cable) => {
+                    helpers.extend(taps([&switch, &host], &cable, sockets.path(), bad_cable))
+                }
             }
             switch.ip(&format!("link set {cable} master hub up"));
-            host.ip(&format!("addr add {}/24 dev eth0", address(place)));
+            host.ip(&format!("addr add {}/24 dev eth0", address(index)));
             host.ip("link set eth0 up");
             host.shorten_neighbor_probing();
             host
@@ -178,12 +180,12 @@ impl Hosts {
     /// Returns the bytes that a host has received and sent.
     pub fn bytes(&self, host: usize) -> u64 {
         let mut total = 0;
-        for way in ["rx_bytes", "tx_bytes"] {
-            let file = format!("/sys/class/net/port{host}/statistics/{way}");
+        for counter_name in ["rx_bytes", "tx_bytes"] {
+            let file = format!("/sys/class/net/port{host}/statistics/{counter_name}");
             // Files below /sys belong to the namespace in which it was mounted.
-            let mut shown = self.switch.command("sh");
-            shown.args(["-c", &format!("mount -t sysfs sysfs /sys 2>/dev/null; cat {file}")]);
-            let text = String::from_utf8(shown.output().unwrap().stdout).unwrap();
+            let mut cat_command = self.switch.command("sh");
+            cat_command.args(["-c", &format!("mount -t sysfs sysfs /sys 2>/dev/null; cat {file}")]);
+            let text = String::from_utf8(cat_command.output().unwrap().stdout).unwrap();
             total += text.trim().parse::<u64>().unwrap_or_else(|_| panic!("{file}: {text:?}"));
         }
         total
@@ -196,8 +198,8 @@ impl Hosts {
         if !more.contains("udp") {
             text += "certificates = \"keys\"\n";
         }
-        for (place, robots) in robots.iter().enumerate() {
-            let (name, address) = (NAMES[place], address(place));
+        for (index, robots) in robots.iter().enumerate() {
+            let (name, address) = (NAMES[index], address(index));
             text += &format!(
                 "[[host]]\nname = \"{name}\"\naddress = \"{address}:7447\"\nrobots = {robots:?}\n"
             );
@@ -207,34 +209,34 @@ impl Hosts {
 }
 
 /// Connects a host by a bad cable: a tap device at each end, and a program between them.
-fn taps(ends: [&HostNamespaces; 2], cable: &str, sockets: &Path, bad: Cable) -> [Helper; 3] {
-    let [near, far] = [(ends[0], cable), (ends[1], "eth0")].map(|(place, tap)| {
+fn taps(nodes: [&HostNamespaces; 2], cable: &str, sockets: &Path, bad_cable: Cable) -> [Helper; 3] {
+    let [near_end, far_end] = [(nodes[0], cable), (nodes[1], "eth0")].map(|(end, tap)| {
         let socket = sockets.join(format!("of-{tap}"));
-        let mut switch = place.command("vde_switch");
+        let mut switch = end.command("vde_switch");
         switch.arg("--sock").arg(&socket).args(["--tap", tap]);
         let helper = Helper::start(switch);
         wait_for_file(&socket.join("ctl"));
         (helper, socket)
     });
     let mut filter = Command::new("wirefilter");
-    filter.arg("-v").arg(format!("{}:{}", near.1.display(), far.1.display()));
-    let Cable { delay_ms: [delay, varies], loss_percent } = bad;
+    filter.arg("-v").arg(format!("{}:{}", near_end.1.display(), far_end.1.display()));
+    let Cable { delay_ms: [delay, varies], loss_percent } = bad_cable;
     filter.arg("-d").arg(format!("{delay}+{varies}")).arg("-l").arg(loss_percent.to_string());
     let filter = Helper::start(filter);
-    [near.0, far.0, filter]
+    [near_end.0, far_end.0, filter]
 }
 
 /// Waits for a file that a helper program creates.
 fn wait_for_file(path: &Path) {
-    let began = std::time::Instant::now();
+    let start = std::time::Instant::now();
     while !path.exists() {
-        assert!(began.elapsed().as_secs() < 10, "{} does not appear", path.display());
+        assert!(start.elapsed().as_secs() < 10, "{} does not appear", path.display());
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
 }
 
-fn address(place: usize) -> String {
-    format!("10.77.0.{}", place + 1)
+fn address(index: usize) -> String {
+    format!("10.77.0.{}", index + 1)
 }
 
 fn run(command: &mut Command, what: &str) {

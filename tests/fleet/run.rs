@@ -15,13 +15,13 @@ const DEADLINE: Duration = Duration::from_secs(240);
 
 /// A run in progress on all hosts.
 pub struct Run {
-    place: TempDir,
+    folder: TempDir,
     hosts: Vec<Child>,
 }
 
 /// Results of a run that has ended.
 pub struct FinishedFleetRun {
-    place: TempDir,
+    folder: TempDir,
     /// Exit codes by host. `None` for a host whose supervisor was killed.
     pub codes: Vec<Option<i32>>,
     /// Contents of `summary.json` on the plant's host.
@@ -37,8 +37,8 @@ impl Run {
 
     /// Starts the scenario of a file on all hosts, with these options.
     pub fn start_file(hosts: &Hosts, scenario: &Path, fleet: &str, options: &[&str]) -> Run {
-        let place = tempfile::tempdir().unwrap();
-        let file = place.path().join("fleet.toml");
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("fleet.toml");
         std::fs::write(&file, fleet).unwrap();
         let count = fleet.matches("[[host]]").count();
         let has_keys = fleet.contains("certificates = ");
@@ -49,7 +49,7 @@ impl Run {
         }
         let start = |host: usize| {
             let name = NAMES[host];
-            let log = std::fs::File::create(place.path().join(format!("{name}.log"))).unwrap();
+            let log = std::fs::File::create(folder.path().join(format!("{name}.log"))).unwrap();
             let mut command = hosts.on(host, env!("CARGO_BIN_EXE_phalanx"));
             command.arg("run").arg(scenario);
             command.arg("--fleet").arg(&file).args(["--host", name, "--no-report"]);
@@ -58,7 +58,7 @@ impl Run {
             }
             // Independent of the load of the machine.
             command.arg("--realtime-priority");
-            command.arg("--out").arg(place.path().join(name)).args(options);
+            command.arg("--out").arg(folder.path().join(name)).args(options);
             command.stdin(Stdio::null());
             command.stdout(log.try_clone().unwrap()).stderr(log);
             command.spawn().unwrap()
@@ -66,13 +66,13 @@ impl Run {
         // The order is not significant: the plant's host starts last.
         let mut started: Vec<Child> = (0..count).rev().map(start).collect();
         started.reverse();
-        Run { place, hosts: started }
+        Run { folder, hosts: started }
     }
 
     /// Waits until the run has reached this run time.
     pub fn wait_for_run_time(&mut self, t_s: f64) {
-        let samples = self.place.path().join("a/samples.csv");
-        let began = Instant::now();
+        let samples = self.folder.path().join("a/samples.csv");
+        let start = Instant::now();
         loop {
             let text = std::fs::read_to_string(&samples).unwrap_or_default();
             // The last line may be incomplete.
@@ -81,7 +81,7 @@ impl Run {
                 return;
             }
             let ended = self.hosts[0].try_wait().unwrap();
-            assert!(ended.is_none() && began.elapsed() < DEADLINE, "{}", self.logs());
+            assert!(ended.is_none() && start.elapsed() < DEADLINE, "{}", self.logs());
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -93,24 +93,24 @@ impl Run {
 
     /// Waits until `events.csv` of the plant's host has an event of this kind.
     pub fn wait_for_event(&mut self, kind: &str) {
-        let events = self.place.path().join("a/events.csv");
-        let began = Instant::now();
+        let events = self.folder.path().join("a/events.csv");
+        let start = Instant::now();
         loop {
             let text = std::fs::read_to_string(&events).unwrap_or_default();
             if text.lines().any(|line| line.split(',').nth(1) == Some(kind)) {
                 return;
             }
             let ended = self.hosts[0].try_wait().unwrap();
-            assert!(ended.is_none() && began.elapsed() < DEADLINE, "no {kind}: {}", self.logs());
+            assert!(ended.is_none() && start.elapsed() < DEADLINE, "no {kind}: {}", self.logs());
             std::thread::sleep(Duration::from_millis(20));
         }
     }
 
     /// Waits until the supervisor of a host has ended.
     pub fn wait_for_host(&mut self, host: usize) {
-        let began = Instant::now();
+        let start = Instant::now();
         while self.hosts[host].try_wait().unwrap().is_none() {
-            assert!(began.elapsed() < DEADLINE, "host {host} does not end: {}", self.logs());
+            assert!(start.elapsed() < DEADLINE, "host {host} does not end: {}", self.logs());
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -142,29 +142,29 @@ impl Run {
 
     /// Waits for all hosts.
     pub fn end(mut self) -> FinishedFleetRun {
-        let began = Instant::now();
+        let start = Instant::now();
         let mut codes = Vec::new();
         for (host, name) in NAMES.iter().enumerate().take(self.hosts.len()) {
             let status = loop {
                 if let Some(status) = self.hosts[host].try_wait().unwrap() {
                     break status;
                 }
-                assert!(began.elapsed() < DEADLINE, "{name} does not end: {}", self.logs());
+                assert!(start.elapsed() < DEADLINE, "{name} does not end: {}", self.logs());
                 std::thread::sleep(Duration::from_millis(20));
             };
             codes.push(status.code());
         }
-        let path = self.place.path().join("a/summary.json");
+        let path = self.folder.path().join("a/summary.json");
         // Of a plant's host that was killed there is none.
         let text = std::fs::read_to_string(&path).unwrap_or_default();
         let summary = serde_json::from_str(text.trim()).unwrap_or(Value::Null);
-        let place = std::mem::replace(&mut self.place, tempfile::tempdir().unwrap());
-        FinishedFleetRun { place, codes, summary }
+        let folder = std::mem::replace(&mut self.folder, tempfile::tempdir().unwrap());
+        FinishedFleetRun { folder, codes, summary }
     }
 
     /// Returns the output of all hosts so far.
     pub fn logs(&self) -> String {
-        logs(self.place.path())
+        logs(self.folder.path())
     }
 }
 
@@ -177,8 +177,8 @@ impl Drop for Run {
     }
 }
 
-fn logs(place: &Path) -> String {
-    let read = |name: String| std::fs::read_to_string(place.join(name)).unwrap_or_default();
+fn logs(folder: &Path) -> String {
+    let read = |name: String| std::fs::read_to_string(folder.join(name)).unwrap_or_default();
     let of = |name: &str| {
         let (screen, bridge) =
             (read(format!("{name}.log")), read(format!("{name}/logs/bridge.jsonl")));
@@ -190,18 +190,18 @@ fn logs(place: &Path) -> String {
 impl FinishedFleetRun {
     /// Returns the output of all hosts, and the logs of their bridges.
     pub fn logs(&self) -> String {
-        logs(self.place.path())
+        logs(self.folder.path())
     }
 
     /// Returns the output of one host.
     pub fn log(&self, host: usize) -> String {
-        let path: PathBuf = self.place.path().join(format!("{}.log", NAMES[host]));
+        let path: PathBuf = self.folder.path().join(format!("{}.log", NAMES[host]));
         std::fs::read_to_string(path).unwrap_or_default()
     }
 
     /// Returns the events of a kind: time (s), robot and detail.
     pub fn events(&self, kind: &str) -> Vec<(f64, String, String)> {
-        let text = std::fs::read_to_string(self.place.path().join("a/events.csv")).unwrap();
+        let text = std::fs::read_to_string(self.folder.path().join("a/events.csv")).unwrap();
         let lines = text.lines().skip(1).filter_map(|line| {
             let mut fields = line.splitn(4, ',');
             let t_s = fields.next()?.parse().ok()?;
@@ -230,7 +230,7 @@ impl FinishedFleetRun {
     /// commands by the plant's clock, beacons and odometry by the clock of the robot that used them.
     pub fn assert_safe(&self) {
         assert_eq!(self.summary["violations"], 0, "{}", self.logs());
-        let brief = |name: &str| self.place.path().join(format!("a/briefs/{name}.toml"));
+        let brief = |name: &str| self.folder.path().join(format!("a/briefs/{name}.toml"));
         let plant: PlantBrief = brief::read(&brief("plant")).unwrap();
         let lifetime_ns = plant.command_lifetime_ns as f64;
         let command_ns = self.number("/commands/age_ns_max").unwrap();

@@ -60,21 +60,21 @@ fn soak_random_outages_leave_no_permanent_damage() {
     let ended = run.end();
     ended.assert_passed();
     ended.assert_undisturbed(&["r1", "r2"]);
-    let heard_again_s = ended.peak_s("r2", "r3");
-    let most_s = (longest_ms + HEARD_WITHIN_MS) as f64 / 1e3;
-    assert!(heard_again_s < most_s, "{heard_again_s} s, more than {most_s} s");
+    let peak_age_s = ended.peak_s("r2", "r3");
+    let limit_s = (longest_ms + HEARD_WITHIN_MS) as f64 / 1e3;
+    assert!(peak_age_s < limit_s, "{peak_age_s} s, more than {limit_s} s");
     for (first, last) in first_kb.unwrap().into_iter().zip(last_kb) {
         assert!(last < first + GROWTH_KB_MAX, "{first} kB at first, {last} kB at last");
     }
     let mut contacts = BTreeMap::new();
     for (_, robot, what) in ended.events("contact") {
-        let (how, whom) = what.split_once(' ').unwrap();
-        contacts.insert((robot, whom.to_owned()), how.to_owned());
+        let (state, sender) = what.split_once(' ').unwrap();
+        contacts.insert((robot, sender.to_owned()), state.to_owned());
     }
-    assert!(contacts.values().all(|how| how == "fresh"), "{contacts:?}");
+    assert!(contacts.values().all(|state| state == "fresh"), "{contacts:?}");
     assert!(ended.number("/converged_at_s").is_some(), "{}", ended.logs());
     eprintln!(
-        "too old, and dropped: {}; unheard for {heard_again_s:.3} s at most",
+        "too old, and dropped: {}; unheard for {peak_age_s:.3} s at most",
         ended.dropped_count("old")
     );
 }

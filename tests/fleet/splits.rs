@@ -14,8 +14,8 @@ fn pentagon_on_two_hosts_keeps_distance_and_converges() {
     // The clocks are a day apart, but ages are as on one machine.
     let error_ns = ended.number("/wall/hosts/1/stamp_error_ns_max").unwrap();
     assert!(error_ns < 1e9, "{error_ns}");
-    let taken = ended.number("/wall/hosts/1/taken").unwrap();
-    assert!(taken > 1000.0, "{taken}");
+    let accepted = ended.number("/wall/hosts/1/taken").unwrap();
+    assert!(accepted > 1000.0, "{accepted}");
     assert!(ended.number("/wall/hosts/1/samples_sent") > Some(1000.0), "they are counted");
     assert_eq!(
         ended.dropped_count("garbage")

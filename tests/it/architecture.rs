@@ -21,8 +21,8 @@ fn architecture_page_names_existing_files_and_functions() {
                 text = std::fs::read_to_string(path).unwrap_or_default();
                 files += 1;
             } else if let Some((_, function)) = code.split_once("::") {
-                let there = [format!("fn {function}("), format!("pub {function}:")];
-                assert!(there.iter().any(|form| text.contains(form)), "no `{code}`: {line}");
+                let definitions = [format!("fn {function}("), format!("pub {function}:")];
+                assert!(definitions.iter().any(|form| text.contains(form)), "no `{code}`: {line}");
                 functions += 1;
             }
         }
@@ -32,20 +32,23 @@ fn architecture_page_names_existing_files_and_functions() {
 
 #[test]
 fn each_course_of_the_page_has_at_most_six_steps() {
-    let is_way =
+    let is_walkthrough =
         |part: &&str| part.lines().next().is_some_and(|head| head.ends_with("through the code"));
-    let ways: Vec<_> = PAGE.split("\n## ").filter(is_way).collect();
-    assert_eq!(ways.len(), 3);
-    for way in ways {
-        let steps = way.lines().filter(|line| line.starts_with(|c: char| c.is_ascii_digit()));
-        assert!((4..=6).contains(&steps.count()), "{way}");
+    let walkthroughs: Vec<_> = PAGE.split("\n## ").filter(is_walkthrough).collect();
+    assert_eq!(walkthroughs.len(), 3);
+    for walkthrough in walkthroughs {
+        let steps =
+            walkthrough.lines().filter(|line| line.starts_with(|c: char| c.is_ascii_digit()));
+        assert!((4..=6).contains(&steps.count()), "{walkthrough}");
     }
 }
 
 /// Returns the output of `cargo tree`. Runs offline: all dependencies of the default build are available locally.
-fn tree(words: &[&str]) -> String {
+fn tree(arguments: &[&str]) -> String {
     let mut tree = Command::new(env!("CARGO"));
-    tree.args(["tree", "--offline", "--locked", "--prefix", "none"]).args(words).current_dir(ROOT);
+    tree.args(["tree", "--offline", "--locked", "--prefix", "none"])
+        .args(arguments)
+        .current_dir(ROOT);
     tree.exits_with(0).stdout
 }
 
@@ -106,8 +109,8 @@ fn functions(text: &str) -> Vec<(&str, usize)> {
     let lines: Vec<&str> = text.lines().collect();
     let starts = lines.iter().enumerate().filter_map(|(start, line)| {
         let (before, after) = line.split_once("fn ")?;
-        let words = ["pub", "pub(crate)", "pub(super)", "const", "unsafe", "extern", "\"C\""];
-        let declared = before.split_whitespace().all(|word| words.contains(&word));
+        let modifiers = ["pub", "pub(crate)", "pub(super)", "const", "unsafe", "extern", "\"C\""];
+        let declared = before.split_whitespace().all(|word| modifiers.contains(&word));
         let name = after.split(['(', '<']).next()?;
         (declared && !name.is_empty()).then_some((start, name))
     });
@@ -125,17 +128,17 @@ fn functions(text: &str) -> Vec<(&str, usize)> {
 #[test]
 fn functions_are_short() {
     let mut found = 0;
-    let mut long = Vec::new();
+    let mut too_long = Vec::new();
     for (path, text) in sources() {
         for (name, lines) in functions(&text) {
             found += 1;
             if lines > FUNCTION_LINES_MAX {
-                long.push(format!("{path} {name}: {lines} lines"));
+                too_long.push(format!("{path} {name}: {lines} lines"));
             }
         }
     }
     assert!(found > 3_000, "{found} functions");
-    assert!(long.is_empty(), "{long:#?}");
+    assert!(too_long.is_empty(), "{too_long:#?}");
 }
 
 /// Returns the name of the type that a line declares, if it declares one. An indented `type` is part of a trait.
@@ -192,8 +195,8 @@ fn no_files_import_each_other_in_a_circle() {
             let found = paths(text);
             let found = found.iter().filter_map(|path| imported_module(module, path, &known));
             // The file of a module and the files in its folder count as one.
-            let apart = found.filter(|to| !to.starts_with(module) && !module.starts_with(to));
-            edges.insert(module, apart.collect());
+            let outside = found.filter(|to| !to.starts_with(module) && !module.starts_with(to));
+            edges.insert(module, outside.collect());
         }
         imports += edges.values().map(BTreeSet::len).sum::<usize>();
         // A module that imports no remaining module is in no circle.
@@ -255,14 +258,18 @@ fn paths(code: &str) -> Vec<Vec<&str>> {
 fn path(text: &str) -> (Vec<&str>, &str) {
     let end = text.find(|c: char| !c.is_alphanumeric() && c != '_' && c != ':');
     let (path, rest) = text.split_at(end.unwrap_or(text.len()));
-    (path.split("::").filter(|word| !word.is_empty()).collect(), rest)
+    (path.split("::").filter(|segment| !segment.is_empty()).collect(), rest)
 }
 
 /// Returns the module of this crate that a path in `module` refers to, if it is another one.
-fn imported_module(module: &Module, words: &[&str], known: &BTreeSet<&Module>) -> Option<Module> {
-    let up = words.iter().take_while(|&&word| word == "super").count();
+fn imported_module(
+    module: &Module,
+    segments: &[&str],
+    known: &BTreeSet<&Module>,
+) -> Option<Module> {
+    let up = segments.iter().take_while(|&&segment| segment == "super").count();
     let base = if up > 0 { &module[..module.len().checked_sub(up)?] } else { &[] };
-    let further = words[up.max(1)..].iter().map(|&word| word.to_owned());
+    let further = segments[up.max(1)..].iter().map(|&segment| segment.to_owned());
     let mut path: Module = base.iter().cloned().chain(further).collect();
     while !known.contains(&path) {
         path.pop()?;

@@ -24,22 +24,24 @@ const STILL_M: f64 = 5e-3;
 
 /// Simulates `scenario`. Returns its measures, and the distance that each front point moved between these times, m.
 fn run(scenario: &Scenario, [from_s, until_s]: [f64; 2]) -> (RunMetrics, Vec<f64>) {
-    let mut ways_m = vec![0.0; scenario.robots.len()];
-    let mut before = Vec::new();
+    let mut path_lengths_m = vec![0.0; scenario.robots.len()];
+    let mut previous = Vec::new();
     let measures = simulate_watched(scenario, |header, rows, _| {
         let at = |(row, robot): (&protocol::message::TruthRow, &experiment::scenario::Robot)| {
             front_point(row.pose(), robot.front_point_m)
         };
-        let now: Vec<_> = rows.iter().zip(&scenario.robots).map(at).collect();
+        let current: Vec<_> = rows.iter().zip(&scenario.robots).map(at).collect();
         if (from_s..until_s).contains(&(header.t_ns as f64 / 1e9)) {
-            for (way, (now, before)) in ways_m.iter_mut().zip(now.iter().zip(&before)) {
-                *way += (now - before as &formation::Vec2).norm();
+            for (length_m, (current, previous)) in
+                path_lengths_m.iter_mut().zip(current.iter().zip(&previous))
+            {
+                *length_m += (current - previous as &formation::Vec2).norm();
             }
         }
-        before = now;
+        previous = current;
     });
     assert_eq!(measures.violations, 0);
-    (measures, ways_m)
+    (measures, path_lengths_m)
 }
 
 /// Returns the names of the robots with a final error of more than 1 mm.
@@ -53,13 +55,13 @@ fn robots_off_target(measures: &RunMetrics) -> Vec<&str> {
 fn robot_with_occupied_slot_rests_beside_it_others_arrive() {
     let set = ["expect={}", "duration_s=120"];
     let scenario = with_faults("antipodal-8", &set, &["kill r1 @0.2"]);
-    let (measures, ways_m) = run(&scenario, [100.0, 120.0]);
+    let (measures, path_lengths_m) = run(&scenario, [100.0, 120.0]);
     assert_eq!(robots_off_target(&measures), ["r1", "r5"]);
     let [wait] = &measures.waits[..] else { panic!("{:?}", measures.waits) };
-    let told = (wait.robot.as_str(), wait.for_robot.as_str(), wait.why, wait.lives);
-    assert_eq!(told, ("r5", "r1", BlockReason::Taken, false));
+    let found = (wait.robot.as_str(), wait.for_robot.as_str(), wait.why, wait.lives);
+    assert_eq!(found, ("r5", "r1", BlockReason::Taken, false));
     assert!(wait.error_m < 1.5 * 0.2, "{wait:?}");
-    assert!(ways_m.iter().all(|way| *way < STILL_M), "{ways_m:?}");
+    assert!(path_lengths_m.iter().all(|length_m| *length_m < STILL_M), "{path_lengths_m:?}");
 }
 
 #[test]
@@ -67,9 +69,9 @@ fn enclosed_and_excluded_robots_rest_and_others_arrive() {
     let walls = "wall=[{ points_m = [[-1.15, -0.25], [-0.55, -0.25], [-0.55, 0.25], [-1.15, 0.25], [-1.15, -0.25]] }]";
     let set = ["expect={}", "duration_s=180", "avoidance.clearance_m=0.1", walls];
     // The robots retry from time to time, and rest for longer each time: here since 150 s.
-    let (measures, ways_m) = run(&with_faults("antipodal-8", &set, &[]), [155.0, 175.0]);
+    let (measures, path_lengths_m) = run(&with_faults("antipodal-8", &set, &[]), [155.0, 175.0]);
     assert_eq!(robots_off_target(&measures), ["r1", "r5"]);
-    assert!(ways_m.iter().all(|way| *way < STILL_M), "{ways_m:?}");
+    assert!(path_lengths_m.iter().all(|length_m| *length_m < STILL_M), "{path_lengths_m:?}");
 }
 
 #[test]
@@ -77,18 +79,19 @@ fn robots_behind_a_blocked_door_wait_and_then_arrive() {
     // r1 stands in the door from 11 s on.
     let set = ["expect={}", "duration_s=240"];
     let scenario = with_faults("doorway", &set, &["freeze r1 @11 for 60"]);
-    let (measures, ways_m) = run(&scenario, [65.0, 71.0]);
+    let (measures, path_lengths_m) = run(&scenario, [65.0, 71.0]);
     assert_eq!(robots_off_target(&measures), [""; 0]);
-    assert!(ways_m.iter().all(|way| *way < STILL_M), "{ways_m:?}");
+    assert!(path_lengths_m.iter().all(|length_m| *length_m < STILL_M), "{path_lengths_m:?}");
     let arrived_at_s = measures.converged_at_s.expect("all arrive");
     assert!(arrived_at_s > 71.0, "the door was blocked until then");
 }
 
-/// Law of a free robot that moves straight to the goal in its parameters, and names it as its target if `is_named`.
+/// Law of a free robot that moves straight to the goal in its parameters, and names it as its target if
+/// `is_target_published`.
 struct ToGoal {
     goal: Vec2,
     speed_m_s: f64,
-    is_named: bool,
+    is_target_published: bool,
 }
 
 impl Law for ToGoal {
@@ -100,7 +103,7 @@ impl Law for ToGoal {
     }
 
     fn target(&mut self) -> Option<Target> {
-        self.is_named.then(|| Target::at_rest(self.goal))
+        self.is_target_published.then(|| Target::at_rest(self.goal))
     }
 }
 
@@ -133,32 +136,32 @@ fn dense_swap(seed: u64) -> Scenario {
 }
 
 /// Returns the number of robots that end within a quarter of d of their goals.
-fn arrived(scenario: &Scenario, is_named: bool) -> usize {
-    let think = |brief: &AgentBrief, incarnation| {
+fn arrived(scenario: &Scenario, is_target_published: bool) -> usize {
+    let make_controller = |brief: &AgentBrief, incarnation| {
         let goal = brief.params["goal_m"].as_array().unwrap();
         let [x, y] = [0, 1].map(|i| goal[i].as_float().unwrap());
         let speed_m_s = brief.gains["speed_m_s"];
-        let law = Box::new(ToGoal { goal: Vec2::new(x, y), speed_m_s, is_named });
+        let law = Box::new(ToGoal { goal: Vec2::new(x, y), speed_m_s, is_target_published });
         let parts = Parts::with_law(brief, law).unwrap();
         Controller::with_parts(brief, incarnation, parts)
     };
-    let mut ends: Vec<Vec2> = Vec::new();
+    let mut end_points: Vec<Vec2> = Vec::new();
     let front_points = |rows: &[TruthRow]| {
         let rows = rows.iter().zip(&scenario.robots);
         rows.map(|(row, robot)| front_point(row.pose(), robot.front_point_m)).collect()
     };
-    let measures = measure_run(scenario, &think, |_, rows, _| {
-        ends = front_points(rows);
+    let measures = measure_run(scenario, &make_controller, |_, rows, _| {
+        end_points = front_points(rows);
         true
     });
     let measures = measures.unwrap();
     assert_eq!(measures.violations, 0);
-    let is_there = |(robot, end): (&experiment::scenario::Robot, &Vec2)| {
+    let is_at_goal = |(robot, end): (&experiment::scenario::Robot, &Vec2)| {
         let goal = robot.params["goal_m"].as_array().unwrap();
         let goal = Vec2::from([0, 1].map(|i| goal[i].as_float().unwrap()));
         (end - goal).norm() < 0.05
     };
-    scenario.robots.iter().zip(&ends).filter(|pair| is_there(*pair)).count()
+    scenario.robots.iter().zip(&end_points).filter(|pair| is_at_goal(*pair)).count()
 }
 
 #[test]

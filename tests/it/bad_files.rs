@@ -15,16 +15,21 @@ fn run_refused_scenario(scenario: &Path) -> String {
     let scratch = tempfile::tempdir().unwrap();
     let out = scratch.path().join("run");
     let mut run = phalanx(["run", "--pace", "lockstep", "--out"]);
-    let printed = run.arg(&out).arg(scenario).exits_with(3);
+    let output = run.arg(&out).arg(scenario).exits_with(3);
     assert!(
-        !out.exists() && printed.stdout.is_empty(),
+        !out.exists() && output.stdout.is_empty(),
         "{}: {}",
         run_of(scenario),
-        printed.stdout_and_stderr()
+        output.stdout_and_stderr()
     );
-    let raw = printed.stderr.chars().any(|c| c.is_control() && c != '\n');
-    assert!(!raw, "{}: a terminal would obey {:?}", run_of(scenario), printed.stderr);
-    printed.stderr
+    let has_control_characters = output.stderr.chars().any(|c| c.is_control() && c != '\n');
+    assert!(
+        !has_control_characters,
+        "{}: a terminal would obey {:?}",
+        run_of(scenario),
+        output.stderr
+    );
+    output.stderr
 }
 
 fn run_of(scenario: &Path) -> String {
@@ -39,11 +44,11 @@ fn every_bad_scenario_gets_its_diagnostic_and_exit_status_3() {
     let (catalog, files) = (agent::catalog(), Cell::new(0));
     assert_texts_beside("tests/bad", 224, |path| {
         let read = read_for_run(path, &Overrides::default(), &catalog);
-        let shown = read.expect_err(&run_of(path)).render(false) + "\n";
+        let diagnostic = read.expect_err(&run_of(path)).render(false) + "\n";
         if files.replace(files.get() + 1) % PROCESS_EVERY == 0 {
-            assert_eq!(run_refused_scenario(path), shown, "{}", run_of(path));
+            assert_eq!(run_refused_scenario(path), diagnostic, "{}", run_of(path));
         }
-        shown
+        diagnostic
     });
 }
 
@@ -56,11 +61,11 @@ fn non_scenario_file_is_refused_in_one_printable_line() {
         path
     };
     let mut noise = Vec::with_capacity(10_000_000);
-    let mut dice = formation::random::SplitMix64::new(42);
+    let mut rng = formation::random::SplitMix64::new(42);
     while noise.len() < 10_000_000 {
-        noise.extend_from_slice(&dice.next_u64().to_le_bytes());
+        noise.extend_from_slice(&rng.next_u64().to_le_bytes());
     }
-    for (path, part) in [
+    for (path, expected) in [
         ("scenarios/no-such.toml".into(), "`scenarios/no-such.toml` does not exist"),
         ("scenarios".into(), "`scenarios` is a directory"),
         ("/dev/zero".into(), "is not a regular file"),
@@ -76,7 +81,7 @@ fn non_scenario_file_is_refused_in_one_printable_line() {
     ] {
         let stderr = run_refused_scenario(&path);
         assert_eq!(stderr.lines().count(), 1, "{stderr}");
-        assert!(stderr.starts_with("error: ") && stderr.contains(part), "{stderr}");
+        assert!(stderr.starts_with("error: ") && stderr.contains(expected), "{stderr}");
     }
     let hostile = file("a\u{1b}]0;b\u{7}.toml", "name = \"a\u{202e}\"\nname = 1\n".as_bytes());
     assert!(run_refused_scenario(&hostile).contains(r"a\u{1b}]0;b\u{7}.toml:2:1"));

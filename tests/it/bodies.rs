@@ -6,7 +6,8 @@
 
 use crate::harness::{map_in_parallel, repetition_factor, run};
 use crate::hostile::{
-    HostileCase, NS_PER_S, adversaries_and_wishes, fleet_of_scenario, hostile_trial, margin, swap,
+    HostileCase, NS_PER_S, adversaries_and_velocities, fleet_of_scenario, hostile_trial, margin,
+    swap,
 };
 use crate::model::{
     ADVERSARIES, Adversary, Expiry, FAULT_PROFILES, FaultProfile, Fleet, INERTIAS,
@@ -27,10 +28,10 @@ fn fleets(round: usize, body: Make, mixed: Make) -> Vec<(String, Fleet)> {
         for inertia in [None, Some(INERTIAS[(round + number) % INERTIAS.len()])] {
             seed += 1;
             let make = if seed.is_multiple_of(3) { mixed } else { body };
-            let made = make(fleet.clone());
-            let made = inertia.map_or(made.clone(), |inertia| made.with_inertia(inertia));
-            let made = if seed.is_multiple_of(2) { made.among_walls(seed) } else { made };
-            fleets.push((format!("fleet {number}, {period}, {inertia:?}, {seed}"), made));
+            let changed = make(fleet.clone());
+            let changed = inertia.map_or(changed.clone(), |inertia| changed.with_inertia(inertia));
+            let changed = if seed.is_multiple_of(2) { changed.among_walls(seed) } else { changed };
+            fleets.push((format!("fleet {number}, {period}, {inertia:?}, {seed}"), changed));
         }
     }
     fleets
@@ -86,10 +87,12 @@ fn keeps_distances(body: Make, mixed: Make, change: fn(Fleet, usize) -> Fleet) {
         let mut cases = Vec::new();
         for (name, fleet) in fleets(round, body, mixed) {
             let fleet = change(fleet.under(profile), round);
-            for (adversary, wish) in adversaries_and_wishes() {
+            for (adversary, requested_velocity) in adversaries_and_velocities() {
                 seed += 1;
-                let trial =
-                    Trial { duration_ns: 2 * NS_PER_S, ..hostile_trial(seed, adversary, wish) };
+                let trial = Trial {
+                    duration_ns: 2 * NS_PER_S,
+                    ..hostile_trial(seed, adversary, requested_velocity)
+                };
                 let name = format!("{name}, {profile:?}, {trial:?}");
                 cases.push(HostileCase { name, fleet: fleet.clone(), trial });
             }
@@ -170,16 +173,16 @@ fn chapter_cases_of_omni_robots_are_as_exact_as_front_points() {
 /// Checks distances and errors of the chapter's cases at the axle with these keys set.
 fn are_as_exact_as_at_a_front_point(set: &[&str]) {
     let measured = map_in_parallel(&CASES, |&(name, ..)| simulate(&scenario(name, set)));
-    for (&(name, d, most_m), simulated) in CASES.iter().zip(measured) {
-        let (near_m, error_m) =
+    for (&(name, d, limit_m), simulated) in CASES.iter().zip(measured) {
+        let (min_distance_m, error_m) =
             (simulated.min_distance_m.unwrap(), simulated.final_error_m_max.unwrap());
         println!(
             "{name}: error {error_m:.2e} m, nearest {:.3} d, converged at {:?} s",
-            near_m / d,
+            min_distance_m / d,
             simulated.converged_at_s
         );
-        assert!(near_m >= d, "{name}: {near_m}");
-        assert!(error_m <= most_m, "{name}: {error_m}");
+        assert!(min_distance_m >= d, "{name}: {min_distance_m}");
+        assert!(error_m <= limit_m, "{name}: {error_m}");
     }
 }
 
@@ -230,8 +233,12 @@ fn cars_and_a_team_reach_their_goals() {
         assert_eq!(simulated.violations, 0, "{name}");
         // Small robots come closer to each other than large ones.
         let is_team = name == "bodies/team-9";
-        let near_m = simulated.min_distance_m.unwrap();
-        assert_eq!(near_m < 0.28 && simulated.min_distance_over_d.is_some(), is_team, "{near_m}");
+        let min_distance_m = simulated.min_distance_m.unwrap();
+        assert_eq!(
+            min_distance_m < 0.28 && simulated.min_distance_over_d.is_some(),
+            is_team,
+            "{min_distance_m}"
+        );
         assert!(!is_team || simulated.min_distance_over_d >= Some(1.0));
     }
 }

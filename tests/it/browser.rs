@@ -64,10 +64,11 @@ fn scene() -> Scene {
 /// s, and the edge to it is cut from 17 s to 18 s.
 fn frame(step: u32) -> SceneFrame {
     let t_s = f64::from(step) / f64::from(FRAMES_PER_S);
-    let narrower = if (13.0..16.0).contains(&t_s) { (TAU / 6.0 * (t_s - 13.0)).sin() } else { 0.0 };
-    let radius_m = 0.3 - 0.2 * narrower.powi(2);
-    let robot = |place: usize| {
-        let (state, stood_s) = match place {
+    let narrowing =
+        if (13.0..16.0).contains(&t_s) { (TAU / 6.0 * (t_s - 13.0)).sin() } else { 0.0 };
+    let radius_m = 0.3 - 0.2 * narrowing.powi(2);
+    let robot = |index: usize| {
+        let (state, stood_s) = match index {
             0 if (10.0..12.0).contains(&t_s) => (RobotState::Frozen, t_s - 10.0),
             0 if t_s >= 12.0 => (RobotState::Moving, 2.0),
             1 if (5.0..7.5).contains(&t_s) => (RobotState::Dead, t_s - 5.0),
@@ -75,7 +76,7 @@ fn frame(step: u32) -> SceneFrame {
             1 if t_s >= 8.0 => (RobotState::Moving, 3.0),
             _ => (RobotState::Moving, 0.0),
         };
-        let angle = 0.2 * (t_s - stood_s) + TAU * place as f64 / 3.0;
+        let angle = 0.2 * (t_s - stood_s) + TAU * index as f64 / 3.0;
         let heading = angle + TAU / 4.0;
         FrameRobot {
             x_m: radius_m * angle.cos() - FRONT_POINT_M * heading.cos(),
@@ -95,14 +96,14 @@ fn frame(step: u32) -> SceneFrame {
         (a.0 - b.0).hypot(a.1 - b.1)
     };
     let distance_m = EDGES.map(distance).into_iter().reduce(f64::min);
-    let heard = match t_s {
+    let edge_states = match t_s {
         _ if (10.05..10.2).contains(&t_s) => [EdgeState::Stale, EdgeState::Fresh, EdgeState::Fresh],
         _ if (10.2..12.0).contains(&t_s) => [EdgeState::Lost, EdgeState::Fresh, EdgeState::Fresh],
         _ => [EdgeState::Fresh; 3],
     };
-    let edge = |(place, (from, to)): (usize, (usize, usize))| {
-        let cut = place == 2 && (17.0..18.0).contains(&t_s);
-        heard[place].combine([robots[from].state, robots[to].state], cut)
+    let edge = |(index, (from, to)): (usize, (usize, usize))| {
+        let is_cut = index == 2 && (17.0..18.0).contains(&t_s);
+        edge_states[index].combine([robots[from].state, robots[to].state], is_cut)
     };
     let edges = EDGES.into_iter().enumerate().map(edge).collect();
     SceneFrame { t_s, robots, edges, distance_m }
@@ -144,12 +145,12 @@ fn report_and_live_page_work_in_a_browser() {
         .env("SHOTS", root.join("target/browser-shots"))
         .spawn()
         .unwrap();
-    let began = Instant::now();
+    let start = Instant::now();
     let ended = loop {
         if let Some(status) = tests.try_wait().unwrap() {
             break Some(status);
         }
-        if began.elapsed() > TIMEOUT {
+        if start.elapsed() > TIMEOUT {
             tests.kill().unwrap();
             tests.wait().unwrap();
             break None;

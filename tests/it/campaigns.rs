@@ -68,17 +68,17 @@ impl CampaignDir {
 
     /// Waits until a condition holds for a running sweep. Panics if the sweep ends first, or at the deadline.
     pub fn wait_for(&self, child: &mut Child, what: impl Fn() -> bool) {
-        let began = Instant::now();
+        let start = Instant::now();
         while !what() {
             assert!(child.try_wait().unwrap().is_none(), "it ended first");
-            assert!(began.elapsed() < HANG, "nothing within {HANG:?}");
+            assert!(start.elapsed() < HANG, "nothing within {HANG:?}");
             std::thread::sleep(Duration::from_millis(2));
         }
     }
 
     /// Waits until no process uses the run root: children of a killed sweep exit by themselves.
     pub fn assert_no_process_left(&self) {
-        let began = Instant::now();
+        let start = Instant::now();
         loop {
             self.run_root.sweep();
             let files = files_below(self.run_root.path());
@@ -86,7 +86,7 @@ impl CampaignDir {
             if files.is_empty() {
                 return;
             }
-            assert!(began.elapsed() < HANG, "left in the run root: {files:?}");
+            assert!(start.elapsed() < HANG, "left in the run root: {files:?}");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -108,80 +108,81 @@ fn rows(table: &str) -> Vec<Vec<&str>> {
 
 #[test]
 fn campaign_killed_twice_ends_with_an_identical_table() {
-    let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
-    run_to_exit_code(place.sweep("whole", &[]), 0);
+    let campaign = CampaignDir::new(NINE_RUN_CAMPAIGN);
+    run_to_exit_code(campaign.sweep("whole", &[]), 0);
     for runs in [3, 6] {
-        let mut child = place.sweep("killed", &["--jobs", "1"]).spawn().unwrap();
-        place.wait_for_runs(&mut child, "killed", runs);
+        let mut child = campaign.sweep("killed", &["--jobs", "1"]).spawn().unwrap();
+        campaign.wait_for_runs(&mut child, "killed", runs);
         signal_pid(child.id(), Signal::KILL);
         child.wait().unwrap();
-        assert!(!place.out_path("killed/runs.csv").exists());
+        assert!(!campaign.out_path("killed/runs.csv").exists());
     }
     // Completed runs are not repeated.
-    let before = place.complete("killed");
+    let before = campaign.complete("killed");
     assert!((6..9).contains(&before), "{before} of 9 runs after the second kill");
-    let said = run_to_exit_code(place.sweep("killed", &[]), 0);
-    assert!(said.contains(&format!("{} runs in", 9 - before)), "{said}");
-    let [whole, killed] = ["whole", "killed"].map(|out| place.file(&format!("{out}/runs.csv")));
-    assert_eq!(whole, killed);
-    assert_eq!(rows(&whole).len(), 10, "{whole}");
+    let output = run_to_exit_code(campaign.sweep("killed", &[]), 0);
+    assert!(output.contains(&format!("{} runs in", 9 - before)), "{output}");
+    let [uninterrupted, killed] =
+        ["whole", "killed"].map(|out| campaign.file(&format!("{out}/runs.csv")));
+    assert_eq!(uninterrupted, killed);
+    assert_eq!(rows(&uninterrupted).len(), 10, "{uninterrupted}");
     let hashes: std::collections::BTreeSet<_> =
-        rows(&whole).iter().map(|row| row[3].to_owned()).collect();
-    assert_eq!(hashes.len(), 10, "each seed starts elsewhere:\n{whole}");
-    let left = fs::read_dir(place.out_path("killed/runs")).unwrap().flatten();
+        rows(&uninterrupted).iter().map(|row| row[3].to_owned()).collect();
+    assert_eq!(hashes.len(), 10, "each seed starts elsewhere:\n{uninterrupted}");
+    let left = fs::read_dir(campaign.out_path("killed/runs")).unwrap().flatten();
     let left: Vec<_> = left.map(|entry| entry.file_name()).collect();
     assert_eq!(left.len(), 9, "nothing is left of runs that were cut short: {left:?}");
-    place.assert_no_process_left();
+    campaign.assert_no_process_left();
 }
 
 #[test]
 fn interrupted_campaign_prints_progress_and_can_be_resumed() {
-    let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
-    let mut child = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
-    place.wait_for_runs(&mut child, "out", 1);
+    let campaign = CampaignDir::new(NINE_RUN_CAMPAIGN);
+    let mut child = campaign.sweep("out", &["--jobs", "1"]).spawn().unwrap();
+    campaign.wait_for_runs(&mut child, "out", 1);
     signal_pid(child.id(), Signal::INT);
     let output = child.wait_with_output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(130), "{said}");
-    assert!(said.contains("of 9 runs are done"), "{said}");
-    let left = fs::read_dir(place.out_path("out/runs")).unwrap().flatten();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{stderr}");
+    assert!(stderr.contains("of 9 runs are done"), "{stderr}");
+    let left = fs::read_dir(campaign.out_path("out/runs")).unwrap().flatten();
     assert!(left.map(|entry| entry.file_name()).all(|name| name.len() == 64), "no part of a run");
-    place.assert_no_process_left();
+    campaign.assert_no_process_left();
     // The table has the completed runs, and the exit code shows that it is incomplete.
-    let said = run_to_exit_code(place.sweep("out", &["--collect"]), 4);
-    assert!(said.contains("are missing"), "{said}");
-    run_to_exit_code(place.sweep("out", &[]), 0);
-    assert_eq!(rows(&place.file("out/runs.csv")).len(), 10);
+    let output = run_to_exit_code(campaign.sweep("out", &["--collect"]), 4);
+    assert!(output.contains("are missing"), "{output}");
+    run_to_exit_code(campaign.sweep("out", &[]), 0);
+    assert_eq!(rows(&campaign.file("out/runs.csv")).len(), 10);
 }
 
 #[test]
 fn second_sweep_into_a_folder_in_use_is_refused_with_owner() {
-    let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
-    let mut first = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
-    place.wait_for_runs(&mut first, "out", 1);
-    let said = run_to_exit_code(place.sweep("out", &[]), 2);
-    assert!(said.contains(&format!("process {} on ", first.id())), "{said}");
+    let campaign = CampaignDir::new(NINE_RUN_CAMPAIGN);
+    let mut first = campaign.sweep("out", &["--jobs", "1"]).spawn().unwrap();
+    campaign.wait_for_runs(&mut first, "out", 1);
+    let output = run_to_exit_code(campaign.sweep("out", &[]), 2);
+    assert!(output.contains(&format!("process {} on ", first.id())), "{output}");
     // A command that runs nothing may read the folder.
-    run_to_exit_code(place.sweep("out", &["--emit-commands"]), 0);
+    run_to_exit_code(campaign.sweep("out", &["--emit-commands"]), 0);
     assert_eq!(first.wait().unwrap().code(), Some(0));
-    let said = run_to_exit_code(place.sweep("out", &[]), 0);
-    assert!(said.contains("9 of 9 runs"), "it is free again: {said}");
-    place.assert_no_process_left();
+    let output = run_to_exit_code(campaign.sweep("out", &[]), 0);
+    assert!(output.contains("9 of 9 runs"), "it is free again: {output}");
+    campaign.assert_no_process_left();
 }
 
 #[test]
 fn run_identity_is_independent_of_the_scenario_path_spelling() {
-    let place = CampaignDir::new("");
+    let campaign = CampaignDir::new("");
     let scenarios = Path::new(ROOT).join("scenarios");
-    std::os::unix::fs::symlink(&scenarios, place.out_path("linked")).unwrap();
+    std::os::unix::fs::symlink(&scenarios, campaign.out_path("linked")).unwrap();
     // One scenario has its graph in a separate file.
     for name in ["triangle.toml", "swarm64.toml"] {
         let absolute = scenarios.join(name).to_str().unwrap().to_owned();
         let paths = [absolute, format!("linked/{name}"), format!("./linked/../scenarios/{name}")];
         let identities = paths.map(|path| {
             let text = format!("name = \"one\"\nscenario = \"{path}\"\nseeds = 1\n");
-            fs::write(place.out_path("campaign.toml"), text).unwrap();
-            let line = run_to_exit_code(place.sweep("out", &["--emit-commands"]), 0);
+            fs::write(campaign.out_path("campaign.toml"), text).unwrap();
+            let line = run_to_exit_code(campaign.sweep("out", &["--emit-commands"]), 0);
             let (_, run) = line.split_once("/runs/").expect("a run");
             run[..64].to_owned()
         });
@@ -191,15 +192,15 @@ fn run_identity_is_independent_of_the_scenario_path_spelling() {
 
 #[test]
 fn axes_zips_and_faults_make_the_grid_and_the_table() {
-    let place = CampaignDir::new(
+    let campaign = CampaignDir::new(
         "name = \"grid\"\nscenario = \"SCENARIOS/triangle.toml\"\n\
          zip = [[\"avoidance.kind\", \"period_s\"]]\nfaults = [\"loss r2->r1 of {lost} @0.1\"]\n\
          set = { duration_s = 0.4, expect.converged_by_s = 0.4 }\n\
          [vary]\navoidance.kind = [\"guard\", \"none\"]\nperiod_s = [0.01, 0.02]\n\
          lost = [\"none\", 1]\nfault = [\"none\", \"kill r3 @0.2\"]\n",
     );
-    run_to_exit_code(place.sweep("out", &[]), 0);
-    let table = place.file("out/runs.csv");
+    run_to_exit_code(campaign.sweep("out", &[]), 0);
+    let table = campaign.file("out/runs.csv");
     let rows = rows(&table);
     assert_eq!(rows[0][..5], ["avoidance.kind", "period_s", "lost", "fault", "seed"]);
     let points: Vec<String> = rows[1..].iter().map(|row| row[..4].join(" ")).collect();
@@ -223,16 +224,17 @@ fn axes_zips_and_faults_make_the_grid_and_the_table() {
         let ticks = if row[1] == "0.01" { "40" } else { "20" };
         assert_eq!(row[column("ticks")], ticks, "{row:?}");
     }
-    let page = place.file("out/report.html");
+    let page = campaign.file("out/report.html");
     assert!(page.contains("avoidance.kind") && page.contains("Wilson"), "{page}");
-    let json: serde_json::Value = serde_json::from_str(&place.file("out/campaign.json")).unwrap();
+    let json: serde_json::Value =
+        serde_json::from_str(&campaign.file("out/campaign.json")).unwrap();
     assert_eq!(json["points"].as_array().unwrap().len(), 8);
     assert_eq!(json["zip"], serde_json::json!([["avoidance.kind", "period_s"]]));
 }
 
 #[test]
 fn case_descriptions_are_in_the_report_and_campaign_json() {
-    let place = CampaignDir::new(
+    let campaign = CampaignDir::new(
         "name = \"cases\"\nscenario = \"SCENARIOS/triangle.toml\"\nseeds = 1\n\
          case = [\n\
          { axis = \"robots\", name = \"all live\" },\n\
@@ -240,14 +242,15 @@ fn case_descriptions_are_in_the_report_and_campaign_json() {
            starts = { box_m = [2, 3], apart_m = 0.3 } },\n\
          ]\nset = { duration_s = 0.2, expect = {} }\n",
     );
-    run_to_exit_code(place.sweep("out", &["--in-process"]), 0);
-    let json: serde_json::Value = serde_json::from_str(&place.file("out/campaign.json")).unwrap();
+    run_to_exit_code(campaign.sweep("out", &["--in-process"]), 0);
+    let json: serde_json::Value =
+        serde_json::from_str(&campaign.file("out/campaign.json")).unwrap();
     let cases = &json["axes"][0]["cases"];
     assert_eq!(cases[0]["faults"], serde_json::json!([]));
     assert_eq!(cases[1]["faults"], serde_json::json!(["kill r3 @0.1"]));
     assert_eq!(cases[1]["set"], serde_json::json!(["period_s=0.01"]));
     assert_eq!(cases[1]["starts"]["box_m"], serde_json::json!([2.0, 3.0]));
-    let page = place.file("out/report.html");
+    let page = campaign.file("out/report.html");
     assert!(page.contains("robots all live: nothing changed"), "{page}");
     assert!(
         page.contains("robots one dies: period_s=0.01; fault kill r3 @0.1; starts drawn"),
@@ -257,61 +260,61 @@ fn case_descriptions_are_in_the_report_and_campaign_json() {
 
 #[test]
 fn run_with_three_machinery_failures_is_retried_on_request() {
-    let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 1"));
+    let campaign = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 1"));
     let nowhere = |args: &[&str]| {
-        let mut command = place.sweep("out", args);
-        command.env("PHALANX_RUN_ROOT", place.out_path("no/such/place"));
+        let mut command = campaign.sweep("out", args);
+        command.env("PHALANX_RUN_ROOT", campaign.out_path("no/such/place"));
         command
     };
-    let said = run_to_exit_code(nowhere(&[]), 4);
-    assert!(said.contains("1 given up"), "{said}");
-    let table = place.file("out/runs.csv");
+    let output = run_to_exit_code(nowhere(&[]), 4);
+    assert!(output.contains("1 given up"), "{output}");
+    let table = campaign.file("out/runs.csv");
     assert!(table.lines().nth(1).unwrap().starts_with("1,infrastructure,4,"), "{table}");
-    assert!(place.file("out/timing.csv").lines().nth(1).unwrap().contains(",3,"));
+    assert!(campaign.file("out/timing.csv").lines().nth(1).unwrap().contains(",3,"));
     // The run stays declared failed.
-    run_to_exit_code(place.sweep("out", &[]), 4);
-    run_to_exit_code(place.sweep("out", &["--retry"]), 0);
-    assert!(!place.file("out/runs.csv").contains("infrastructure"));
+    run_to_exit_code(campaign.sweep("out", &[]), 4);
+    run_to_exit_code(campaign.sweep("out", &["--retry"]), 0);
+    assert!(!campaign.file("out/runs.csv").contains("infrastructure"));
 }
 
 #[test]
 fn real_time_runs_are_sequential_and_kept_on_request() {
-    let place = CampaignDir::new(
+    let campaign = CampaignDir::new(
         "name = \"real\"\nscenario = \"SCENARIOS/triangle.toml\"\npace = \"realtime\"\nseeds = 2\n\
          keep = \"all\"\nset = { duration_s = 0.5, period_s = 0.02, expect.converged_by_s = 0.5 }\n",
     );
-    let said = run_to_exit_code(place.sweep("out", &["--jobs", "2"]), 0);
-    assert!(said.contains("one run at a time") && said.contains(", 1 at a time"), "{said}");
-    let runs = fs::read_dir(place.out_path("out/runs")).unwrap().flatten();
+    let output = run_to_exit_code(campaign.sweep("out", &["--jobs", "2"]), 0);
+    assert!(output.contains("one run at a time") && output.contains(", 1 at a time"), "{output}");
+    let runs = fs::read_dir(campaign.out_path("out/runs")).unwrap().flatten();
     let recorded = runs.filter(|run| run.path().join("run.mcap").exists()).count();
     assert_eq!(recorded, 2);
 }
 
 #[test]
 fn commands_printed_for_other_engines_give_the_same_table() {
-    let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = [4, 7]"));
-    run_to_exit_code(place.sweep("own", &[]), 0);
-    let lines = run_to_exit_code(place.sweep("theirs", &["--emit-commands"]), 0);
+    let campaign = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = [4, 7]"));
+    run_to_exit_code(campaign.sweep("own", &[]), 0);
+    let lines = run_to_exit_code(campaign.sweep("theirs", &["--emit-commands"]), 0);
     assert_eq!(lines.lines().count(), 2, "{lines}");
     for line in lines.lines() {
         let mut shell = Command::new("sh");
         shell.args(["-c", line]);
-        run_to_exit_code(place.prepared(shell), 0);
+        run_to_exit_code(campaign.prepared(shell), 0);
     }
-    assert_eq!(run_to_exit_code(place.sweep("theirs", &["--emit-commands"]), 0), "");
-    run_to_exit_code(place.sweep("theirs", &["--collect"]), 0);
-    assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
+    assert_eq!(run_to_exit_code(campaign.sweep("theirs", &["--emit-commands"]), 0), "");
+    run_to_exit_code(campaign.sweep("theirs", &["--collect"]), 0);
+    assert_eq!(campaign.file("own/runs.csv"), campaign.file("theirs/runs.csv"));
 }
 
 #[test]
 fn batched_commands_run_only_their_runs_and_give_equal_tables() {
-    let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 4"));
-    run_to_exit_code(place.sweep("own", &[]), 0);
-    let said = run_to_exit_code(place.sweep("theirs", &["--only", "2"]), 0);
-    assert!(said.contains("nine: 1 of 1 runs (2) have a result\n"), "{said}");
-    assert_eq!((place.complete("theirs"), place.file("theirs/runs.csv")), (1, String::new()));
+    let campaign = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 4"));
+    run_to_exit_code(campaign.sweep("own", &[]), 0);
+    let output = run_to_exit_code(campaign.sweep("theirs", &["--only", "2"]), 0);
+    assert!(output.contains("nine: 1 of 1 runs (2) have a result\n"), "{output}");
+    assert_eq!((campaign.complete("theirs"), campaign.file("theirs/runs.csv")), (1, String::new()));
     let emit = ["--emit-commands", "--chunk", "2", "--in-process"];
-    let lines = run_to_exit_code(place.sweep("theirs", &emit), 0);
+    let lines = run_to_exit_code(campaign.sweep("theirs", &emit), 0);
     let only = lines.lines().map(|line| line.split(" --only ").nth(1).unwrap());
     let expected = ["1,3 --jobs 1 --in-process", "4 --jobs 1 --in-process"];
     assert_eq!(only.collect::<Vec<_>>(), expected);
@@ -319,32 +322,33 @@ fn batched_commands_run_only_their_runs_and_give_equal_tables() {
         let mut shell = Command::new("sh");
         // From any folder.
         shell.args(["-c", line]).current_dir("/");
-        run_to_exit_code(place.prepared(shell), 0);
+        run_to_exit_code(campaign.prepared(shell), 0);
     }
-    assert_eq!(run_to_exit_code(place.sweep("theirs", &emit), 0), "");
-    run_to_exit_code(place.sweep("theirs", &["--collect"]), 0);
-    assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
-    let said = run_to_exit_code(place.sweep("theirs", &["--only", "3-5"]), 2);
-    assert!(said.contains("--only 3-5 is out of range: nine has 4 runs"), "{said}");
-    let said = run_to_exit_code(place.sweep("theirs", &["--emit-commands", "--in-process"]), 2);
-    assert!(said.contains("add --chunk RUNS"), "{said}");
+    assert_eq!(run_to_exit_code(campaign.sweep("theirs", &emit), 0), "");
+    run_to_exit_code(campaign.sweep("theirs", &["--collect"]), 0);
+    assert_eq!(campaign.file("own/runs.csv"), campaign.file("theirs/runs.csv"));
+    let output = run_to_exit_code(campaign.sweep("theirs", &["--only", "3-5"]), 2);
+    assert!(output.contains("--only 3-5 is out of range: nine has 4 runs"), "{output}");
+    let output =
+        run_to_exit_code(campaign.sweep("theirs", &["--emit-commands", "--in-process"]), 2);
+    assert!(output.contains("add --chunk RUNS"), "{output}");
 }
 
 /// Runs the commands of a campaign with another engine: a shell command in which `COMMANDS` is the file of the
 /// commands.
 fn run_with_engine(engine: &str) {
-    let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
-    run_to_exit_code(place.sweep("own", &[]), 0);
-    let lines = run_to_exit_code(place.sweep("theirs", &["--emit-commands"]), 0);
-    fs::write(place.out_path("commands.txt"), &lines).unwrap();
+    let campaign = CampaignDir::new(NINE_RUN_CAMPAIGN);
+    run_to_exit_code(campaign.sweep("own", &[]), 0);
+    let lines = run_to_exit_code(campaign.sweep("theirs", &["--emit-commands"]), 0);
+    fs::write(campaign.out_path("commands.txt"), &lines).unwrap();
     let tools = Path::new(ROOT).join("target/engines/bin");
     let mut shell = Command::new("bash");
     let path = format!("{}:{}", tools.display(), std::env::var("PATH").unwrap());
-    shell.args(["-euc", engine]).current_dir(place.out_path("")).env("PATH", path);
-    run_to_exit_code(place.prepared(shell), 0);
-    run_to_exit_code(place.sweep("theirs", &["--collect"]), 0);
-    assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
-    place.assert_no_process_left();
+    shell.args(["-euc", engine]).current_dir(campaign.out_path("")).env("PATH", path);
+    run_to_exit_code(campaign.prepared(shell), 0);
+    run_to_exit_code(campaign.sweep("theirs", &["--collect"]), 0);
+    assert_eq!(campaign.file("own/runs.csv"), campaign.file("theirs/runs.csv"));
+    campaign.assert_no_process_left();
 }
 
 #[test]

@@ -45,8 +45,8 @@ const CHAOS: &str = "{ axis = \"case\", name = \"chaos\", scenario = \"SCENARIOS
       \"cut r1->r4 @4.001 for 2\", \"loss r6->r7 of 0.9 @2 for 5\", \"delay r7->r6 by 0.006 jitter 0.01 @0.5 for 4\", \
       \"noise r3 odometry by 0.001 @1 for 3\", \"slow r8 by 0.003 @7 for 0.5\"] },\n]\n[set]";
 
-fn runs(place: &CampaignDir, out: &str) -> Vec<String> {
-    let runs = fs::read_dir(place.out_path(out).join("runs")).unwrap().flatten();
+fn runs(campaign: &CampaignDir, out: &str) -> Vec<String> {
+    let runs = fs::read_dir(campaign.out_path(out).join("runs")).unwrap().flatten();
     let mut runs: Vec<String> = runs.map(|run| run.file_name().into_string().unwrap()).collect();
     runs.sort();
     runs
@@ -62,40 +62,43 @@ fn determined(path: &Path) -> Value {
 
 #[test]
 fn campaign_in_process_equals_processes_byte_for_byte() {
-    let place = CampaignDir::new(&FULL_CAMPAIGN.replace("KEEP", "all").replace("]\n[set]", CHAOS));
-    run_to_exit_code(place.sweep("processes", &[]), 0);
-    let said = run_to_exit_code(place.sweep("one", &["--in-process"]), 0);
-    assert!(!said.contains("by processes"), "{said}");
-    let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
+    let campaign =
+        CampaignDir::new(&FULL_CAMPAIGN.replace("KEEP", "all").replace("]\n[set]", CHAOS));
+    run_to_exit_code(campaign.sweep("processes", &[]), 0);
+    let output = run_to_exit_code(campaign.sweep("one", &["--in-process"]), 0);
+    assert!(!output.contains("by processes"), "{output}");
+    let [processes, one] =
+        ["processes", "one"].map(|out| campaign.file(&format!("{out}/runs.csv")));
     assert_eq!(processes, one);
     assert_eq!(one.lines().count(), 10, "{one}");
-    assert_stored_files_equal(&place);
+    assert_stored_files_equal(&campaign);
     let summary =
-        |run: &String| determined(&place.out_path("one/runs").join(run).join("summary.json"));
-    let mut summaries = runs(&place, "one").iter().map(summary).collect::<Vec<_>>().into_iter();
+        |run: &String| determined(&campaign.out_path("one/runs").join(run).join("summary.json"));
+    let mut summaries = runs(&campaign, "one").iter().map(summary).collect::<Vec<_>>().into_iter();
     let chaos = summaries.find(|summary| summary["scenario"] == "containment-chaos").unwrap();
     assert!(chaos["faults"].as_array().unwrap().len() > 12, "there was chaos: {chaos:#}");
     let refused = chaos["beacons_refused"].as_object().unwrap().values();
     let refused: u64 = refused.filter_map(Value::as_u64).sum();
     assert!(refused > 0, "beacons overtook each other: {chaos:#}");
     // Measured entries have a value, and entries that need processes have none.
-    let timing = place.file("one/timing.csv");
-    let heads: Vec<&str> = timing.lines().next().unwrap().split(',').collect();
+    let timing = campaign.file("one/timing.csv");
+    let columns: Vec<&str> = timing.lines().next().unwrap().split(',').collect();
     for line in timing.lines().skip(1) {
-        for (head, field) in heads.iter().zip(line.split(',')) {
-            assert_eq!(field.is_empty(), *head == "startup_s", "{head} of {line}");
+        for (column, field) in columns.iter().zip(line.split(',')) {
+            assert_eq!(field.is_empty(), *column == "startup_s", "{column} of {line}");
         }
     }
 }
 
 /// Checks that the stored files of the runs in the folders `processes` and `one` are equal, except for wall times.
 #[track_caller]
-fn assert_stored_files_equal(place: &CampaignDir) {
-    let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
+fn assert_stored_files_equal(campaign: &CampaignDir) {
+    let [processes, one] =
+        ["processes", "one"].map(|out| campaign.file(&format!("{out}/runs.csv")));
     assert_eq!(processes, one);
-    assert_eq!(runs(place, "processes"), runs(place, "one"));
-    for run in runs(place, "one") {
-        let of = |out: &str, file: &str| place.out_path(out).join("runs").join(&run).join(file);
+    assert_eq!(runs(campaign, "processes"), runs(campaign, "one"));
+    for run in runs(campaign, "one") {
+        let of = |out: &str, file: &str| campaign.out_path(out).join("runs").join(&run).join(file);
         for file in ["scenario.toml", "samples.csv", "pairs.csv", "events.csv", "run.mcap"] {
             let [a, b] = ["processes", "one"].map(|out| fs::read(of(out, file)).unwrap());
             assert!(a == b, "{file} of {run} differs");
@@ -107,7 +110,7 @@ fn assert_stored_files_equal(place: &CampaignDir) {
 
 #[test]
 fn early_end_tick_is_equal_in_processes_and_in_process() {
-    let place = CampaignDir::new(
+    let campaign = CampaignDir::new(
         "name = \"early\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep = \"all\"\n\
          case = [\n\
          { axis = \"case\", name = \"freeze\", faults = [\"freeze r3 @11 for 0.4\"] },\n\
@@ -119,12 +122,12 @@ fn early_end_tick_is_equal_in_processes_and_in_process() {
          { axis = \"hold\", name = \"0.03\", set = { end_after_converged_s = 0.03 } },\n]\n\
          [set]\nduration_s = 300\nperiod_s = 0.02\nexpect = {}\n",
     );
-    run_to_exit_code(place.sweep("processes", &[]), 0);
-    run_to_exit_code(place.sweep("one", &["--in-process"]), 0);
-    assert_stored_files_equal(&place);
+    run_to_exit_code(campaign.sweep("processes", &[]), 0);
+    run_to_exit_code(campaign.sweep("one", &["--in-process"]), 0);
+    assert_stored_files_equal(&campaign);
     let mut held_s = Vec::new();
-    for run in runs(&place, "one") {
-        let summary = determined(&place.out_path("one/runs").join(run).join("summary.json"));
+    for run in runs(&campaign, "one") {
+        let summary = determined(&campaign.out_path("one/runs").join(run).join("summary.json"));
         assert_eq!(summary["ended_early"], true, "{summary}");
         let number = |key: &str| summary[key].as_f64().unwrap();
         let (t_s, converged_at_s) = (number("t_s"), number("converged_at_s"));
@@ -142,34 +145,34 @@ fn early_end_tick_is_equal_in_processes_and_in_process() {
 
 #[test]
 fn campaign_resumes_in_process_and_with_processes() {
-    let place = CampaignDir::new(&FULL_CAMPAIGN.replace("KEEP", "summary"));
-    run_to_exit_code(place.sweep("whole", &["--in-process"]), 0);
-    let table = place.file("whole/runs.csv");
-    for (out, first, then) in
+    let campaign = CampaignDir::new(&FULL_CAMPAIGN.replace("KEEP", "summary"));
+    run_to_exit_code(campaign.sweep("whole", &["--in-process"]), 0);
+    let table = campaign.file("whole/runs.csv");
+    for (out, first, second) in
         [("one", vec!["--in-process"], vec![]), ("other", vec![], vec!["--in-process"])]
     {
-        run_to_exit_code(place.sweep(out, &first), 0);
-        for run in runs(&place, out).iter().step_by(2) {
-            fs::remove_dir_all(place.out_path(out).join("runs").join(run)).unwrap();
+        run_to_exit_code(campaign.sweep(out, &first), 0);
+        for run in runs(&campaign, out).iter().step_by(2) {
+            fs::remove_dir_all(campaign.out_path(out).join("runs").join(run)).unwrap();
         }
-        let said = run_to_exit_code(place.sweep(out, &then), 0);
-        assert!(said.contains("4 runs in"), "{said}");
-        assert_eq!(place.file(&format!("{out}/runs.csv")), table);
+        let output = run_to_exit_code(campaign.sweep(out, &second), 0);
+        assert!(output.contains("4 runs in"), "{output}");
+        assert_eq!(campaign.file(&format!("{out}/runs.csv")), table);
     }
 }
 
 #[test]
 fn in_process_campaign_starts_processes_only_if_required() {
-    let place = CampaignDir::new(
+    let campaign = CampaignDir::new(
         "name = \"plant\"\nscenario = \"SCENARIOS/triangle.toml\"\n\
          set = { duration_s = 1.0, expect.converged_by_s = 1.0 }\n\
          vary.fault = [\"none\", \"kill plant @0.5\", \"load of 1 @0.2 for 0.2\"]\n",
     );
-    let said = run_to_exit_code(place.sweep("one", &["--in-process"]), 0);
-    assert!(said.contains("2 of them by processes"), "{said}");
-    run_to_exit_code(place.sweep("processes", &[]), 0);
-    let table = place.file("processes/runs.csv");
-    assert_eq!(place.file("one/runs.csv"), table);
+    let output = run_to_exit_code(campaign.sweep("one", &["--in-process"]), 0);
+    assert!(output.contains("2 of them by processes"), "{output}");
+    run_to_exit_code(campaign.sweep("processes", &[]), 0);
+    let table = campaign.file("processes/runs.csv");
+    assert_eq!(campaign.file("one/runs.csv"), table);
     assert!(table.contains("\nkill plant @0.5,1,missed,4,"), "its end is a result: {table}");
 }
 
@@ -185,48 +188,48 @@ fn plant_kill_is_refused_in_process() {
 
 #[test]
 fn in_real_time_a_run_is_its_processes() {
-    let place = CampaignDir::new(&format!("pace = \"realtime\"\n{NINE_RUN_CAMPAIGN}"));
-    let said = run_to_exit_code(place.sweep("out", &["--in-process"]), 2);
-    assert!(said.contains("remove the option"), "{said}");
-    assert!(!place.out_path("out").exists());
+    let campaign = CampaignDir::new(&format!("pace = \"realtime\"\n{NINE_RUN_CAMPAIGN}"));
+    let output = run_to_exit_code(campaign.sweep("out", &["--in-process"]), 2);
+    assert!(output.contains("remove the option"), "{output}");
+    assert!(!campaign.out_path("out").exists());
 }
 
 #[test]
 fn interrupted_in_process_campaign_leaves_no_partial_run() {
-    let place = CampaignDir::new(
+    let campaign = CampaignDir::new(
         &NINE_RUN_CAMPAIGN
             .replace("duration_s = 1.0", "duration_s = 100000.0")
             .replace("_by_s = 1.0", "_by_s = 9.0"),
     );
-    let mut child = place.sweep("out", &["--in-process"]).spawn().unwrap();
-    place.wait_for(&mut child, || !runs_if_any(&place).is_empty());
+    let mut child = campaign.sweep("out", &["--in-process"]).spawn().unwrap();
+    campaign.wait_for(&mut child, || !runs_if_any(&campaign).is_empty());
     signal_pid(child.id(), Signal::INT);
     let output = child.wait_with_output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(130), "{said}");
-    assert!(said.contains("0 of 9 runs are done"), "{said}");
-    assert!(runs_if_any(&place).is_empty(), "{:?}", runs_if_any(&place));
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{stderr}");
+    assert!(stderr.contains("0 of 9 runs are done"), "{stderr}");
+    assert!(runs_if_any(&campaign).is_empty(), "{:?}", runs_if_any(&campaign));
 }
 
-fn runs_if_any(place: &CampaignDir) -> Vec<String> {
-    if place.out_path("out/runs").exists() { runs(place, "out") } else { Vec::new() }
+fn runs_if_any(campaign: &CampaignDir) -> Vec<String> {
+    if campaign.out_path("out/runs").exists() { runs(campaign, "out") } else { Vec::new() }
 }
 
 #[test]
 fn run_past_its_deadline_counts_as_machinery_failure() {
-    let place = CampaignDir::new(&format!(
+    let campaign = CampaignDir::new(&format!(
         "deadline_s = 0.001\n{}",
         NINE_RUN_CAMPAIGN
             .replace("seeds = 9", "seeds = 1")
             .replace("duration_s = 1.0", "duration_s = 10000.0")
     ));
     for (out, args) in [("processes", &[][..]), ("one", &["--in-process"])] {
-        let said = run_to_exit_code(place.sweep(out, args), 4);
-        assert!(said.contains("1 given up"), "{said}");
-        assert!(place.file(&format!("{out}/runs.csv")).contains(",infrastructure,4,"));
-        let left = runs(&place, out);
-        let ends = |name: &String| name.ends_with(".failed") || name.ends_with(".log");
-        assert!(left.iter().all(ends), "{left:?}");
+        let output = run_to_exit_code(campaign.sweep(out, args), 4);
+        assert!(output.contains("1 given up"), "{output}");
+        assert!(campaign.file(&format!("{out}/runs.csv")).contains(",infrastructure,4,"));
+        let left = runs(&campaign, out);
+        let is_partial = |name: &String| name.ends_with(".failed") || name.ends_with(".log");
+        assert!(left.iter().all(is_partial), "{left:?}");
     }
-    place.assert_no_process_left();
+    campaign.assert_no_process_left();
 }

@@ -181,12 +181,12 @@ fn chapter_page_has_the_minimum_distances_of_focus() {
     let rows = map_in_parallel(&[0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0], |&ms| {
         let starts = STARTS.map(|name| literal(name, ms));
         let nearest_m = starts.iter().map(|start| start.0).fold(f64::INFINITY, f64::min);
-        let led = LED_CASES.map(|(name, d)| {
+        let with_leader = LED_CASES.map(|(name, d)| {
             let (distance_m, error_m) = literal(name, ms);
             [format!("{:.3}", distance_m / d), error(error_m)]
         });
         let case_1 = [format!("{:.4}", nearest_m / CASE_1_D_M), format!("{:.2}", starts[2].1)];
-        row([format!("{ms}")].into_iter().chain(case_1).chain(led.into_iter().flatten()))
+        row([format!("{ms}")].into_iter().chain(case_1).chain(with_leader.into_iter().flatten()))
     });
     assert_page_has(&rows);
 }

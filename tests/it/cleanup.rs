@@ -62,14 +62,14 @@ fn next_run_removes_resources_of_a_killed_supervisor() {
 fn unusable_out_directory_is_refused_without_a_kept_message() {
     let scratch = tempfile::tempdir().unwrap();
     std::fs::write(scratch.path().join("precious"), "data").unwrap();
-    for (out, code, said) in [
+    for (out, code, expected) in [
         (scratch.path(), 2, "exists already"),
         (Path::new("/proc/run"), 4, "error: cannot make /proc/run: "),
         (Path::new("/proc/runs/new"), 4, "error: cannot make /proc/runs: "),
     ] {
         let mut run = phalanx(["run", "scenarios/triangle.toml", "--pace", "lockstep", "--out"]);
         let stderr = run.arg(out).exits_with(code).stderr;
-        assert!(stderr.contains(said) && !stderr.contains("kept"), "{stderr}");
+        assert!(stderr.contains(expected) && !stderr.contains("kept"), "{stderr}");
     }
     assert_eq!(files_below(scratch.path()).len(), 1);
 }
@@ -123,21 +123,21 @@ fn file_size_limit_below_shared_memory_size_is_reported() {
 
 #[test]
 fn summary_and_verdict_survive_a_full_disk() {
-    let place = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
-    let [disk, kept] = ["disk", "kept"].map(|name| place.path().join(name));
+    let parent = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
+    let [disk, copy] = ["disk", "kept"].map(|name| parent.path().join(name));
     std::fs::create_dir(&disk).unwrap();
     // A disk in a mount namespace of the run, which is removed with it: its files are copied before.
     let script = "mount -t tmpfs -o size=1500k tmpfs \"$1\" || exit 77
         disk=$1 kept=$2; shift 2; \"$@\" --out \"$disk/run\"; code=$?
         cp -r \"$disk/run\" \"$kept\"; exit $code";
     let mut unshare = Command::new("unshare");
-    unshare.args(["--map-root-user", "--mount", "sh", "-c", script, "sh"]).args([&disk, &kept]);
+    unshare.args(["--map-root-user", "--mount", "sh", "-c", script, "sh"]).args([&disk, &copy]);
     unshare.args([PHALANX, "run", "scenarios/triangle.toml"]);
     unshare.args("--pace lockstep --set period_s=0.0005 --set record_hz=2000".split(' '));
-    unshare.current_dir(ROOT).env("PHALANX_RUN_ROOT", place.path());
+    unshare.current_dir(ROOT).env("PHALANX_RUN_ROOT", parent.path());
     let output = unshare.output().unwrap();
     let [out, error] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
-    if !kept.exists() {
+    if !copy.exists() {
         assert!(error.contains("unshare") || error.contains("mount"), "{error}");
         eprintln!("skipped: no disk can be mounted here: {error}");
         return;
@@ -145,18 +145,18 @@ fn summary_and_verdict_survive_a_full_disk() {
     assert_eq!(output.status.code(), Some(4), "{out}{error}");
     let named = ["samples.csv", "run.mcap"].iter().any(|file| error.contains(file));
     assert!(named && error.contains("No space left"), "{error}");
-    let summary = std::fs::read(kept.join("summary.json")).unwrap();
+    let summary = std::fs::read(copy.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
     assert_eq!(summary["exit"], 4);
     assert!(summary["min_distance_m"].as_f64().unwrap() > 0.2, "{summary}");
     assert!(out.contains("triangle, lockstep: ended early"), "{out}");
     assert!(out.contains("smallest distance") && out.contains("not all of it is written"), "{out}");
     let rest = ["pairs.csv", "latency.csv", "latency_over_time.csv", "latency.hlog"];
-    let is_empty = |name: &&str| std::fs::metadata(kept.join(name)).unwrap().len() == 0;
+    let is_empty = |name: &&str| std::fs::metadata(copy.join(name)).unwrap().len() == 0;
     let empty: Vec<&str> = rest.into_iter().filter(is_empty).collect();
     assert!(!empty.is_empty(), "the disk has room");
     // The recording fills the disk; all samples may fit into the remaining space.
-    let samples = std::fs::read_to_string(kept.join("samples.csv")).unwrap();
+    let samples = std::fs::read_to_string(copy.join("samples.csv")).unwrap();
     let newest = samples.lines().last().and_then(|line| line.split(',').next()?.parse().ok());
     let cut: &[&str] = if newest == summary["t_s"].as_f64() { &[] } else { &["samples.csv"] };
     for name in [&empty[..], cut, &["run.mcap"]].concat() {
@@ -164,6 +164,6 @@ fn summary_and_verdict_survive_a_full_disk() {
         assert!(error.contains(&named), "{name} is not named: {error}");
     }
     let parts =
-        files_below(&kept).into_iter().filter(|path| path.extension() == Some("part".as_ref()));
+        files_below(&copy).into_iter().filter(|path| path.extension() == Some("part".as_ref()));
     assert_eq!(parts.count(), 0);
 }

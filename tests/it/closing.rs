@@ -22,14 +22,14 @@ const DISTANCE_MIN_M: f64 = 0.2;
 pub fn scattered_scenario(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
     let columns = if robots > 12 { 6 } else { 4 };
     let side_m = 2.4 * (robots as f64 / 12.0).sqrt();
-    let mut dice = SplitMix64::new(seed);
+    let mut rng = SplitMix64::new(seed);
     let mut scenario = scenario("lattice-12", &["duration_s=120"]);
     let one = scenario.robots[0].clone();
     let mut alphas: Vec<Vec2> = Vec::new();
     scenario.robots.clear();
     while alphas.len() < robots {
-        let [x_m, y_m] = [0, 1].map(|_| side_m * dice.draw_unit() - 0.5 * side_m);
-        let heading_rad = std::f64::consts::TAU * (dice.draw_unit() - 0.5);
+        let [x_m, y_m] = [0, 1].map(|_| side_m * rng.draw_unit() - 0.5 * side_m);
+        let heading_rad = std::f64::consts::TAU * (rng.draw_unit() - 0.5);
         let start = Pose { x_m, y_m, heading_rad };
         let alpha = front_point(start, one.front_point_m);
         if alphas.iter().all(|other| (alpha - other).norm() > 0.25) {
@@ -38,12 +38,12 @@ pub fn scattered_scenario(robots: usize, gap_m: f64, both_ways: bool, seed: u64)
             scenario.robots.push(experiment::scenario::Robot { name, start, ..one.clone() });
         }
     }
-    let beside = |at: usize| {
-        let left = (!at.is_multiple_of(columns)).then(|| (at - 1, Vec2::new(gap_m, 0.0)));
-        let below = (at >= columns).then(|| (at - columns, Vec2::new(0.0, gap_m)));
+    let in_neighbors = |index: usize| {
+        let left = (!index.is_multiple_of(columns)).then(|| (index - 1, Vec2::new(gap_m, 0.0)));
+        let below = (index >= columns).then(|| (index - columns, Vec2::new(0.0, gap_m)));
         [left, below].into_iter().flatten()
     };
-    let ahead = |to| beside(to).map(move |(from, offset_m)| Edge { from, to, offset_m });
+    let ahead = |to| in_neighbors(to).map(move |(from, offset_m)| Edge { from, to, offset_m });
     let mut edges: Vec<Edge> = (0..robots).flat_map(ahead).collect();
     if both_ways {
         let back = |edge: &Edge| Edge { from: edge.to, to: edge.from, offset_m: -edge.offset_m };
@@ -166,21 +166,21 @@ fn check_advises_opening_only_for_dense_closed_lattices() {
     let warned = |scenario: &Scenario| -> Vec<String> {
         check_scenario(scenario).into_iter().map(|finding| finding.message).collect()
     };
-    let asks =
+    let advises_opening =
         |messages: &[String]| messages.iter().any(|message| message.contains("arrives late"));
     let dense = scattered_scenario(12, 1.1 * DISTANCE_MIN_M, false, 1);
-    assert!(asks(&warned(&dense)), "{:?}", warned(&dense));
-    assert!(!asks(&warned(&scattered_scenario(12, 3.0 * DISTANCE_MIN_M, false, 1))));
-    let mut opens = opened(12, 1.1 * DISTANCE_MIN_M, false, 1, &[]);
-    assert!(!asks(&warned(&opens)));
+    assert!(advises_opening(&warned(&dense)), "{:?}", warned(&dense));
+    assert!(!advises_opening(&warned(&scattered_scenario(12, 3.0 * DISTANCE_MIN_M, false, 1))));
+    let mut closing = opened(12, 1.1 * DISTANCE_MIN_M, false, 1, &[]);
+    assert!(!advises_opening(&warned(&closing)));
     for (from, hold_s, over_s, word) in [
         (1.3, 70.0, 30.0, "no robot passes"),
         (2.2, 5.0, 30.0, "to reach its slot"),
         (2.2, 70.0, 900.0, "run ends"),
     ] {
         let reopen_at_s = Vec::new();
-        opens.leaderless_scale = Some(Scale::Closing { from, hold_s, over_s, reopen_at_s });
-        let messages = warned(&opens);
+        closing.leaderless_scale = Some(Scale::Closing { from, hold_s, over_s, reopen_at_s });
+        let messages = warned(&closing);
         assert!(messages.iter().any(|message| message.contains(word)), "{word}: {messages:?}");
     }
 }

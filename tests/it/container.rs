@@ -20,10 +20,10 @@ fn text(path: &str) -> String {
 /// Returns the arguments of all instructions of this kind, each as a list.
 fn instruction_arguments(kind: &str) -> Vec<Vec<String>> {
     let text = text("Dockerfile").replace("\\\n", " ");
-    let words = text.lines().map(|line| line.split_whitespace().map(str::to_owned));
-    let mut of_kind: Vec<Vec<String>> = words.map(Iterator::collect).collect();
-    of_kind.retain(|words| words.first().is_some_and(|first| first == kind));
-    of_kind.iter_mut().for_each(|words| drop(words.remove(0)));
+    let arguments = text.lines().map(|line| line.split_whitespace().map(str::to_owned));
+    let mut of_kind: Vec<Vec<String>> = arguments.map(Iterator::collect).collect();
+    of_kind.retain(|arguments| arguments.first().is_some_and(|first| first == kind));
+    of_kind.iter_mut().for_each(|arguments| drop(arguments.remove(0)));
     of_kind
 }
 
@@ -39,17 +39,19 @@ fn image_uses_repository_files_oldest_rust_and_the_ci_tests() {
     let ran = instruction_arguments("RUN");
     let tests = ["cargo", "test", "--workspace"];
     assert!(
-        ran.iter().any(|words| words[..3] == tests && words[3..].iter().all(|w| w == "--locked"))
+        ran.iter()
+            .any(|arguments| arguments[..3] == tests
+                && arguments[3..].iter().all(|w| w == "--locked"))
     );
     assert!(text(".ci/run").lines().any(|line| line == tests.join(" ")));
-    for words in &ran {
-        let [program, verb, rest @ ..] = &words[..] else { panic!("{words:?}") };
-        assert_eq!(program, "cargo", "{words:?}");
+    for arguments in &ran {
+        let [program, verb, rest @ ..] = &arguments[..] else { panic!("{arguments:?}") };
+        assert_eq!(program, "cargo", "{arguments:?}");
         // Arguments up to `--` are flags of cargo, which checks them before it handles `--help`.
         let own = rest.iter().take_while(|word| *word != "--");
         Command::new(env!("CARGO")).arg(verb).args(own).arg("--help").exits_with(0);
         for pair in rest.windows(2).filter(|pair| pair[0] == "--profile") {
-            assert!(manifest["profile"].get(&pair[1]).is_some(), "{words:?}");
+            assert!(manifest["profile"].get(&pair[1]).is_some(), "{arguments:?}");
         }
     }
     let made = ["dist/phalanx", "dist/phalanx-agent", "dist/phalanx-bench", "manual/man1"];
@@ -77,8 +79,8 @@ fn page_runs_the_image_with_valid_entry_point_arguments() {
     assert!(runs.len() >= 2, "{runs:?}");
     for line in runs {
         let (_, arguments) = line.split_once(" phalanx ").expect("the image's name");
-        let words = ["phalanx"].into_iter().chain(arguments.split(' '));
-        CommandLine::try_parse_from(words).unwrap_or_else(|error| panic!("{line}: {error}"));
+        let arguments = ["phalanx"].into_iter().chain(arguments.split(' '));
+        CommandLine::try_parse_from(arguments).unwrap_or_else(|error| panic!("{line}: {error}"));
     }
 }
 

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::elsewhere::{Pentagon, assert_keeps_distance, stderr_contains};
+use crate::external_laws::{Pentagon, assert_keeps_distance, stderr_contains};
 use crate::harness::ExitsWith as _;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
@@ -44,9 +44,9 @@ fn pentagon(source: &str, more: &[&str], gain: &str) -> Pentagon {
     );
     Pentagon::write(folder.path(), &law);
     let phalanx = || Command::new(env!("CARGO_BIN_EXE_phalanx"));
-    let by_hand = |folder: &Path, words: &[&Path]| {
+    let by_hand = |folder: &Path, arguments: &[&Path]| {
         let mut command = Command::new(folder.join("mine"));
-        command.args(words);
+        command.args(arguments);
         command
     };
     Pentagon { folder, phalanx, by_hand }
@@ -97,7 +97,7 @@ fn failing_cpp_law_ends_only_its_robot_with_the_reason() {
             "exit code 1",
         ),
     ];
-    for (fails_by, more, why, death) in cases {
+    for (fails_by, more, reason, death) in cases {
         let fails_by = format!("-DFAILS_BY={fails_by}");
         let fails = pentagon("tests/cpp/laws/fails.cpp", &[&fails_by, more], "k_f_m_s");
         let ended = fails.with_r3().lockstep().set("duration_s=2").finish();
@@ -105,7 +105,7 @@ fn failing_cpp_law_ends_only_its_robot_with_the_reason() {
         assert_keeps_distance(&ended);
         stderr_contains(&ended, "died unexpectedly");
         let log = ended.file("logs/r3.jsonl").replace("\\\"", "\"");
-        ended.assert_holds(log.contains(&why), format!("its log says {why:?}: {log}"));
+        ended.assert_holds(log.contains(&reason), format!("its log says {reason:?}: {log}"));
         let events = ended.file("events.csv");
         ended.assert_holds(
             events.contains(&format!("died,r3,{death}")),
@@ -114,7 +114,7 @@ fn failing_cpp_law_ends_only_its_robot_with_the_reason() {
     }
 }
 
-/// Three robots in a row with the law of `messages.c`, which all hear each other.
+/// Three robots in a row with the law of `messages.c`, each of which receives from the other two.
 const MESSAGES: &str = r#"
 name = "messages"
 duration_s = 10.0
@@ -173,24 +173,27 @@ fn messages(more: &[&str]) -> crate::harness::FinishedRun {
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn messages_targets_and_signals_of_c_laws_reach_the_results() {
-    let [once, again] = [(); 2].map(|()| messages(&[]));
-    once.exits_with(0).assert_leaves_nothing();
+    let [first, second] = [(); 2].map(|()| messages(&[]));
+    first.exits_with(0).assert_leaves_nothing();
     let hash = |ended: &crate::harness::FinishedRun| ended.summary["message_hash"].clone();
-    once.assert_holds(hash(&once) == hash(&again) && once.hash() == again.hash(), "the same twice");
-    once.assert_holds(once.number("/messages_sent/r1") == 1000.0, "a message at each tick");
-    let x_m = once.number("/metrics/x_m");
-    once.assert_holds(
+    first.assert_holds(
+        hash(&first) == hash(&second) && first.hash() == second.hash(),
+        "the same twice",
+    );
+    first.assert_holds(first.number("/messages_sent/r1") == 1000.0, "a message at each tick");
+    let x_m = first.number("/metrics/x_m");
+    first.assert_holds(
         (x_m - 3.0).abs() < 1e-6,
         format!("they agree on the mean of their starts: {x_m}"),
     );
-    let error_m = once.number("/final_error_m_max");
-    once.assert_holds(error_m < 0.01, format!("and go there: {error_m} m"));
+    let error_m = first.number("/final_error_m_max");
+    first.assert_holds(error_m < 0.01, format!("and go there: {error_m} m"));
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn wrong_messages_of_c_laws_end_the_robot_with_the_reason() {
-    for (wrong, why) in [
+    for (wrong, reason) in [
         ("phalanx_publish(seen, \"price\", law->estimate, 1)", "`price`, which is not declared"),
         ("return phalanx_publish(seen, \"n\", law->estimate, 1), 0", "the message has no `x_m`"),
         (
@@ -208,7 +211,8 @@ fn wrong_messages_of_c_laws_end_the_robot_with_the_reason() {
         let ended = messages(&[&format!("-DWRONG={wrong}")]);
         ended.exits_with(1).assert_leaves_nothing();
         let log = ended.file("logs/r1.jsonl");
-        ended.assert_holds(log.contains(why), format!("{wrong}: its log says {why:?}: {log}"));
+        ended
+            .assert_holds(log.contains(reason), format!("{wrong}: its log says {reason:?}: {log}"));
     }
 }
 
@@ -219,9 +223,9 @@ fn cpp_program_that_cannot_serve_prints_the_reason() {
         (&[][..], "the law \"mine\" has no gain \"k_f\"; its gains: k_f_m_s", "exit code 1"),
         (&["-DSERVES_NONE"], "the law \"mine\" is NULL", "exit code 4"),
     ];
-    for (more, why, death) in cases {
+    for (more, reason, death) in cases {
         let wrong = pentagon("tests/cpp/laws/wrong.cpp", more, "k_f_m_s");
-        wrong.assert_cannot_start(&[], &[why, death]);
+        wrong.assert_cannot_start(&[], &[reason, death]);
     }
 }
 
@@ -241,15 +245,15 @@ fn cpp_program_of_another_version_is_refused() {
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn c_header_equals_the_output_of_cbindgen() {
-    let made = Command::new("cbindgen")
+    let generated = Command::new("cbindgen")
         .args(["--quiet", "--config", "bindings/c/cbindgen.toml", "bindings/c/src/abi.rs"])
         .current_dir(ROOT)
         .exits_with(0)
         .stdout;
     let path = Path::new(ROOT).join("bindings/c/include/phalanx.h");
     if std::env::var_os("PHALANX_BLESS").is_some() {
-        std::fs::write(&path, &made).unwrap();
+        std::fs::write(&path, &generated).unwrap();
     }
-    let kept = std::fs::read_to_string(&path).unwrap();
-    assert!(kept == made, "PHALANX_BLESS=1 writes it anew");
+    let committed = std::fs::read_to_string(&path).unwrap();
+    assert!(committed == generated, "PHALANX_BLESS=1 writes it anew");
 }

@@ -33,28 +33,30 @@ const RECORDS: [(u8, &str, &[usize]); 11] = [
 
 /// Returns the offsets of the records of a recording, with their opcodes and lengths.
 fn layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
-    let (mut at, mut found) = (8, Vec::new());
-    while at < bytes.len() - 8 {
-        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
-        found.push((bytes[at], at, length));
-        at += 9 + length;
+    let (mut offset, mut found) = (8, Vec::new());
+    while offset < bytes.len() - 8 {
+        let length = u64::from_le_bytes(bytes[offset + 1..offset + 9].try_into().unwrap()) as usize;
+        found.push((bytes[offset], offset, length));
+        offset += 9 + length;
     }
     found
 }
 
-/// Function that damages a recording. `at` and `length` are the offset and length of a record.
-type Change = fn(bytes: &mut [u8], at: usize, length: usize);
+/// Function that damages a recording. `offset` and `length` are the offset and length of a record.
+type Change = fn(bytes: &mut [u8], offset: usize, length: usize);
 
-fn put(bytes: &mut [u8], at: usize, number: u64, size: usize) {
-    bytes[at..at + size].copy_from_slice(&number.to_le_bytes()[..size]);
+fn put(bytes: &mut [u8], offset: usize, number: u64, size: usize) {
+    bytes[offset..offset + size].copy_from_slice(&number.to_le_bytes()[..size]);
 }
 
 /// Kinds of damage, with the opcode of the record that is changed.
 const DAMAGE_KINDS: [(&str, u8, Change); 5] = [
     // After a change of one bit, the messages may be equal: compressed data refer to one of several equal sequences.
-    ("bytes of a chunk", CHUNK, |bytes, at, length| bytes[at + length / 2..][..8].fill(0xa5)),
-    ("the length of a chunk", CHUNK, |bytes, at, _| put(bytes, at + 1, 1 << 40, 8)),
-    ("how large a chunk is", CHUNK, |bytes, at, _| put(bytes, at + 25, 1 << 40, 8)),
+    ("bytes of a chunk", CHUNK, |bytes, offset, length| {
+        bytes[offset + length / 2..][..8].fill(0xa5)
+    }),
+    ("the length of a chunk", CHUNK, |bytes, offset, _| put(bytes, offset + 1, 1 << 40, 8)),
+    ("how large a chunk is", CHUNK, |bytes, offset, _| put(bytes, offset + 25, 1 << 40, 8)),
     ("a chunk up to the end", CHUNK, chunk_to_the_end),
     ("chunks of 3 GB", CHUNK, chunks_of_3_gb),
 ];
@@ -68,14 +70,14 @@ fn recording_cut_before_the_first_message_reports_total_loss() {
     let records = layout(&bytes);
     let first_chunk = records.iter().position(|found| found.0 == CHUNK).unwrap();
     assert!(first_chunk > 2, "a header, facts and the scenario are in front of it");
-    for (_, at, _) in &records[1..=first_chunk] {
-        std::fs::write(&file, &bytes[..*at]).unwrap();
-        let out = ended.run_dir().join(format!("{at}.mcap"));
-        let words = ["recover".as_ref(), file.as_os_str(), "--out".as_ref(), out.as_ref()];
-        let said = phalanx(words).exits_with(1).stdout;
-        assert!(said.contains("every message: none is valid"), "{at}: {said}");
-        let said = phalanx(["recover".as_ref(), out.as_os_str()]).exits_with(0).stdout;
-        assert!(said.contains("is complete"), "{at}: {said}");
+    for (_, offset, _) in &records[1..=first_chunk] {
+        std::fs::write(&file, &bytes[..*offset]).unwrap();
+        let out = ended.run_dir().join(format!("{offset}.mcap"));
+        let arguments = ["recover".as_ref(), file.as_os_str(), "--out".as_ref(), out.as_ref()];
+        let output = phalanx(arguments).exits_with(1).stdout;
+        assert!(output.contains("every message: none is valid"), "{offset}: {output}");
+        let output = phalanx(["recover".as_ref(), out.as_os_str()]).exits_with(0).stdout;
+        assert!(output.contains("is complete"), "{offset}: {output}");
     }
 }
 
@@ -88,16 +90,16 @@ fn recording_cut_between_chunks_is_a_loss_if_run_wrote_more() {
         [ended.run_dir(), scratch.path().to_owned()].map(|folder| folder.join("run.mcap"));
     let bytes = std::fs::read(&file).unwrap();
     let last_chunk = layout(&bytes).into_iter().rfind(|found| found.0 == CHUNK).unwrap().1;
-    for (file, code, words) in [
+    for (file, code, expected) in [
         (file, 1, "its end is lost: the run had written more"),
         // A supervisor that is killed leaves such a recording.
         (alone, 0, "it has no end; whether the run wrote more is not known"),
     ] {
         std::fs::write(&file, &bytes[..last_chunk]).unwrap();
-        let said = phalanx([Path::new("recover"), &file]).exits_with(code).stdout;
-        assert!(said.contains(words), "{said}");
-        let said = phalanx([Path::new("export"), &file]).exits_with(1).stderr;
-        assert!(said.contains(words), "{said}");
+        let output = phalanx([Path::new("recover"), &file]).exits_with(code).stdout;
+        assert!(output.contains(expected), "{output}");
+        let output = phalanx([Path::new("export"), &file]).exits_with(1).stderr;
+        assert!(output.contains(expected), "{output}");
     }
 }
 
@@ -110,51 +112,52 @@ fn recording_of_another_run_is_exported_only_if_asked() {
     std::fs::copy(file(&other), file(&ended)).unwrap();
     for path in [ended.run_dir(), file(&ended)] {
         let out = ended.run_dir().join("tables");
-        let words = ["export".as_ref(), path.as_os_str(), "--out".as_ref(), out.as_ref()];
-        let said = phalanx(words).exits_with(1).stderr;
-        assert!(said.contains("run.mcap is not the recording that its run wrote"), "{said}");
-        assert!(said.contains("checksums.sha256") && !out.exists(), "{said}");
-        phalanx(words).arg("--allow-damage").exits_with(0);
+        let arguments = ["export".as_ref(), path.as_os_str(), "--out".as_ref(), out.as_ref()];
+        let output = phalanx(arguments).exits_with(1).stderr;
+        assert!(output.contains("run.mcap is not the recording that its run wrote"), "{output}");
+        assert!(output.contains("checksums.sha256") && !out.exists(), "{output}");
+        phalanx(arguments).arg("--allow-damage").exits_with(0);
         std::fs::remove_dir_all(out).unwrap();
     }
     phalanx([Path::new("export"), &other.run_dir()]).exits_with(0);
 }
 
 /// Writes headers of chunks of 3 GB over a record and 100 bytes behind its start.
-fn chunks_of_3_gb(bytes: &mut [u8], at: usize, _: usize) {
-    for at in [at, at + 100] {
-        bytes[at] = CHUNK;
-        put(bytes, at + 1, 3 << 30, 8);
+fn chunks_of_3_gb(bytes: &mut [u8], offset: usize, _: usize) {
+    for offset in [offset, offset + 100] {
+        bytes[offset] = CHUNK;
+        put(bytes, offset + 1, 3 << 30, 8);
     }
 }
 
 /// Sets the length of a chunk to the rest of the file, and its uncompressed size to 250 times that.
-fn chunk_to_the_end(bytes: &mut [u8], at: usize, _: usize) {
-    let rest = (bytes.len() - at - 9) as u64;
-    put(bytes, at + 1, rest, 8);
-    put(bytes, at + 25, 250 * rest, 8);
+fn chunk_to_the_end(bytes: &mut [u8], offset: usize, _: usize) {
+    let rest = (bytes.len() - offset - 9) as u64;
+    put(bytes, offset + 1, rest, 8);
+    put(bytes, offset + 25, 250 * rest, 8);
 }
 
 /// Returns the offsets of the length fields of a record, with the size of each in bytes.
-fn lengths(mut rest: &[u8], parts: &[usize]) -> Vec<(usize, usize)> {
-    let whole = rest.len();
+fn lengths(mut rest: &[u8], fields: &[usize]) -> Vec<(usize, usize)> {
+    let total = rest.len();
     let mut found = Vec::new();
-    for &part in parts {
-        let at = whole - rest.len();
-        let size = if part == DATA { 8 } else { 4 };
-        let length = match part {
+    for &field in fields {
+        let offset = total - rest.len();
+        let size = if field == DATA { 8 } else { 4 };
+        let length = match field {
             TEXT_FIELD | TEXT_MAP_FIELD | DATA => {
-                found.push((at, size));
+                found.push((offset, size));
                 let number =
                     rest[..size].iter().rev().fold(0, |sum, &byte| sum << 8 | u64::from(byte));
                 size + number as usize
             }
             bytes => bytes,
         };
-        if part == TEXT_MAP_FIELD && length > 4 {
+        if field == TEXT_MAP_FIELD && length > 4 {
             // Lengths of the first name and its value.
             let pair = lengths(&rest[4..length], &[TEXT_FIELD, TEXT_FIELD]);
-            found.extend(pair.iter().map(|(inner, size)| (at + 4 + inner, *size)));
+            found
+                .extend(pair.iter().map(|(field_offset, size)| (offset + 4 + field_offset, *size)));
         }
         rest = &rest[length..];
     }
@@ -166,59 +169,67 @@ fn record_length_never_causes_an_allocation() {
     let ended = run("triangle").lockstep().set("duration_s=2").set("expect={}").finish();
     ended.exits_with(0);
     let bytes = std::fs::read(ended.run_dir().join("run.mcap")).unwrap();
-    let places = layout(&bytes);
+    let records = layout(&bytes);
     let mut cases = Vec::new();
-    for (kind, name, parts) in RECORDS {
-        let &(_, at, length) = places.iter().find(|found| found.0 == kind).expect(name);
-        let body = &bytes[at + 9..][..length];
-        let found = lengths(body, parts);
-        cases.extend(found.into_iter().map(|(inner, size)| (name, at + 9 + inner, size)));
+    for (kind, name, fields) in RECORDS {
+        let &(_, offset, length) = records.iter().find(|found| found.0 == kind).expect(name);
+        let body = &bytes[offset + 9..][..length];
+        let found = lengths(body, fields);
+        cases.extend(
+            found.into_iter().map(|(field_offset, size)| (name, offset + 9 + field_offset, size)),
+        );
     }
     assert!(cases.len() > 20, "{cases:?}");
-    map_in_parallel(&cases, |&(name, place, size)| {
+    map_in_parallel(&cases, |&(name, position, size)| {
         let scratch = tempfile::tempdir().unwrap();
         let [file, out] = ["run.mcap", "out.mcap"].map(|name| scratch.path().join(name));
         let mut changed = bytes.clone();
-        put(&mut changed, place, if size == 4 { 0xffff_fff0 } else { 1 << 40 }, size);
+        put(&mut changed, position, if size == 4 { 0xffff_fff0 } else { 1 << 40 }, size);
         std::fs::write(&file, changed).unwrap();
-        for (verb, words) in [("recover", &["--out".as_ref(), out.as_path()][..]), ("export", &[])]
+        for (verb, arguments) in
+            [("recover", &["--out".as_ref(), out.as_path()][..]), ("export", &[])]
         {
             // Without its metadata, the run of the recording is unknown.
             let code = if verb == "export" && name == "metadata" { 2 } else { 1 };
-            println!("{name} at {place}");
-            command_with_ulimit("-v 500000").arg(verb).arg(&file).args(words).exits_with(code);
+            println!("{name} at {position}");
+            command_with_ulimit("-v 500000").arg(verb).arg(&file).args(arguments).exits_with(code);
         }
     });
 }
 
 #[test]
 fn recording_lengths_are_checked_and_every_loss_is_reported() {
-    let whole = run("triangle").lockstep().set("duration_s=20").set("expect={}");
-    let ended = whole.set("record_hz=200").finish();
+    let builder = run("triangle").lockstep().set("duration_s=20").set("expect={}");
+    let ended = builder.set("record_hz=200").finish();
     ended.exits_with(0);
     let bytes = std::fs::read(ended.run_dir().join("run.mcap")).unwrap();
     let scratch = tempfile::tempdir().unwrap();
-    let at = |name: &str| scratch.path().join(name);
+    let path_of = |name: &str| scratch.path().join(name);
     for (what, kind, change) in DAMAGE_KINDS {
         let records: Vec<_> = layout(&bytes).into_iter().filter(|found| found.0 == kind).collect();
-        let (_, place, length) = records[records.len() / 2];
+        let (_, position, length) = records[records.len() / 2];
         let mut changed = bytes.clone();
-        change(&mut changed, place, length);
-        std::fs::write(at("run.mcap"), changed).unwrap();
+        change(&mut changed, position, length);
+        std::fs::write(path_of("run.mcap"), changed).unwrap();
         if what == "chunks of 3 GB" {
-            let file = std::fs::File::options().write(true).open(at("run.mcap")).unwrap();
+            let file = std::fs::File::options().write(true).open(path_of("run.mcap")).unwrap();
             file.set_len(4 << 30).unwrap();
         }
-        let verb = |verb: &str, words: &[&Path], code: i32| {
+        let verb = |verb: &str, arguments: &[&Path], code: i32| {
             // Sufficient for the program, and far less than any of these lengths.
             let mut command = command_with_ulimit("-v 500000");
-            command.arg(verb).arg(at("run.mcap")).args(words).exits_with(code).stdout_and_stderr()
+            command
+                .arg(verb)
+                .arg(path_of("run.mcap"))
+                .args(arguments)
+                .exits_with(code)
+                .stdout_and_stderr()
         };
-        let said = verb("recover", &["--out".as_ref(), &at("out.mcap")], 1);
+        let output = verb("recover", &["--out".as_ref(), &path_of("out.mcap")], 1);
         let exported = verb("export", &[], 1);
-        for said in [&said, &exported] {
-            assert!(said.contains("seconds lost: "), "{what}: {said}");
+        for output in [&output, &exported] {
+            assert!(output.contains("seconds lost: "), "{what}: {output}");
         }
-        let _ = std::fs::remove_file(at("out.mcap"));
+        let _ = std::fs::remove_file(path_of("out.mcap"));
     }
 }

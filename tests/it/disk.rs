@@ -53,8 +53,8 @@ fn links_by_distance_are_events_and_repeat_bit_by_bit() {
     first.assert_holds(first.file("events.csv") == second.file("events.csv"), "so are the events");
     let mut found = contacts(&first.file("events.csv"));
     let of_pair = |found: &[String], pair: [&str; 2]| -> Vec<String> {
-        let ends = |line: &&String| line.starts_with(pair[0]) && line.ends_with(pair[1]);
-        found.iter().filter(ends).cloned().collect()
+        let is_of_pair = |line: &&String| line.starts_with(pair[0]) && line.ends_with(pair[1]);
+        found.iter().filter(is_of_pair).cloned().collect()
     };
     // Each link comes once and goes once, without chatter.
     for [to, from] in [["r1", "r2"], ["r2", "r1"]] {
@@ -83,17 +83,17 @@ fn links_by_distance_are_equal_in_process_and_by_processes() {
         let text = |path: &Path| std::fs::read_to_string(path).unwrap();
         [out.join("runs.csv"), run.join("events.csv"), run.join("samples.csv")].map(|p| text(&p))
     };
-    let (own, same) = (sweep("own", &[]), sweep("same", &["--in-process"]));
-    assert_eq!(own, same);
-    assert!(contacts(&own[1]).contains(&"r1 apart r2".to_owned()), "{}", own[1]);
+    let (by_processes, in_process) = (sweep("own", &[]), sweep("same", &["--in-process"]));
+    assert_eq!(by_processes, in_process);
+    assert!(contacts(&by_processes[1]).contains(&"r1 apart r2".to_owned()), "{}", by_processes[1]);
 }
 
 #[test]
 fn check_says_what_the_distance_means() {
     let folder = folder();
-    let said = phalanx(["check"]).arg(folder.path().join("crossing.toml")).exits_with(0).stdout;
+    let output = phalanx(["check"]).arg(folder.path().join("crossing.toml")).exits_with(0).stdout;
     let line = "a robot is heard from 0.8 m on, until it is more than 0.9 m away; at the start 2 of 12 links";
-    assert!(said.contains(line), "{said}");
+    assert!(output.contains(line), "{output}");
     let mut text = CROSSING.to_owned();
     let mut robots = String::new();
     for i in 5..=65 {
@@ -104,9 +104,9 @@ fn check_says_what_the_distance_means() {
     }
     text = text.replace("]\n[avoidance]", &format!("{robots}]\n[avoidance]"));
     std::fs::write(folder.path().join("many.toml"), text).unwrap();
-    let said = phalanx(["check"]).arg(folder.path().join("many.toml")).exits_with(3).stderr;
+    let output = phalanx(["check"]).arg(folder.path().join("many.toml")).exits_with(3).stderr;
     let expected = "is communication by distance between 65 robots";
-    assert!(said.contains(expected) && said.contains("at most 64 robots"), "{said}");
+    assert!(output.contains(expected) && output.contains("at most 64 robots"), "{output}");
 }
 
 #[test]

@@ -44,13 +44,16 @@ fn every_fault_is_predicted_and_recovered_without_traces() {
     map_in_parallel(&FAULTS, |&(fault, changes)| {
         let ended = run("triangle").lockstep().sets(set).fault(fault).finish();
         ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
-        let foretold = oracle::simulate(&with_faults("triangle", &set, &[fault]));
-        let hash = foretold.trajectory_hash.unwrap();
+        let predicted = oracle::simulate(&with_faults("triangle", &set, &[fault]));
+        let hash = predicted.trajectory_hash.unwrap();
         ended.assert_holds(ended.hash() == hash, format!("{fault}: the hash is {hash}"));
         let undisturbed = oracle::simulate(&with_faults("triangle", &set, &[])).trajectory_hash;
         // Noise makes the guard more careful from the start, even if no robot is near.
-        let changed = Some(ended.hash()) != undisturbed.as_deref();
-        ended.assert_holds(changed == changes, format!("{fault}: it changes something: {changes}"));
+        let has_changed = Some(ended.hash()) != undisturbed.as_deref();
+        ended.assert_holds(
+            has_changed == changes,
+            format!("{fault}: it changes something: {changes}"),
+        );
         ended.assert_holds(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
         let reported = ended.summary["faults"].as_array().map(Vec::len);
         ended.assert_holds(reported == Some(1), "one fault is reported");

@@ -97,7 +97,7 @@ fn robot_stopped_for_good_in_real_time_fails_the_run() {
 
 #[test]
 fn lockstep_stop_beyond_the_limit_ends_the_run_with_4() {
-    for (process, who) in [("r2", "r2"), ("plant", "the plant")] {
+    for (process, subject) in [("r2", "r2"), ("plant", "the plant")] {
         let set = ["duration_s=240", "stopped_after_s=0.5", "expect={}"];
         let mut running = run("triangle").lockstep().sets(set).start();
         running.wait_for_event("contact");
@@ -107,7 +107,7 @@ fn lockstep_stop_beyond_the_limit_ends_the_run_with_4() {
         ended.exits_with(4).assert_leaves_nothing();
         let ago =
             "was stopped by another process 0.5 s ago, and has not been resumed (stopped_after_s)";
-        assert_last_line(&ended, process, &format!("{who} {ago}"));
+        assert_last_line(&ended, process, &format!("{subject} {ago}"));
     }
 }
 
@@ -116,26 +116,28 @@ fn leftover_program_processes_are_killed_and_named() {
     let (_folder, run) = with_script("sleep 1000 &\nsetsid sleep 1001 &");
     let ended = run.lockstep().finish();
     ended.exits_with(0).assert_leaves_nothing();
-    let begins = " WARN r2 left the process `sleep` (";
-    let left: Vec<&str> = ended.stderr.lines().filter_map(|l| l.strip_prefix(begins)).collect();
-    ended.assert_holds(left.len() == 2, format!("both are named: {left:?}"));
-    for line in left {
+    let prefix = " WARN r2 left the process `sleep` (";
+    let leftovers: Vec<&str> =
+        ended.stderr.lines().filter_map(|l| l.strip_prefix(prefix)).collect();
+    ended.assert_holds(leftovers.len() == 2, format!("both are named: {leftovers:?}"));
+    for line in leftovers {
         let (pid, rest) = line.split_once(')').unwrap();
         assert_eq!(rest, " behind; killed it");
-        let words = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-        ended.assert_holds(!words.starts_with("sleep"), format!("{pid} is gone: {words:?}"));
+        let arguments = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        ended
+            .assert_holds(!arguments.starts_with("sleep"), format!("{pid} is gone: {arguments:?}"));
     }
 }
 
 /// Starts a run whose r2 has left three processes, one of which hides its origin. Returns the run and their ids.
 fn with_three_left() -> (tempfile::TempDir, RunInProgress, Vec<u32>) {
-    let left = "sleep 1000 & echo $! >> \"$LEFT\"\nsetsid sleep 1001 & echo $! >> \"$LEFT\"\n\
+    let leftovers = "sleep 1000 & echo $! >> \"$LEFT\"\nsetsid sleep 1001 & echo $! >> \"$LEFT\"\n\
                 env -i setsid sleep 1002 & echo $! >> \"$LEFT\"";
-    let (folder, run) = with_script(left);
-    let left = folder.path().join("left");
-    let mut running = run.env("LEFT", &left).set("duration_s=100").start();
+    let (folder, run) = with_script(leftovers);
+    let leftovers = folder.path().join("left");
+    let mut running = run.env("LEFT", &leftovers).set("duration_s=100").start();
     running.wait_for_event("contact");
-    let pids = std::fs::read_to_string(left).unwrap();
+    let pids = std::fs::read_to_string(leftovers).unwrap();
     let pids: Vec<u32> = pids.lines().map(|pid| pid.parse().unwrap()).collect();
     assert_eq!(pids.len(), 3);
     (folder, running, pids)
@@ -159,9 +161,9 @@ fn sleeps(pid: u32) -> bool {
 
 #[track_caller]
 fn wait_until_none_sleeps(pids: &[u32]) {
-    let began = Instant::now();
+    let start = Instant::now();
     while let Some(pid) = pids.iter().find(|&&pid| sleeps(pid)) {
-        assert!(began.elapsed() < WAIT_TIMEOUT, "{pid} is left behind");
+        assert!(start.elapsed() < WAIT_TIMEOUT, "{pid} is left behind");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -174,12 +176,12 @@ fn killed_supervisor_takes_leftover_program_processes_along() {
     wait_until_none_sleeps(&pids);
     wait_until_gone(&running.run_dir());
     let log = running.run_dir().join("logs/reaper.jsonl");
-    let began = Instant::now();
+    let start = Instant::now();
     let names = |text: &str, pid: &u32| {
         text.contains(&format!("r2 left the process `sleep` ({pid}) behind; killed it"))
     };
     while !pids.iter().all(|pid| names(&std::fs::read_to_string(&log).unwrap(), pid)) {
-        assert!(began.elapsed() < WAIT_TIMEOUT, "{}", std::fs::read_to_string(&log).unwrap());
+        assert!(start.elapsed() < WAIT_TIMEOUT, "{}", std::fs::read_to_string(&log).unwrap());
         std::thread::sleep(Duration::from_millis(5));
     }
     let text = std::fs::read_to_string(log).unwrap();
@@ -188,7 +190,7 @@ fn killed_supervisor_takes_leftover_program_processes_along() {
 
 #[test]
 fn next_run_or_clean_ends_and_names_orphaned_leftovers() {
-    for words in [&["run", "scenarios/triangle.toml", "--pace", "lockstep"][..], &["clean"]] {
+    for arguments in [&["run", "scenarios/triangle.toml", "--pace", "lockstep"][..], &["clean"]] {
         let (folder, mut running, pids) = with_three_left();
         let logs = running.run_dir().canonicalize().unwrap().join("logs");
         let is_reaper = |pid: &u32| {
@@ -207,15 +209,15 @@ fn next_run_or_clean_ends_and_names_orphaned_leftovers() {
         running.wait_until_ended();
         wait_until_gone(&running.run_dir());
         assert!(pids.iter().all(|&pid| sleeps(pid)));
-        let mut next = phalanx(words);
-        if words[0] == "run" {
+        let mut next = phalanx(arguments);
+        if arguments[0] == "run" {
             next.arg("--out").arg(folder.path().join("next"));
         }
-        let said =
+        let output =
             next.env("PHALANX_RUN_ROOT", running.run_root()).exits_with(0).stdout_and_stderr();
         for pid in &pids[..2] {
             let named = format!("a program of the run left the process `sleep` ({pid}) behind");
-            assert!(said.contains(&named), "{said}");
+            assert!(output.contains(&named), "{output}");
         }
         wait_until_none_sleeps(&pids[..2]);
         // The origin of that process is unknown by now.
@@ -229,8 +231,8 @@ fn endless_program_output_is_truncated_with_a_warning() {
     let ended = run.lockstep().finish();
     ended.exits_with(0).assert_leaves_nothing();
     let log = ended.run_dir().join("logs/r2.jsonl");
-    let said = "logs/r2.jsonl is longer than 64 MiB; dropped its middle";
-    ended.assert_holds(ended.stderr.contains(said), said);
+    let expected = "logs/r2.jsonl is longer than 64 MiB; dropped its middle";
+    ended.assert_holds(ended.stderr.contains(expected), expected);
     let text = std::fs::read_to_string(log).unwrap();
     ended.assert_holds(text.len() < 64 << 20, format!("it has {} bytes", text.len()));
     ended.assert_holds(
@@ -248,8 +250,8 @@ fn long_scenario_name_is_truncated_in_the_run_directory() {
     let long = text.replace("\"triangle\"", &format!("\"{}\"", "ü".repeat(3000)));
     assert_ne!(text, long);
     std::fs::write(folder.path().join("long.toml"), long).unwrap();
-    for words in [&["check"][..], &["run", "--pace", "lockstep", "--no-report"]] {
-        let mut command = phalanx(words);
+    for arguments in [&["check"][..], &["run", "--pace", "lockstep", "--no-report"]] {
+        let mut command = phalanx(arguments);
         command.arg("long.toml").current_dir(folder.path());
         command.env("PHALANX_RUN_ROOT", root.path()).exits_with(0);
     }
@@ -266,11 +268,11 @@ fn verify_names_the_file_that_is_missing() {
     let ended = run("triangle").lockstep().sets(["duration_s=1", "expect={}"]).finish();
     ended.exits_with(0);
     for name in ["samples.csv", "pairs.csv", "events.csv", "run.mcap", "manifest.json"] {
-        let [path, kept] = [name, "kept"].map(|name| ended.run_dir().join(name));
-        std::fs::rename(&path, &kept).unwrap();
+        let [path, backup] = [name, "kept"].map(|name| ended.run_dir().join(name));
+        std::fs::rename(&path, &backup).unwrap();
         let mut verify = phalanx(["verify", ended.run_dir().to_str().unwrap()]);
-        let said = verify.env("PHALANX_RUN_ROOT", RunRoot::new().path()).exits_with(4).stderr;
-        assert!(said.contains(&format!(": {name}: No such file")), "{said}");
-        std::fs::rename(&kept, &path).unwrap();
+        let output = verify.env("PHALANX_RUN_ROOT", RunRoot::new().path()).exits_with(4).stderr;
+        assert!(output.contains(&format!(": {name}: No such file")), "{output}");
+        std::fs::rename(&backup, &path).unwrap();
     }
 }

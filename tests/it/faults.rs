@@ -20,8 +20,8 @@ fn assert_survived_kill(ended: &FinishedRun) {
 
 /// Returns the last state of r2 that r1, its out-neighbor, reported in this part of `events.csv`.
 fn last_of_r2(events: &str) -> Option<&str> {
-    let said = events.lines().filter_map(|line| line.split_once(",contact,r1,"));
-    said.filter_map(|(_, said)| Some(said.split_once(" r2,")?.0)).next_back()
+    let states = events.lines().filter_map(|line| line.split_once(",contact,r1,"));
+    states.filter_map(|(_, state)| Some(state.split_once(" r2,")?.0)).next_back()
 }
 
 /// Prepares a run with a kill during a maneuver: r2 stops, the others continue, and r2 joins them again.
@@ -54,13 +54,13 @@ fn robot_with_only_dead_neighbors_stops_or_uses_last_position() {
     assert_r1_stands_without_r2(run("triangle").set("silence.policy=ignore"));
     let ended = assert_r1_stands_without_r2(run("triangle"));
     // r1 extrapolates the last beacon of r2, which was moving; r2 stopped a moment later.
-    let off_m = ended.number("/final_error_m/r1");
-    ended.assert_holds(off_m < 0.02, format!("r1 stands by the dead r2, {off_m} m off"));
+    let offset_m = ended.number("/final_error_m/r1");
+    ended.assert_holds(offset_m < 0.02, format!("r1 stands by the dead r2, {offset_m} m off"));
 }
 
 #[test]
 fn robot_killed_before_start_is_replaced_and_run_is_equal() {
-    let whole = run("triangle").lockstep().finish();
+    let undisturbed = run("triangle").lockstep().finish();
     for _ in 0..5 {
         let mut running = run("triangle").lockstep().start();
         let pid = running.pid_of("r2");
@@ -69,7 +69,7 @@ fn robot_killed_before_start_is_replaced_and_run_is_equal() {
         ended.exits_with(0).assert_leaves_nothing();
         if ended.file("events.csv").contains("\n0,restart,r2") {
             ended.assert_holds(
-                ended.hash() == whole.hash(),
+                ended.hash() == undisturbed.hash(),
                 "no robot had moved: the hash is the same",
             );
         }
@@ -125,12 +125,12 @@ fn robot_that_gives_up_repeatedly_exits_4() {
 /// Checks that a process stopped by another program is reported on the screen, in the events, and in the report as
 /// frozen.
 #[track_caller]
-fn assert_was_stopped(ended: &FinishedRun, who: &str, events: [&str; 2]) {
+fn assert_was_stopped(ended: &FinishedRun, process_name: &str, events: [&str; 2]) {
     ended.exits_with(0).assert_leaves_nothing();
-    let warned = format!(" WARN {who} was stopped by another process");
+    let warned = format!(" WARN {process_name} was stopped by another process");
     ended.assert_holds(ended.stderr.contains(&warned), "it is told");
     ended.assert_holds(
-        ended.stderr.contains(&format!(" WARN {who} was resumed after ")),
+        ended.stderr.contains(&format!(" WARN {process_name} was resumed after ")),
         "and its end",
     );
     for event in events {

@@ -49,20 +49,20 @@ impl Foreign {
             .arg(WAIT_TIMEOUT.as_secs().to_string())
             .args([PHALANX, verb]);
         command.arg(self.ended.run_dir().join(name)).env("NO_COLOR", "1").stdin(Stdio::null());
-        let said = command.env("PHALANX_RUN_ROOT", RunRoot::new().path()).exits_with(code);
+        let output = command.env("PHALANX_RUN_ROOT", RunRoot::new().path()).exits_with(code);
         assert_eq!(
             files_below(self.outside.path()),
             [self.users_file()],
             "{}",
-            said.stdout_and_stderr()
+            output.stdout_and_stderr()
         );
         assert_eq!(
             fs::read_to_string(self.users_file()).unwrap(),
             USERS_TEXT,
             "{}",
-            said.stdout_and_stderr()
+            output.stdout_and_stderr()
         );
-        said.stdout_and_stderr()
+        output.stdout_and_stderr()
     }
 }
 
@@ -83,8 +83,8 @@ fn report_replaces_links_and_writes_through_none() {
     foreign.verb("report", "", 0);
     assert!(foreign.ended.file("report.html").contains("</html>"));
     foreign.link("figures", foreign.outside.path());
-    let said = foreign.verb("report", "", 4);
-    assert!(said.contains("figures: it is a link to "), "{said}");
+    let output = foreign.verb("report", "", 4);
+    assert!(output.contains("figures: it is a link to "), "{output}");
 }
 
 #[test]
@@ -104,25 +104,25 @@ fn link_out_of_a_run_is_not_followed() {
         let text = fs::read(&path).unwrap();
         foreign.link(name, &foreign.users_file());
         let code = if name == "scenario.toml" { 2 } else { 4 };
-        let said = foreign.verb("report", "", code);
-        assert!(said.contains(&format!("{name}: it is a link to ")), "{said}");
+        let output = foreign.verb("report", "", code);
+        assert!(output.contains(&format!("{name}: it is a link to ")), "{output}");
         fs::remove_file(&path).unwrap();
         fs::write(&path, text).unwrap();
     }
     foreign.link("run.mcap", &foreign.users_file());
     fs::remove_dir_all(run_dir.join("export")).unwrap();
     for (verb, name) in [("export", ""), ("export", "run.mcap"), ("recover", "run.mcap")] {
-        let said = foreign.verb(verb, name, 2);
-        assert!(said.contains("run.mcap: it is a link to "), "{said}");
+        let output = foreign.verb(verb, name, 2);
+        assert!(output.contains("run.mcap: it is a link to "), "{output}");
     }
     fs::remove_file(run_dir.join("run.mcap")).unwrap();
     Command::new("mkfifo").arg(run_dir.join("run.mcap")).exits_with(0);
     for (verb, name) in [("export", ""), ("export", "run.mcap"), ("recover", "run.mcap")] {
-        let said = foreign.verb(verb, name, 2);
-        assert!(said.contains("run.mcap: it is no regular file"), "{said}");
+        let output = foreign.verb(verb, name, 2);
+        assert!(output.contains("run.mcap: it is no regular file"), "{output}");
     }
-    for made in ["export", "run-export", "run.recovered.mcap"] {
-        assert!(!run_dir.join(made).exists(), "{made}");
+    for output_name in ["export", "run-export", "run.recovered.mcap"] {
+        assert!(!run_dir.join(output_name).exists(), "{output_name}");
     }
 }
 
@@ -134,20 +134,20 @@ fn verify_ignores_targets_of_links_and_pipes() {
     for name in
         ["samples.csv", "pairs.csv", "events.csv", "summary.json", "manifest.json", "run.mcap"]
     {
-        let [path, kept] = [name, "kept"].map(|name| run_dir.join(name));
-        fs::rename(&path, &kept).unwrap();
+        let [path, backup] = [name, "kept"].map(|name| run_dir.join(name));
+        fs::rename(&path, &backup).unwrap();
         foreign.link(name, &foreign.users_file());
-        let said = foreign.verb("verify", "", 4);
-        assert!(said.contains(&format!("{name}: it is a link to ")), "{said}");
-        fs::rename(&kept, &path).unwrap();
+        let output = foreign.verb("verify", "", 4);
+        assert!(output.contains(&format!("{name}: it is a link to ")), "{output}");
+        fs::rename(&backup, &path).unwrap();
     }
     fs::remove_file(run_dir.join("samples.csv")).unwrap();
     Command::new("mkfifo").arg(run_dir.join("samples.csv")).exits_with(0);
-    let said = foreign.verb("verify", "", 4);
-    assert!(said.contains("samples.csv: it is no regular file"), "{said}");
+    let output = foreign.verb("verify", "", 4);
+    assert!(output.contains("samples.csv: it is no regular file"), "{output}");
     foreign.link("scenario.toml", &foreign.users_file());
-    let said = foreign.verb("verify", "", 2);
-    assert!(said.contains("scenario.toml: it is a link to "), "{said}");
+    let output = foreign.verb("verify", "", 2);
+    assert!(output.contains("scenario.toml: it is a link to "), "{output}");
 }
 
 #[test]
@@ -160,8 +160,8 @@ fn briefs_that_have_no_end_are_refused() {
             let mut command = Command::new("timeout");
             command.args(["--signal", "KILL", &WAIT_TIMEOUT.as_secs().to_string(), "sh", "-c"]);
             command.args(["ulimit -v 4000000 && exec \"$0\" \"$@\"", PHALANX, role]).arg(brief);
-            let said = command.stdin(Stdio::null()).exits_with(4).stdout_and_stderr();
-            assert!(said.contains("it is no regular file"), "{role}: {said}");
+            let output = command.stdin(Stdio::null()).exits_with(4).stdout_and_stderr();
+            assert!(output.contains("it is no regular file"), "{role}: {output}");
         }
     }
 }
@@ -178,8 +178,8 @@ fn graph_link_out_of_its_folder_is_refused() {
     symlink(&graph, &imported).unwrap();
     let check =
         |code| phalanx([Path::new("check"), &scenario]).exits_with(code).stdout_and_stderr();
-    let said = check(3);
-    assert!(said.contains("swarm64.json`, which cannot be read: it is a link to "), "{said}");
+    let output = check(3);
+    assert!(output.contains("swarm64.json`, which cannot be read: it is a link to "), "{output}");
     // Files that the scenario names are visible to its reader, and a link to a file within the folder is permitted.
     fs::rename(&graph, folder.path().join("same.json")).unwrap();
     fs::remove_file(&imported).unwrap();
@@ -209,7 +209,10 @@ fn program_files_outside_the_scenario_folder_are_refused() {
         "program = [\"python3\", \"law.py\"]\nfiles = [\"link.txt\"]",
         "program = [\"python3\", \"link.txt\"]",
     ] {
-        let said = check(law).exits_with(3).stdout_and_stderr();
-        assert!(said.contains("\"link.txt\", which is outside of the scenario's folder"), "{said}");
+        let output = check(law).exits_with(3).stdout_and_stderr();
+        assert!(
+            output.contains("\"link.txt\", which is outside of the scenario's folder"),
+            "{output}"
+        );
     }
 }

@@ -105,13 +105,13 @@ fn fingerprint(run: &Path) -> String {
 
 /// Runs the campaign of `scenarios` and returns the fingerprint of each run, by its name.
 fn fingerprints(scenarios: &[&str], options: &[&str]) -> BTreeMap<String, String> {
-    let place = CampaignDir::new(&campaign(scenarios));
-    run_to_exit_code(place.sweep("out", options), 0);
-    let table = place.file("out/runs.csv");
+    let campaign = CampaignDir::new(&campaign(scenarios));
+    run_to_exit_code(campaign.sweep("out", options), 0);
+    let table = campaign.file("out/runs.csv");
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
     assert_eq!(rows.len(), 1 + 2 * scenarios.len(), "{table}");
     let id = rows[0].iter().rposition(|&column| column == "run").unwrap();
-    let runs = place.out_path("out/runs");
+    let runs = campaign.out_path("out/runs");
     rows[1..].iter().map(|row| (row[0].to_owned(), fingerprint(&runs.join(row[id])))).collect()
 }
 

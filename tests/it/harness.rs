@@ -25,9 +25,9 @@ pub const PHALANX: &str = env!("CARGO_BIN_EXE_phalanx");
 pub const WAIT_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Returns a `phalanx` command with these arguments, in the root of this repository, without colors.
-pub fn phalanx<W: AsRef<OsStr>>(words: impl IntoIterator<Item = W>) -> Command {
+pub fn phalanx<W: AsRef<OsStr>>(arguments: impl IntoIterator<Item = W>) -> Command {
     let mut command = Command::new(PHALANX);
-    command.args(words);
+    command.args(arguments);
     set_plain_environment(&mut command);
     command
 }
@@ -80,10 +80,10 @@ pub fn command_with_ulimit(limit: &str) -> Command {
     limited_by(&format!("ulimit {limit}"))
 }
 
-/// Returns a `phalanx` command that a shell executes after it has run `words`.
-pub fn limited_by(words: &str) -> Command {
+/// Returns a `phalanx` command that a shell executes after it has run `prefix`.
+pub fn limited_by(prefix: &str) -> Command {
     let mut command = Command::new("sh");
-    command.args(["-c", &format!("{words} && exec \"$0\" \"$@\""), PHALANX]);
+    command.args(["-c", &format!("{prefix} && exec \"$0\" \"$@\""), PHALANX]);
     command
 }
 
@@ -136,7 +136,7 @@ impl RunDirs {
 pub struct Phalanx {
     command: Command,
     draws: bool,
-    place: RunDirs,
+    run_dirs: RunDirs,
 }
 
 /// Prepares `phalanx run scenarios/<name>.toml`.
@@ -153,10 +153,13 @@ impl Phalanx {
     /// Prepares a command that runs phalanx. `--out` is added to it, and `--no-report` at the start unless
     /// [`Phalanx::drawing`] is called.
     pub fn new(mut command: Command) -> Phalanx {
-        let place = RunDirs { scratch: tempfile::tempdir().unwrap(), run_root: RunRoot::new() };
+        let run_dirs = RunDirs { scratch: tempfile::tempdir().unwrap(), run_root: RunRoot::new() };
         set_plain_environment(&mut command);
-        command.env("PHALANX_RUN_ROOT", place.run_root.path()).arg("--out").arg(place.run_dir());
-        Phalanx { command, draws: false, place }
+        command
+            .env("PHALANX_RUN_ROOT", run_dirs.run_root.path())
+            .arg("--out")
+            .arg(run_dirs.run_dir());
+        Phalanx { command, draws: false, run_dirs }
     }
 
     pub fn lockstep(self) -> Phalanx {
@@ -206,9 +209,9 @@ impl Phalanx {
         self.command.stdout(Stdio::piped()).stderr(Stdio::piped());
         let command = format!("{:?}", self.command);
         let supervisor = self.command.spawn().unwrap();
-        let run_dir = self.place.run_dir();
+        let run_dir = self.run_dirs.run_dir();
         let supervisor = Supervisor { child: Some(supervisor), run_dir };
-        RunInProgress { supervisor, read_stderr: String::new(), command, place: self.place }
+        RunInProgress { supervisor, read_stderr: String::new(), command, run_dirs: self.run_dirs }
     }
 
     /// Starts the run and waits until it has ended.
@@ -228,8 +231,8 @@ impl Drop for Supervisor {
         let Some(mut child) = self.child.take() else { return };
         let _ = child.kill();
         let _ = child.wait();
-        let began = Instant::now();
-        while !processes_of(&self.run_dir).is_empty() && began.elapsed() < WAIT_TIMEOUT {
+        let start = Instant::now();
+        while !processes_of(&self.run_dir).is_empty() && start.elapsed() < WAIT_TIMEOUT {
             std::thread::sleep(Duration::from_millis(1));
         }
     }
@@ -241,7 +244,7 @@ pub struct RunInProgress {
     /// Part of the run's stderr that the test has already read.
     read_stderr: String,
     command: String,
-    place: RunDirs,
+    run_dirs: RunDirs,
 }
 
 impl RunInProgress {
@@ -254,15 +257,15 @@ impl RunInProgress {
     }
 
     pub fn run_root(&self) -> &Path {
-        self.place.run_root.path()
+        self.run_dirs.run_root.path()
     }
 
     pub fn roots(&self) -> Vec<PathBuf> {
-        self.place.run_root.roots()
+        self.run_dirs.run_root.roots()
     }
 
     pub fn run_dir(&self) -> PathBuf {
-        self.place.run_dir()
+        self.run_dirs.run_dir()
     }
 
     /// Returns the running agents and plant: process id, and robot name or `plant`.
@@ -282,13 +285,14 @@ impl RunInProgress {
         std::fs::read_to_string(self.run_dir().join("events.csv")).unwrap_or_default()
     }
 
-    /// Waits until `condition` returns `Some`, and returns its value. Panics if the run ends first, or after [`HANG`].
+    /// Waits until `condition` returns `Some`, and returns its value. Panics if the run ends first, or after
+    /// [`WAIT_TIMEOUT`].
     pub fn wait_for<T>(
         &mut self,
         what: &str,
         condition: impl Fn(&RunInProgress) -> Option<T>,
     ) -> T {
-        let began = Instant::now();
+        let start = Instant::now();
         loop {
             if let Some(found) = condition(self) {
                 return found;
@@ -296,7 +300,7 @@ impl RunInProgress {
             let ended = self.child().try_wait().unwrap();
             assert!(ended.is_none(), "{} ended before {what}: {ended:?}", self.command);
             assert!(
-                began.elapsed() < WAIT_TIMEOUT,
+                start.elapsed() < WAIT_TIMEOUT,
                 "{}: no {what} within {WAIT_TIMEOUT:?}",
                 self.command
             );
@@ -326,9 +330,9 @@ impl RunInProgress {
         while self.child().stderr.as_mut().expect("piped").read(&mut byte).unwrap() > 0 {
             line.push(byte[0]);
             if byte == *b"\n" {
-                let whole = text(&std::mem::take(&mut line));
-                self.read_stderr += &whole;
-                if let Some(rest) = whole.strip_prefix(begins) {
+                let full_line = text(&std::mem::take(&mut line));
+                self.read_stderr += &full_line;
+                if let Some(rest) = full_line.strip_prefix(begins) {
                     return rest.trim_end().to_owned();
                 }
             }
@@ -340,11 +344,11 @@ impl RunInProgress {
         signal_pid(self.pid(), signal);
     }
 
-    /// Waits until the supervisor has exited. Panics after [`HANG`].
+    /// Waits until the supervisor has exited. Panics after [`WAIT_TIMEOUT`].
     pub fn wait_until_ended(&mut self) {
-        let began = Instant::now();
+        let start = Instant::now();
         while self.child().try_wait().unwrap().is_none() {
-            assert!(began.elapsed() < WAIT_TIMEOUT, "{} hangs", self.command);
+            assert!(start.elapsed() < WAIT_TIMEOUT, "{} hangs", self.command);
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -358,12 +362,19 @@ impl RunInProgress {
         let summary = summary
             .map_or(Value::Null, |bytes| serde_json::from_slice(&bytes).expect("it is JSON"));
         let (stdout, stderr) = (text(&stdout), self.read_stderr + &text(&stderr));
-        let shown = format!(
+        let description = format!(
             "command: {}\ndirectory: {}\nstatus: {status}\nstdout:\n{stdout}\nstderr:\n{stderr}",
             self.command,
             run_dir.display(),
         );
-        FinishedRun { code: status.code(), stdout, stderr, summary, shown, place: self.place }
+        FinishedRun {
+            code: status.code(),
+            stdout,
+            stderr,
+            summary,
+            description,
+            run_dirs: self.run_dirs,
+        }
     }
 }
 
@@ -373,13 +384,13 @@ pub struct FinishedRun {
     pub stdout: String,
     pub stderr: String,
     pub summary: Value,
-    shown: String,
-    place: RunDirs,
+    description: String,
+    run_dirs: RunDirs,
 }
 
 impl FinishedRun {
     pub fn run_dir(&self) -> PathBuf {
-        self.place.run_dir()
+        self.run_dirs.run_dir()
     }
 
     pub fn file(&self, name: &str) -> String {
@@ -390,12 +401,12 @@ impl FinishedRun {
     #[track_caller]
     pub fn assert_holds(&self, holds: bool, what: impl AsRef<str>) -> &FinishedRun {
         if !holds {
-            let mut shown = self.shown.clone();
+            let mut description = self.description.clone();
             let events = self.file("events.csv");
             let tail: Vec<&str> = events.lines().rev().take(12).collect();
-            let _ = write!(shown, "last events:");
-            tail.iter().rev().for_each(|line| shown += &format!("\n  {line}"));
-            panic!("not so: {}\n{shown}\nsummary: {:#}", what.as_ref(), self.summary);
+            let _ = write!(description, "last events:");
+            tail.iter().rev().for_each(|line| description += &format!("\n  {line}"));
+            panic!("not so: {}\n{description}\nsummary: {:#}", what.as_ref(), self.summary);
         }
         self
     }
@@ -429,7 +440,7 @@ impl FinishedRun {
     pub fn assert_leaves_nothing(&self) -> &FinishedRun {
         let processes = processes_of(&self.run_dir());
         self.assert_holds(processes.is_empty(), format!("no process is left, found {processes:?}"));
-        let files = files_below(self.place.run_root.path());
+        let files = files_below(self.run_dirs.run_root.path());
         self.assert_holds(files.is_empty(), format!("the run root is empty, found {files:?}"))
     }
 }
@@ -447,9 +458,10 @@ pub fn processes_of(run_dir: &Path) -> Vec<(u32, String)> {
         let Ok(pid) = entry.file_name().to_string_lossy().parse::<u32>() else { continue };
         // Exited processes that are not yet reaped have no arguments.
         let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-        let words = line.split(|byte| *byte == 0).map(|word| PathBuf::from(text(word)));
-        let mut words = words.filter(|word| word.parent() == Some(&briefs));
-        let brief = words.find(|word| word.extension().is_some_and(|end| end == "toml"));
+        let arguments = line.split(|byte| *byte == 0).map(|argument| PathBuf::from(text(argument)));
+        let mut arguments = arguments.filter(|argument| argument.parent() == Some(&briefs));
+        let brief =
+            arguments.find(|argument| argument.extension().is_some_and(|end| end == "toml"));
         let robot = brief.as_ref().and_then(|brief| brief.file_stem());
         found.extend(robot.map(|robot| (pid, robot.to_string_lossy().into_owned())));
     }
@@ -458,12 +470,12 @@ pub fn processes_of(run_dir: &Path) -> Vec<(u32, String)> {
 }
 
 /// Waits until no process of the run in `run_dir` is left: children of a killed supervisor exit by themselves.
-/// Panics after [`HANG`].
+/// Panics after [`WAIT_TIMEOUT`].
 #[track_caller]
 pub fn wait_until_gone(run_dir: &Path) {
-    let began = Instant::now();
+    let start = Instant::now();
     while !processes_of(run_dir).is_empty() {
-        assert!(began.elapsed() < WAIT_TIMEOUT, "left: {:?}", processes_of(run_dir));
+        assert!(start.elapsed() < WAIT_TIMEOUT, "left: {:?}", processes_of(run_dir));
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -474,25 +486,27 @@ pub fn write_script(path: &Path, lines: &str) {
     std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
 }
 
-/// Checks that `said` returns the text of `*.stderr` for each `*.toml` in a folder of this repository. Panics if the
-/// folder has fewer than `least` such files, or a `*.stderr` without one. `PHALANX_BLESS=1` writes the texts instead.
-pub fn assert_texts_beside(folder: &str, least: usize, said: impl Fn(&Path) -> String) {
+/// Checks that `text_of` returns the text of `*.stderr` for each `*.toml` in a folder of this repository. Panics if the
+/// folder has fewer than `minimum_count` such files, or a `*.stderr` without one. `PHALANX_BLESS=1` writes the texts
+/// instead.
+pub fn assert_texts_beside(folder: &str, minimum_count: usize, text_of: impl Fn(&Path) -> String) {
     let entries = std::fs::read_dir(Path::new(ROOT).join(folder)).unwrap();
     let names = entries.map(|entry| Path::new(folder).join(entry.unwrap().file_name()));
-    let (mut files, beside): (Vec<PathBuf>, Vec<PathBuf>) =
+    let (mut files, stderr_files): (Vec<PathBuf>, Vec<PathBuf>) =
         names.partition(|path| path.extension() == Some(OsStr::new("toml")));
     files.sort();
-    assert!(files.len() >= least, "only {} files in {folder}", files.len());
-    for path in beside {
+    assert!(files.len() >= minimum_count, "only {} files in {folder}", files.len());
+    for path in stderr_files {
         assert!(files.contains(&path.with_extension("toml")), "{} is left over", path.display());
     }
     let mut wrong = Vec::new();
     for path in files {
-        let (found, beside) = (said(&path), Path::new(ROOT).join(path.with_extension("stderr")));
+        let (found, expected_path) =
+            (text_of(&path), Path::new(ROOT).join(path.with_extension("stderr")));
         if std::env::var_os("PHALANX_BLESS").is_some() {
-            std::fs::write(&beside, &found).unwrap();
+            std::fs::write(&expected_path, &found).unwrap();
         }
-        let expected = std::fs::read_to_string(&beside).unwrap_or_default();
+        let expected = std::fs::read_to_string(&expected_path).unwrap_or_default();
         if found != expected {
             wrong.push(format!("{}\nexpected:\n{expected}\nfound:\n{found}", path.display()));
         }
@@ -526,9 +540,9 @@ pub fn map_in_parallel<I: Sync, T: Send>(items: &[I], work: impl Fn(&I) -> T + S
         for _ in 0..threads {
             scope.spawn(|| {
                 loop {
-                    let taken = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(item) = items.get(taken) else { break };
-                    *results[taken].lock().unwrap() = Some(work(item));
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(item) = items.get(index) else { break };
+                    *results[index].lock().unwrap() = Some(work(item));
                 }
             });
         }

@@ -23,16 +23,27 @@ pub const TRIANGLES: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "trian
 pub const PERIODS: [&str; 3] = ["period_s=0.005", "period_s=0.01", "period_s=0.02"];
 
 /// Returns a trial with faults from its beginning to its end.
-pub fn hostile_trial(seed: u64, adversary: Adversary, wish: RequestedVelocity) -> Trial {
+pub fn hostile_trial(
+    seed: u64,
+    adversary: Adversary,
+    requested_velocity: RequestedVelocity,
+) -> Trial {
     let expiry = Expiry::FromSample;
-    Trial { seed, adversary, wish, expiry, hostile_ns: 3 * NS_PER_S, duration_ns: 3 * NS_PER_S }
+    Trial {
+        seed,
+        adversary,
+        requested_velocity,
+        expiry,
+        hostile_ns: 3 * NS_PER_S,
+        duration_ns: 3 * NS_PER_S,
+    }
 }
 
 /// Simulates a trial. Returns the margin of the minimum distance to d or of the minimum wall clearance to the required
 /// one, whichever is smaller, m, and the outcome.
 pub fn margin(fleet: &Fleet, trial: Trial) -> (f64, TrialResult) {
     let outcome = simulate(fleet, trial, |_, _, _| ());
-    (kept_by(fleet, &outcome), outcome)
+    (margin_of(fleet, &outcome), outcome)
 }
 
 /// One run, with the name that a violation is reported with.
@@ -43,7 +54,7 @@ pub struct HostileCase {
 }
 
 /// Returns the margin of a simulated run, m.
-fn kept_by(fleet: &Fleet, outcome: &TrialResult) -> f64 {
+fn margin_of(fleet: &Fleet, outcome: &TrialResult) -> f64 {
     outcome.margin_m.min(outcome.clearance_m - fleet.plant.clearance_m)
 }
 
@@ -78,17 +89,17 @@ fn crowd(period: &str) -> Fleet {
     let (d, ell) = (0.25, 0.125);
     let Fleet { mut plant, agents } = fleet_of_scenario("triangle", &[period]);
     let (body, agent) = (plant.robots[0].clone(), agents[0].clone());
-    let place = |i: usize| d * Vec2::new((i % 7) as f64 - 3.0, (i / 7) as f64 - 3.0);
+    let position = |i: usize| d * Vec2::new((i % 7) as f64 - 3.0, (i / 7) as f64 - 3.0);
     plant.distance_min_m = d;
     plant.robots = (0..49)
         .map(|i| {
-            let (x_m, y_m) = (place(i).x - ell, place(i).y);
+            let (x_m, y_m) = (position(i).x - ell, position(i).y);
             let start = Pose { x_m, y_m, heading_rad: 0.0 };
             BodyBrief { start, front_point_m: ell, ..body.clone() }
         })
         .collect();
     let agents = (0..49).map(|i| {
-        let mut agent = AgentBrief { front_point_m: ell, ..leads_to(-place(i), i, &agent) };
+        let mut agent = AgentBrief { front_point_m: ell, ..leads_to(-position(i), i, &agent) };
         agent.avoidance.distance_min_m = d;
         agent
     });
@@ -126,9 +137,9 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
         let mut cases = Vec::new();
         for (name, period, fleet) in &fleets {
             let fleet = fleet.clone().under(profile);
-            for (adversary, wish) in adversaries_and_wishes() {
+            for (adversary, requested_velocity) in adversaries_and_velocities() {
                 seed += 1;
-                let trial = hostile_trial(seed, adversary, wish);
+                let trial = hostile_trial(seed, adversary, requested_velocity);
                 let name = format!("{name}, {period}, {profile:?}, {trial:?}");
                 cases.push(HostileCase { name, fleet: fleet.clone(), trial });
             }
@@ -136,7 +147,9 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
         let outcomes = map_in_parallel(&cases, |case| margin(&case.fleet, case.trial));
         for (case, (margin_m, outcome)) in cases.iter().zip(outcomes) {
             assert!(margin_m >= 0.0, "{}: {margin_m}, {outcome:?}", case.name);
-            if profile == FaultProfile::Nothing && case.trial.wish == RequestedVelocity::Ram {
+            if profile == FaultProfile::Nothing
+                && case.trial.requested_velocity == RequestedVelocity::Ram
+            {
                 rammed_m = rammed_m.min(margin_m);
             }
             late += outcome.commands_late;
@@ -151,7 +164,7 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
 }
 
 /// Returns every adversary with every requested velocity.
-pub fn adversaries_and_wishes() -> impl Iterator<Item = (Adversary, RequestedVelocity)> {
+pub fn adversaries_and_velocities() -> impl Iterator<Item = (Adversary, RequestedVelocity)> {
     ADVERSARIES.into_iter().flat_map(|adversary| {
         [(adversary, RequestedVelocity::Law), (adversary, RequestedVelocity::Ram)]
     })
@@ -159,59 +172,64 @@ pub fn adversaries_and_wishes() -> impl Iterator<Item = (Adversary, RequestedVel
 
 /// Simulates a trial. Returns the minimum clearance of robots to walls after they have left their start, m, and the
 /// outcome.
-fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, TrialResult) {
-    let mut passed_m = f64::INFINITY;
+fn min_clearance_m(fleet: &Fleet, trial: Trial) -> (f64, TrialResult) {
+    let mut min_clearance_m = f64::INFINITY;
     let outcome = simulate(fleet, trial, |header, truth, _| {
         if header.t_ns > NS_PER_S / 2 {
             for (row, body) in truth.iter().zip(&fleet.plant.robots) {
                 let alpha = front_point(row.pose(), body.front_point_m);
-                let away =
+                let to_walls =
                     fleet.plant.obstacles.iter().map(|wall| alpha - wall.nearest_point(alpha));
-                passed_m = away.map(|away| away.norm()).fold(passed_m, f64::min);
+                min_clearance_m =
+                    to_walls.map(|to_walls| to_walls.norm()).fold(min_clearance_m, f64::min);
             }
         }
     });
-    (passed_m, outcome)
+    (min_clearance_m, outcome)
 }
 
 /// Simulates the same fleets, each among other walls.
 #[test]
 fn in_864_adversarial_runs_among_walls_robots_keep_clearance() {
     let rounds = 6 * repetition_factor() as u64;
-    let (mut runs, mut closest_m, mut passed) = (0, f64::INFINITY, 0);
+    let (mut runs, mut closest_m, mut close_runs) = (0, f64::INFINITY, 0);
     for (round, profile) in (0..rounds).zip(FAULT_PROFILES.into_iter().cycle()) {
         let mut cases = Vec::new();
-        for (place, period) in (0..).zip(PERIODS) {
+        for (index, period) in (0..).zip(PERIODS) {
             let mut fleets: Vec<Fleet> =
                 TRIANGLES.map(|name| fleet_of_scenario(name, &[period])).into();
             fleets.extend([6, 7].map(|n| swap(n, period)));
             for (number, fleet) in (0..).zip(fleets) {
-                let seed = 100 * round + 10 * place + number;
+                let seed = 100 * round + 10 * index + number;
                 let fleet = fleet.among_walls(seed).under(profile);
-                for (adversary, wish) in adversaries_and_wishes() {
+                for (adversary, requested_velocity) in adversaries_and_velocities() {
                     runs += 1;
-                    let trial =
-                        Trial { duration_ns: 2 * NS_PER_S, ..hostile_trial(runs, adversary, wish) };
+                    let trial = Trial {
+                        duration_ns: 2 * NS_PER_S,
+                        ..hostile_trial(runs, adversary, requested_velocity)
+                    };
                     let name = format!("{seed}, {period}, {profile:?}, {trial:?}");
                     cases.push(HostileCase { name, fleet: fleet.clone(), trial });
                 }
             }
         }
-        let outcomes = map_in_parallel(&cases, |case| passed_m(&case.fleet, case.trial));
-        for (HostileCase { name, fleet, .. }, (passed_m, outcome)) in cases.iter().zip(outcomes) {
-            assert!(kept_by(fleet, &outcome) >= 0.0, "{name}: {outcome:?}");
-            let beside_m = passed_m - fleet.plant.clearance_m;
-            closest_m = closest_m.min(beside_m);
-            passed += u64::from(beside_m < 1e-2);
+        let outcomes = map_in_parallel(&cases, |case| min_clearance_m(&case.fleet, case.trial));
+        for (HostileCase { name, fleet, .. }, (min_clearance_m, outcome)) in
+            cases.iter().zip(outcomes)
+        {
+            assert!(margin_of(fleet, &outcome) >= 0.0, "{name}: {outcome:?}");
+            let clearance_margin_m = min_clearance_m - fleet.plant.clearance_m;
+            closest_m = closest_m.min(clearance_margin_m);
+            close_runs += u64::from(clearance_margin_m < 1e-2);
         }
     }
     println!(
-        "{runs} runs among walls, after 0.5 s at the closest clearance + {closest_m:e} m, {passed} \
+        "{runs} runs among walls, after 0.5 s at the closest clearance + {closest_m:e} m, {close_runs} \
          within 1 cm of it"
     );
     assert_eq!(runs, 144 * rounds);
     // The robots did come close to walls.
-    assert!(closest_m < 1e-3 && 5 * passed > runs, "{closest_m}, {passed} of {runs}");
+    assert!(closest_m < 1e-3 && 5 * close_runs > runs, "{closest_m}, {close_runs} of {runs}");
 }
 
 #[test]
@@ -219,14 +237,15 @@ fn crowd_at_spacing_d_with_partial_sensing_keeps_d() {
     let fleet = crowd("period_s=0.02");
     let alphas: Vec<Vec2> =
         fleet.plant.robots.iter().map(|body| front_point(body.start, body.front_point_m)).collect();
-    let near = |alpha: &Vec2| {
+    let neighbor_count = |alpha: &Vec2| {
         let within = |other: &&Vec2| (*other - alpha).norm() <= fleet.plant.sensing_radius_m;
         alphas.iter().filter(within).count() - 1
     };
-    let most = alphas.iter().map(near).max();
-    assert!(most > Some(PROXIMITY_MAX), "{most:?}");
-    for (seed, (adversary, wish)) in (0..).zip(adversaries_and_wishes()) {
-        let trial = Trial { duration_ns: NS_PER_S, ..hostile_trial(seed, adversary, wish) };
+    let max_neighbors = alphas.iter().map(neighbor_count).max();
+    assert!(max_neighbors > Some(PROXIMITY_MAX), "{max_neighbors:?}");
+    for (seed, (adversary, requested_velocity)) in (0..).zip(adversaries_and_velocities()) {
+        let trial =
+            Trial { duration_ns: NS_PER_S, ..hostile_trial(seed, adversary, requested_velocity) };
         let (margin_m, outcome) = margin(&fleet, trial);
         assert!(margin_m >= 0.0, "{trial:?}: {margin_m}, {outcome:?}");
     }
@@ -235,8 +254,8 @@ fn crowd_at_spacing_d_with_partial_sensing_keeps_d() {
 #[test]
 fn all_robots_return_after_the_last_fault() {
     let cases = TRIANGLES.map(|name| (name, 3)).into_iter().chain([("pentagon", 2)]);
-    for (place, (name, hostile_s)) in cases.enumerate() {
-        for (seed, adversary) in (10 * place as u64..).zip(ADVERSARIES) {
+    for (index, (name, hostile_s)) in cases.enumerate() {
+        for (seed, adversary) in (10 * index as u64..).zip(ADVERSARIES) {
             let scenario = scenario(name, &["duration_s=30", "expect={}"]);
             let fleet = Fleet::from_scenario(&scenario);
             let mut metrics = Metrics::new(&scenario, Pace::Realtime);

@@ -29,18 +29,19 @@ fn start_moving_run() -> RunInProgress {
 
 fn assert_passes_undisturbed(running: RunInProgress) {
     let ended = running.finish();
-    let foretold = oracle::simulate(&scenario("triangle", &HUNG_SETTINGS)).trajectory_hash.unwrap();
+    let predicted_hash =
+        oracle::simulate(&scenario("triangle", &HUNG_SETTINGS)).trajectory_hash.unwrap();
     ended.exits_with(0).assert_leaves_nothing();
-    ended.assert_holds(ended.hash() == foretold, format!("the hash is {foretold}"));
+    ended.assert_holds(ended.hash() == predicted_hash, format!("the hash is {predicted_hash}"));
 }
 
 #[test]
 fn run_waits_for_a_stopped_robot_and_a_stopped_plant() {
     let mut running = start_moving_run();
-    for (name, who) in [("r2", "r2"), ("plant", "the plant")] {
+    for (name, process_name) in [("r2", "r2"), ("plant", "the plant")] {
         let stopped = running.pid_of(name);
         signal_pid(stopped, Signal::STOP);
-        running.wait_for_line(&format!(" WARN {who} was stopped by another process"));
+        running.wait_for_line(&format!(" WARN {process_name} was stopped by another process"));
         std::thread::sleep(STOP_DURATION);
         signal_pid(stopped, Signal::CONT);
     }
@@ -67,7 +68,7 @@ fn run_continues_after_stopped_supervisor_or_all_stopped() {
 #[test]
 fn hung_robot_is_named_and_ends_the_run_with_exit_code_4() {
     let mut running = start_moving_run();
-    let moves = Instant::now();
+    let move_start = Instant::now();
     // A tick that takes long.
     let r3 = running.pid_of("r3");
     signal_pid(r3, Signal::STOP);
@@ -82,7 +83,7 @@ fn hung_robot_is_named_and_ends_the_run_with_exit_code_4() {
     // The robot has answered and waits for the next tick; now the answer is removed.
     barrier.set_member(1, 0);
     signal_pid(r3, Signal::CONT);
-    let at_least_s = moves.elapsed().as_secs_f64() + 0.5;
+    let at_least_s = move_start.elapsed().as_secs_f64() + 0.5;
     running.wait_for_line(&format!(
         " WARN r2 has not answered tick {tick}, and is blocked (on a file, a timer or another process), for 0.25 s"
     ));

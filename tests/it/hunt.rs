@@ -25,9 +25,9 @@ const CROSSING: [&str; 9] = [
     "--out",
 ];
 
-fn hunt(words: &[&str], out: &Path, more: &[&str]) -> Command {
-    let mut command = phalanx(words);
-    command.arg(out).args(more);
+fn hunt(arguments: &[&str], out: &Path, options: &[&str]) -> Command {
+    let mut command = phalanx(arguments);
+    command.arg(out).args(options);
     command
 }
 
@@ -38,32 +38,38 @@ fn report(out: &Path) -> Value {
 /// Returns all files that a hunt writes, except for its lock.
 fn read_written_files(out: &Path) -> Vec<(String, String)> {
     let names = ["journal.csv", "hunt.json", "nearest.toml", "scenario.toml"];
-    let text = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();
+    let read_text = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();
     // The paths of the folders differ.
-    names.map(|name| (name.to_owned(), text(name))).into()
+    names.map(|name| (name.to_owned(), read_text(name))).into()
 }
 
 #[test]
 fn shrunk_miss_has_equal_trajectories_in_processes() {
     let scratch = TempDir::new().unwrap();
     let out = scratch.path().join("out");
-    let said = hunt(&CROSSING, &out, &["--runs", "300"]).exits_with(1).stdout;
-    let found = report(&out);
-    assert_eq!((&found["found"], &found["expectation"]), (&true.into(), &"min_distance_m".into()));
-    assert!(found["margin_of_file"].as_f64().unwrap() < 0.0, "{found:#}");
+    let output = hunt(&CROSSING, &out, &["--runs", "300"]).exits_with(1).stdout;
+    let result = report(&out);
+    assert_eq!(
+        (&result["found"], &result["expectation"]),
+        (&true.into(), &"min_distance_m".into())
+    );
+    assert!(result["margin_of_file"].as_f64().unwrap() < 0.0, "{result:#}");
     // The shrunk run changes the start of one or two robots, and has no fault.
-    assert_eq!(found["faults"], 0, "{found:#}");
-    assert!(found["starts"].as_u64().unwrap() <= 2, "{found:#}");
-    assert!(said.contains(found["what"].as_str().unwrap()), "{said}");
-    let file = out.join(found["file"].as_str().unwrap());
+    assert_eq!(result["faults"], 0, "{result:#}");
+    assert!(result["starts"].as_u64().unwrap() <= 2, "{result:#}");
+    assert!(output.contains(result["what"].as_str().unwrap()), "{output}");
+    let file = out.join(result["file"].as_str().unwrap());
     let page = fs::read_to_string(file.with_extension("").join("report.html")).unwrap();
     let head = page.split("</h1>").nth(1).unwrap();
-    assert!(head.starts_with(&format!("\n<p>{}.</p>", found["what"].as_str().unwrap())), "{head}");
+    assert!(head.starts_with(&format!("\n<p>{}.</p>", result["what"].as_str().unwrap())), "{head}");
     let ended = run_file(&file).lockstep().finish();
     ended.exits_with(1);
-    assert_eq!(ended.hash(), found["trajectory_hash"].as_str().unwrap());
-    let held = &ended.summary["expectations"][0];
-    assert_eq!((&held["name"], &held["held"]), (&"min_distance_m".into(), &false.into()));
+    assert_eq!(ended.hash(), result["trajectory_hash"].as_str().unwrap());
+    let expectation = &ended.summary["expectations"][0];
+    assert_eq!(
+        (&expectation["name"], &expectation["held"]),
+        (&"min_distance_m".into(), &false.into())
+    );
 }
 
 /// Hunt with faults, delays and noise of every kind, and several expectations.
@@ -71,7 +77,7 @@ fn shrunk_miss_has_equal_trajectories_in_processes() {
 fn nearest_run_of_all_variations_is_equal_in_processes() {
     let scratch = TempDir::new().unwrap();
     let out = scratch.path().join("out");
-    let words =
+    let arguments =
         ["hunt", "scenarios/triangle.toml", "--set", "duration_s=6", "--set", "expect={}", "--out"];
     let sets = [
         "--set",
@@ -87,12 +93,12 @@ fn nearest_run_of_all_variations_is_equal_in_processes() {
         "--expect",
         "final_error_m_max,alive_at_end,min_distance_m",
     ];
-    hunt(&words, &out, &sets).exits_with(0);
-    let found = report(&out);
-    assert_eq!((&found["found"], &found["runs"]), (&false.into(), &64.into()));
+    hunt(&arguments, &out, &sets).exits_with(0);
+    let result = report(&out);
+    assert_eq!((&result["found"], &result["runs"]), (&false.into(), &64.into()));
     let ended = run_file(&out.join("nearest.toml")).lockstep().finish();
     ended.exits_with(0);
-    assert_eq!(ended.hash(), found["trajectory_hash"].as_str().unwrap());
+    assert_eq!(ended.hash(), result["trajectory_hash"].as_str().unwrap());
     let journal = fs::read_to_string(out.join("journal.csv")).unwrap();
     assert_eq!(
         journal.lines().nth(1),
@@ -104,12 +110,12 @@ fn nearest_run_of_all_variations_is_equal_in_processes() {
 #[test]
 fn killed_hunt_on_any_core_count_gives_equal_results() {
     let scratch = TempDir::new().unwrap();
-    let [whole, killed] = ["whole", "killed"].map(|name| scratch.path().join(name));
-    let words =
+    let [complete, killed] = ["whole", "killed"].map(|name| scratch.path().join(name));
+    let arguments =
         ["hunt", "scenarios/triangle.toml", "--set", "duration_s=2", "--set", "expect={}", "--out"];
-    let more = ["--runs", "200", "--jobs", "1"];
-    hunt(&words, &whole, &more).exits_with(0);
-    let mut first = hunt(&words, &killed, &["--runs", "200", "--jobs", "2"]);
+    let options = ["--runs", "200", "--jobs", "1"];
+    hunt(&arguments, &complete, &options).exits_with(0);
+    let mut first = hunt(&arguments, &killed, &["--runs", "200", "--jobs", "2"]);
     let mut first = first.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let journal = killed.join("journal.csv");
     let lines = || fs::read_to_string(&journal).map_or(0, |text| text.lines().count());
@@ -121,46 +127,51 @@ fn killed_hunt_on_any_core_count_gives_equal_results() {
     // A truncated line.
     let text = fs::read_to_string(&journal).unwrap();
     fs::write(&journal, &text[..text.len() - 5]).unwrap();
-    hunt(&words, &killed, &["--runs", "200", "--jobs", "3"]).exits_with(0);
-    assert_eq!(read_written_files(&whole), read_written_files(&killed));
+    hunt(&arguments, &killed, &["--runs", "200", "--jobs", "3"]).exits_with(0);
+    assert_eq!(read_written_files(&complete), read_written_files(&killed));
     // A larger number of runs resumes the hunt, and another hunt does not.
-    hunt(&words, &killed, &["--runs", "210"]).exits_with(0);
-    let grown = fs::read_to_string(&journal).unwrap();
-    assert!(grown.starts_with(&fs::read_to_string(whole.join("journal.csv")).unwrap()));
-    assert_eq!(grown.lines().count(), 212);
-    let said = hunt(&words, &killed, &["--seed", "9"]).exits_with(2).stderr;
-    assert!(said.contains("another hunt") && said.lines().count() == 1, "{said}");
+    hunt(&arguments, &killed, &["--runs", "210"]).exits_with(0);
+    let extended = fs::read_to_string(&journal).unwrap();
+    assert!(extended.starts_with(&fs::read_to_string(complete.join("journal.csv")).unwrap()));
+    assert_eq!(extended.lines().count(), 212);
+    let output = hunt(&arguments, &killed, &["--seed", "9"]).exits_with(2).stderr;
+    assert!(output.contains("another hunt") && output.lines().count() == 1, "{output}");
 }
 
 #[test]
 fn altered_journal_is_computed_again_with_a_warning() {
     let scratch = TempDir::new().unwrap();
     let out = scratch.path().join("out");
-    let words =
+    let arguments =
         ["hunt", "scenarios/triangle.toml", "--set", "duration_s=2", "--set", "expect={}", "--out"];
-    let more = ["--runs", "40"];
-    let said = hunt(&words, &out, &more).exits_with(0).stderr;
-    assert!(!said.contains("checksum"), "{said}");
+    let options = ["--runs", "40"];
+    let output = hunt(&arguments, &out, &options).exits_with(0).stderr;
+    assert!(!output.contains("checksum"), "{output}");
     let before = read_written_files(&out);
     let path = out.join("journal.csv");
     let journal = fs::read_to_string(&path).unwrap();
     let lines: Vec<&str> = journal.split_inclusive('\n').collect();
     // The line of the nearest run becomes a miss, is deleted, is duplicated, or moves.
-    let numbers = |line: &str| line.split(',').nth(1).and_then(|margin| margin.parse().ok());
-    let margins: Vec<f64> = lines.iter().skip(2).filter_map(|line| numbers(line)).collect();
-    let least = margins.iter().copied().fold(f64::INFINITY, f64::min);
-    let at = 2 + margins.iter().position(|margin| *margin == least).unwrap();
-    let missed = lines[at].replacen(',', ",-", 1);
-    let (head, rest) = (lines[..at].concat(), lines[at + 1..].concat());
+    let margin_of = |line: &str| line.split(',').nth(1).and_then(|margin| margin.parse().ok());
+    let margins: Vec<f64> = lines.iter().skip(2).filter_map(|line| margin_of(line)).collect();
+    let lowest_margin = margins.iter().copied().fold(f64::INFINITY, f64::min);
+    let lowest_line = 2 + margins.iter().position(|margin| *margin == lowest_margin).unwrap();
+    let missed = lines[lowest_line].replacen(',', ",-", 1);
+    let (head, rest) = (lines[..lowest_line].concat(), lines[lowest_line + 1..].concat());
     for altered in [
         format!("{head}{missed}{rest}"),
         format!("{head}{rest}"),
-        format!("{head}{0}{0}{rest}", lines[at]),
-        format!("{}{}{}{rest}", lines[..at - 1].concat(), lines[at], lines[at - 1]),
+        format!("{head}{0}{0}{rest}", lines[lowest_line]),
+        format!(
+            "{}{}{}{rest}",
+            lines[..lowest_line - 1].concat(),
+            lines[lowest_line],
+            lines[lowest_line - 1]
+        ),
     ] {
         fs::write(&path, &altered).unwrap();
-        let said = hunt(&words, &out, &more).exits_with(0).stderr;
-        assert!(said.contains("does not match its checksum"), "{said}");
+        let output = hunt(&arguments, &out, &options).exits_with(0).stderr;
+        assert!(output.contains("does not match its checksum"), "{output}");
         assert_eq!(read_written_files(&out), before);
         assert_eq!(fs::read_to_string(out.join("journal.csv.damaged")).unwrap(), altered);
     }
@@ -190,8 +201,8 @@ fn links_and_pipes_in_the_folder_of_a_hunt_are_refused() {
             command.args(["--signal", "KILL", &WAIT_TIMEOUT.as_secs().to_string(), "sh", "-c"]);
             command.args(["ulimit -v 4000000 && exec \"$0\" \"$@\"", PHALANX]);
             command.args(CROSSING).arg(&out).args(["--runs", "1"]).stdin(Stdio::null());
-            let said = command.exits_with(4).stderr;
-            assert!(said.contains(name) && said.contains(why), "{name}: {said}");
+            let output = command.exits_with(4).stderr;
+            assert!(output.contains(name) && output.contains(why), "{name}: {output}");
             assert_eq!(fs::read_to_string(&precious).unwrap(), "precious\n");
             fs::remove_dir_all(&out).unwrap();
         }
@@ -202,8 +213,8 @@ fn links_and_pipes_in_the_folder_of_a_hunt_are_refused() {
 fn emitted_commands_are_hunts_of_their_own() {
     let scratch = TempDir::new().unwrap();
     let out = scratch.path().join("out");
-    let more = ["--seed", "5", "--runs", "3", "--emit-commands", "2"];
-    let lines = hunt(&CROSSING, &out, &more).exits_with(0).stdout;
+    let options = ["--seed", "5", "--runs", "3", "--emit-commands", "2"];
+    let lines = hunt(&CROSSING, &out, &options).exits_with(0).stdout;
     assert!(!out.exists());
     assert_eq!(lines.lines().count(), 2, "{lines}");
     for (line, seed) in lines.lines().zip([5, 6]) {
@@ -229,11 +240,14 @@ fn invalid_hunt_request_is_reported_in_one_line() {
         (&[goals, "--vary", "faults", "--set", "hunt.kinds=[\"cut\"]"], "nothing would vary"),
         (&["scenarios/triangle.toml", "--runs", "0"], "0 is not in"),
     ];
-    for (words, part) in cases {
-        let words = [&["hunt"], words, &["--out"]].concat();
-        let said = hunt(&words, &out, &[]).exits_with(2).stderr;
-        assert!(said.starts_with("error: ") && said.contains(part), "{words:?}: {said}");
-        assert_eq!(said.matches("error: ").count(), 1, "{said}");
+    for (arguments, expected) in cases {
+        let arguments = [&["hunt"], arguments, &["--out"]].concat();
+        let output = hunt(&arguments, &out, &[]).exits_with(2).stderr;
+        assert!(
+            output.starts_with("error: ") && output.contains(expected),
+            "{arguments:?}: {output}"
+        );
+        assert_eq!(output.matches("error: ").count(), 1, "{output}");
         assert!(!out.exists());
     }
 }

@@ -27,7 +27,10 @@ fn follower_of_dead_robot_is_locally_right_globally_wrong() {
     let measures = simulate(&with_faults("line-5", &[], &["kill r2 @40"]));
     // r3 receives from r2 only, and stops at the slot of its last beacon, except for the line that the leader continues
     // to turn.
-    let (heard_m, ideal_m) =
+    let (local_error_m, ideal_error_m) =
         (error_m(&measures.final_error_m, "r3"), error_m(&measures.final_ideal_error_m, "r3"));
-    assert!(heard_m < 1.0 && ideal_m > 3.0, "{heard_m} m by r2, {ideal_m} m in the whole");
+    assert!(
+        local_error_m < 1.0 && ideal_error_m > 3.0,
+        "{local_error_m} m by r2, {ideal_error_m} m in the whole"
+    );
 }

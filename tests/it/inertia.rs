@@ -3,7 +3,7 @@
 
 use crate::harness::{map_in_parallel, repetition_factor};
 use crate::hostile::{
-    HostileCase, NS_PER_S, PERIODS, TRIANGLES, adversaries_and_wishes, fleet_of_scenario,
+    HostileCase, NS_PER_S, PERIODS, TRIANGLES, adversaries_and_velocities, fleet_of_scenario,
     hostile_trial, margin, swap,
 };
 use crate::model::{FAULT_PROFILES, FaultProfile, Fleet, INERTIAS, Trial};
@@ -39,36 +39,40 @@ fn in_2016_adversarial_runs_robots_with_inertia_keep_d() {
     let (mut seed, mut late, mut freezes, mut kills) = (0, 0, 0, 0);
     let (mut compared, mut below) = (0, 0);
     let (mut worst, mut worst_clearance) = (f64::INFINITY, f64::INFINITY);
-    let (mut closest, mut beside_walls) = (f64::INFINITY, f64::INFINITY);
+    let (mut closest, mut closest_to_wall) = (f64::INFINITY, f64::INFINITY);
     let mut among_walls = 0;
     for (round, profile) in FAULT_PROFILES.into_iter().cycle().take(rounds).enumerate() {
         let mut cases = Vec::new();
         for (name, fleet) in fleets(round / FAULT_PROFILES.len() + round) {
-            let unknowing = fleet.clone().without_knowing_its_inertia();
+            let inertia_unaware = fleet.clone().without_knowing_its_inertia();
             let fleet = fleet.under(profile);
-            for (adversary, wish) in adversaries_and_wishes() {
+            for (adversary, requested_velocity) in adversaries_and_velocities() {
                 seed += 1;
-                let trial =
-                    Trial { duration_ns: 2 * NS_PER_S, ..hostile_trial(seed, adversary, wish) };
+                let trial = Trial {
+                    duration_ns: 2 * NS_PER_S,
+                    ..hostile_trial(seed, adversary, requested_velocity)
+                };
                 let name = format!("{name}, {profile:?}, {trial:?}");
-                let compare = (profile == FaultProfile::Nothing).then(|| unknowing.clone());
+                let compare = (profile == FaultProfile::Nothing).then(|| inertia_unaware.clone());
                 cases.push((HostileCase { name, fleet: fleet.clone(), trial }, compare));
             }
         }
-        let outcomes = map_in_parallel(&cases, |(HostileCase { fleet, trial, .. }, unknowing)| {
-            let compared = unknowing.as_ref().map(|unknowing| margin(unknowing, *trial));
-            (margin(fleet, *trial), compared)
-        });
-        for ((case, _), ((margin_m, outcome), unknowing)) in cases.iter().zip(outcomes) {
+        let outcomes =
+            map_in_parallel(&cases, |(HostileCase { fleet, trial, .. }, inertia_unaware)| {
+                let compared =
+                    inertia_unaware.as_ref().map(|inertia_unaware| margin(inertia_unaware, *trial));
+                (margin(fleet, *trial), compared)
+            });
+        for ((case, _), ((margin_m, outcome), inertia_unaware)) in cases.iter().zip(outcomes) {
             let HostileCase { name, fleet: Fleet { plant, .. }, .. } = case;
             assert!(margin_m >= 0.0, "{name}: {margin_m}, {outcome:?}");
             closest = closest.min(outcome.closest_m - plant.distance_min_m);
-            beside_walls = beside_walls.min(outcome.clearance_m - plant.clearance_m);
+            closest_to_wall = closest_to_wall.min(outcome.clearance_m - plant.clearance_m);
             among_walls += u64::from(outcome.clearance_m.is_finite());
             late += outcome.commands_late;
             freezes += outcome.freezes;
             kills += outcome.kills;
-            if let Some((margin_m, outcome)) = unknowing {
+            if let Some((margin_m, outcome)) = inertia_unaware {
                 compared += 1;
                 below += u64::from(margin_m < 0.0);
                 worst = worst.min(outcome.closest_m / plant.distance_min_m);
@@ -79,7 +83,7 @@ fn in_2016_adversarial_runs_robots_with_inertia_keep_d() {
     }
     println!(
         "{seed} runs, {among_walls} among walls, closest d + {closest:e} m and clearance + \
-         {beside_walls:e} m, {late} late, {freezes} frozen, {kills} killed; without knowing: {below} of \
+         {closest_to_wall:e} m, {late} late, {freezes} frozen, {kills} killed; without knowing: {below} of \
          {compared} below, worst {worst} d and {worst_clearance} of the clearance"
     );
     assert_eq!(seed, 168 * rounds as u64);

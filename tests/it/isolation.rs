@@ -8,7 +8,7 @@ use crate::harness::{RunInProgress, files_below, run};
 
 #[test]
 fn agent_opens_only_its_services_and_in_neighbor_beacons() {
-    let hears = BTreeMap::from([("r1", "r2"), ("r2", "r3"), ("r3", "r1")]);
+    let in_neighbors = BTreeMap::from([("r1", "r2"), ("r2", "r3"), ("r3", "r1")]);
     let mut running = run("triangle").set("duration_s=60").start();
     running.wait_for_event("contact");
     let services = services(&running);
@@ -18,7 +18,7 @@ fn agent_opens_only_its_services_and_in_neighbor_beacons() {
             .iter()
             .map(|service| format!("robot/{name}/{service}"))
             .collect();
-        expected.insert(format!("robot/{}/beacon", hears[name.as_str()]));
+        expected.insert(format!("robot/{}/beacon", in_neighbors[name.as_str()]));
 
         let tagged = tagged(&running, *pid, &services);
         assert_eq!(tagged, expected, "tags of {name}");
@@ -52,20 +52,23 @@ fn agent_opens_a_spare_beacon_only_while_it_uses_the_spare() {
         [tagged(running, r3, &services), mapped.collect()]
     };
     let own = ["odometry", "command", "beacon", "status", "latency"];
-    let mut heard: BTreeSet<String> = own.map(|what| format!("robot/r3/{what}")).into();
-    heard.insert("robot/r4/beacon".into());
-    let more: BTreeSet<String> = heard.iter().cloned().chain([spare]).collect();
-    // On a busy machine a robot may be lost and heard again at any time: the open services converge to this.
-    let mut comes_to = |what: &str, expected: &BTreeSet<String>| {
+    let mut without_spare: BTreeSet<String> = own.map(|what| format!("robot/r3/{what}")).into();
+    without_spare.insert("robot/r4/beacon".into());
+    let with_spare: BTreeSet<String> = without_spare.iter().cloned().chain([spare]).collect();
+    // On a busy machine a robot may be lost and received again at any time: the open services converge to this.
+    let mut wait_for_services = |what: &str, expected: &BTreeSet<String>| {
         running.wait_for(what, |running| {
             let [tagged, mapped] = open(running);
-            assert!(tagged.is_subset(&more) && mapped.is_subset(&more), "{tagged:?} {mapped:?}");
+            assert!(
+                tagged.is_subset(&with_spare) && mapped.is_subset(&with_spare),
+                "{tagged:?} {mapped:?}"
+            );
             (tagged == *expected && mapped == *expected).then_some(())
         });
     };
-    comes_to("r3 hears r4", &heard);
-    comes_to("r3 uses r5 while r4 is dead", &more);
-    comes_to("r3 hears r4 again", &heard);
+    wait_for_services("r3 hears r4", &without_spare);
+    wait_for_services("r3 uses r5 while r4 is dead", &with_spare);
+    wait_for_services("r3 hears r4 again", &without_spare);
 }
 
 #[derive(Debug)]
@@ -122,6 +125,6 @@ fn tagged(
 fn mapped(pid: u32) -> BTreeSet<String> {
     let maps: PathBuf = Path::new("/proc").join(pid.to_string()).join("maps");
     let text = std::fs::read_to_string(maps).unwrap();
-    let words = text.lines().filter_map(|line| line.split_whitespace().nth(5));
-    words.filter(|path| path.starts_with("/dev/shm/")).map(str::to_owned).collect()
+    let paths = text.lines().filter_map(|line| line.split_whitespace().nth(5));
+    paths.filter(|path| path.starts_with("/dev/shm/")).map(str::to_owned).collect()
 }

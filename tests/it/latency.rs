@@ -54,9 +54,10 @@ fn key(stage: &str, robot: &str, from: &str) -> (String, String, String) {
 /// and HDR log agree with the table. Returns the table.
 fn assert_consistent(ended: &FinishedRun) -> Lines {
     let lines = lines(ended);
-    let rising = ["min_ns", "p50_ns", "p90_ns", "p99_ns", "p99.9_ns", "p99.99_ns", "max_ns"];
+    let rising_columns =
+        ["min_ns", "p50_ns", "p90_ns", "p99_ns", "p99.9_ns", "p99.99_ns", "max_ns"];
     for (key, line) in &lines {
-        let values = rising.map(|column| line[column]);
+        let values = rising_columns.map(|column| line[column]);
         ended
             .assert_holds(values.is_sorted(), format!("the quantiles of {key:?} rise: {values:?}"));
         let spread = values[0]..=values[6];
@@ -66,17 +67,18 @@ fn assert_consistent(ended: &FinishedRun) -> Lines {
         );
     }
 
-    let (ages, rest) = (&ended.summary["ages"], &ended.summary["wall"]["latency"]);
-    let told: Vec<&Value> =
-        [ages, rest].into_iter().flat_map(|list| list.as_array().unwrap()).collect();
-    let aged = ages.as_array().unwrap().iter().all(|entry| entry["stage"] == "beacon_age");
-    ended.assert_holds(aged, "outside of what depends on wall time stand ages alone");
-    ended.assert_holds(told.len() == lines.len(), "the summary has every line of the table");
-    for entry in told {
+    let (ages, wall_latencies) = (&ended.summary["ages"], &ended.summary["wall"]["latency"]);
+    let entries: Vec<&Value> =
+        [ages, wall_latencies].into_iter().flat_map(|list| list.as_array().unwrap()).collect();
+    let has_only_ages = ages.as_array().unwrap().iter().all(|entry| entry["stage"] == "beacon_age");
+    ended.assert_holds(has_only_ages, "outside of what depends on wall time stand ages alone");
+    ended.assert_holds(entries.len() == lines.len(), "the summary has every line of the table");
+    for entry in entries {
         let name = |key: &str| entry[key].as_str().unwrap_or_default().to_owned();
         let line = &lines[&(name("stage"), name("robot"), name("from"))];
         for (column, value) in line {
-            let same = entry[column].as_f64().is_some_and(|told| (told - value).abs() < 1e-6);
+            let same =
+                entry[column].as_f64().is_some_and(|reported| (reported - value).abs() < 1e-6);
             ended.assert_holds(same, format!("{column} of {entry}"));
         }
     }
@@ -147,9 +149,9 @@ fn realtime_run_reports_delays_of_every_robot_and_edge() {
         let ages = count("beacon_age", robot, from);
         ended
             .assert_holds((1.0..answers).contains(&ages), "used once in each answer but the first");
-        let heard = count("beacon_delivery", robot, from);
+        let deliveries = count("beacon_delivery", robot, from);
         ended.assert_holds(
-            (1.0..=count("compute", from, "")).contains(&heard),
+            (1.0..=count("compute", from, "")).contains(&deliveries),
             "no more than was said",
         );
     }
@@ -159,11 +161,11 @@ fn realtime_run_reports_delays_of_every_robot_and_edge() {
     );
     let edges = lines.keys().filter(|(_, _, from)| !from.is_empty()).count();
     ended.assert_holds(edges == 2 * EDGES.len(), "no other robot is heard");
-    let taken: f64 = EDGES.map(|(robot, _)| count("command", robot, "")).iter().sum();
+    let commands_received: f64 = EDGES.map(|(robot, _)| count("command", robot, "")).iter().sum();
     let answered: f64 = EDGES.map(|(robot, _)| count("compute", robot, "")).iter().sum();
     // The loss of the last commands may not be detected.
     ended.assert_holds(
-        taken + ended.number("/commands/lost") <= answered,
+        commands_received + ended.number("/commands/lost") <= answered,
         "no more commands were taken or lost than sent",
     );
 
@@ -261,9 +263,9 @@ fn externally_stopped_robot_is_late_for_each_missed_deadline() {
 /// Returns the maximum lateness of a robot's wake-ups with a known cause, ns. `None` without any.
 fn latest_by_cause(lines: &Lines, robot: &str) -> Option<f64> {
     let is_lateness_of_robot = |(stage, of, _): &Key| stage.starts_with("late_") && of == robot;
-    let late =
+    let lateness =
         lines.iter().filter(|(key, _)| is_lateness_of_robot(key)).map(|(_, line)| line["max_ns"]);
-    late.reduce(f64::max)
+    lateness.reduce(f64::max)
 }
 
 #[test]

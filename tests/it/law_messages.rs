@@ -93,17 +93,18 @@ struct EstimateLaw {
 
 impl Law for EstimateLaw {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        let mut own = self.estimate_m.unwrap_or(situation.front_point);
-        let before = own;
+        let mut new_estimate = self.estimate_m.unwrap_or(situation.front_point);
+        let before = new_estimate;
         for neighbor in situation.neighbor_estimates {
             let numbers = neighbor.message.as_ref().and_then(|m| m.numbers(ESTIMATE_KEY));
             if let Some(numbers) = numbers {
-                own += 0.05 * (Vec2::new(numbers[0], numbers[1]) - before).cap_magnitude(1.0);
+                new_estimate +=
+                    0.05 * (Vec2::new(numbers[0], numbers[1]) - before).cap_magnitude(1.0);
             }
         }
-        self.estimate_m = Some(own);
-        let toward = (own - situation.front_point).cap_magnitude(0.2);
-        -self.k_per_s * situation.error.cap_magnitude(0.2) + 0.1 * toward
+        self.estimate_m = Some(new_estimate);
+        let towards = (new_estimate - situation.front_point).cap_magnitude(0.2);
+        -self.k_per_s * situation.error.cap_magnitude(0.2) + 0.1 * towards
     }
 
     fn send_decision(&mut self) -> SendDecision {
@@ -161,9 +162,9 @@ impl Law for CircleLaw {
         let (sin, cos) = (0.2 * situation.t_s).sin_cos();
         let velocity = 0.2 * Vec2::new(-sin, cos);
         self.target = Target { position: Vec2::new(cos, sin), velocity };
-        let away = situation.front_point - self.target.position;
-        self.distance_m = away.norm();
-        velocity - self.k_per_s * away.cap_magnitude(0.2)
+        let from_target = situation.front_point - self.target.position;
+        self.distance_m = from_target.norm();
+        velocity - self.k_per_s * from_target.cap_magnitude(0.2)
     }
 
     fn target(&mut self) -> Option<Target> {
@@ -263,10 +264,10 @@ fn run_in_processes(pace: Pace, faults: &[&str], more: &[&str]) -> EmbeddedRun {
     std::fs::write(&file, SCENARIO).unwrap();
     let variables = "BRIEF=\"$2\" INCARNATION=\"$4\"";
     let script = in_place_of("agent", variables, "law_messages::robot_process_with_test_laws");
-    let mut words = vec!["--pace", pace.keyword()];
-    faults.iter().for_each(|fault| words.extend(["--fault", fault]));
-    words.extend(more);
-    let run = run_embedded_scenario(file.to_str().unwrap(), &script, &words);
+    let mut arguments = vec!["--pace", pace.keyword()];
+    faults.iter().for_each(|fault| arguments.extend(["--fault", fault]));
+    arguments.extend(more);
+    let run = run_embedded_scenario(file.to_str().unwrap(), &script, &arguments);
     assert_eq!(run.code, 0, "{}", run.file("logs/r1.jsonl"));
     run
 }
@@ -301,7 +302,7 @@ fn run_in_process(faults: &[&str]) -> InProcessRunResult {
 }
 
 /// Returns the controller of a robot with one of these laws.
-fn think(brief: &AgentBrief, incarnation: u64) -> Controller {
+fn make_controller(brief: &AgentBrief, incarnation: u64) -> Controller {
     let parts = Parts::from_brief_with_laws(brief, &TEST_LAWS).unwrap();
     Controller::with_parts(brief, incarnation, parts)
 }
@@ -311,7 +312,8 @@ fn record_in_process(scenario: &Scenario) -> InProcessRunResult {
     let folder = tempfile::tempdir().unwrap();
     let mut run_dir = RunDir::create(&folder.path().join("run"), scenario).unwrap();
     let mut metrics = Metrics::new(scenario, Pace::Lockstep);
-    let mut run = MeasuredRun::new(scenario, think, &mut run_dir, &mut metrics, || 0).unwrap();
+    let mut run =
+        MeasuredRun::new(scenario, make_controller, &mut run_dir, &mut metrics, || 0).unwrap();
     while !run.record_truth_sample().unwrap() {
         run.advance_tick();
     }
@@ -327,20 +329,23 @@ fn record_in_process(scenario: &Scenario) -> InProcessRunResult {
 fn rust_laws_send_equal_messages_in_processes_and_in_process() {
     let undisturbed = run_in_process(&[]);
     for faults in [&[][..], &FAULTS] {
-        let once = run_in_process(faults);
+        let one_process = run_in_process(faults);
         let hashes = |run: &InProcessRunResult| {
             [run.summary.trajectory_hash.clone(), run.summary.message_hash.clone()]
         };
-        assert!(hashes(&once).iter().all(Option::is_some));
-        let differs = hashes(&once).iter().zip(hashes(&undisturbed)).all(|(a, b)| *a != b);
+        assert!(hashes(&one_process).iter().all(Option::is_some));
+        let differs = hashes(&one_process).iter().zip(hashes(&undisturbed)).all(|(a, b)| *a != b);
         assert_eq!(differs, !faults.is_empty());
         for _ in 0..2 {
             let processes = run_in_processes(Pace::Lockstep, faults, &[]);
             let hash = |key: &str| processes.summary[key].as_str().map(str::to_owned);
             let found = [hash("trajectory_hash"), hash("message_hash")];
-            assert_eq!(found, hashes(&once), "{faults:?}");
+            assert_eq!(found, hashes(&one_process), "{faults:?}");
             for table in TABLES {
-                assert!(processes.file(table) == once.file(table), "{table} with {faults:?}");
+                assert!(
+                    processes.file(table) == one_process.file(table),
+                    "{table} with {faults:?}"
+                );
             }
         }
     }
@@ -366,9 +371,9 @@ fn recorded_messages_are_those_that_the_sender_published() {
     assert!((numbers(&first)[0] - 0.045).abs() < 1e-12 && (numbers(&first)[1] - 0.1).abs() < 1e-12);
     assert_eq!(first.len(), 2 * 599);
     // False data is added on the way to a receiver, so that the record of the sender does not contain it.
-    let lie = ["lie r1 beacons offset 1000 @0"];
-    let lied = lines_of_robot(&run_in_process(&lie).file("messages.csv"), "r1");
-    assert_eq!(lied[..2], first[..2]);
+    let false_data = ["lie r1 beacons offset 1000 @0"];
+    let falsified = lines_of_robot(&run_in_process(&false_data).file("messages.csv"), "r1");
+    assert_eq!(falsified[..2], first[..2]);
     // A message without a structure has its bytes in one line.
     let bytes = lines_of_robot(&plain, "r5");
     assert!(!bytes.is_empty());
@@ -422,7 +427,7 @@ pose = { x_m = 0.0, y_m = 0.5, heading_rad = 0.0 }
 fn measures_without_a_record_contain_targets_and_signals() {
     let scenario = read_scenario(CIRCLES, &["kill r2 @4 restart 1"]);
     let recorded = record_in_process(&scenario).summary;
-    let measured = oracle::simulate_with(&scenario, &think);
+    let measured = oracle::simulate_with(&scenario, &make_controller);
     assert!(measured.final_error_m_max.is_some() && measured.converged_at_s.is_some());
     assert_eq!(measured.final_error_m, recorded.final_error_m);
     assert_eq!(measured.converged_at_s, recorded.converged_at_s);

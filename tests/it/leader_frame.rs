@@ -52,11 +52,11 @@ fn turned_rad(scenario: &Scenario) -> f64 {
 
 #[test]
 fn formation_keeps_its_heading_at_a_cusp_with_keep_heading() {
-    let (turns, keeps) = (to_and_fro(""), to_and_fro(", keep_heading=true"));
+    let (turning, keeping) = (to_and_fro(""), to_and_fro(", keep_heading=true"));
     // After 34 s the leader has turned around three times, each time some 7 s after a cusp.
-    assert!(turned_rad(&turns) > 2.8, "{} rad", turned_rad(&turns));
-    assert!(turned_rad(&keeps) < 0.3, "{} rad", turned_rad(&keeps));
-    let ideal_m = simulate(&keeps).final_ideal_error_m_max.expect("errors");
+    assert!(turned_rad(&turning) > 2.8, "{} rad", turned_rad(&turning));
+    assert!(turned_rad(&keeping) < 0.3, "{} rad", turned_rad(&keeping));
+    let ideal_m = simulate(&keeping).final_ideal_error_m_max.expect("errors");
     assert!(ideal_m < 0.02, "the ideal formation keeps its heading, too: {ideal_m} m");
 }
 
@@ -81,8 +81,8 @@ fn check_warns_of_a_cusp_with_its_time() {
 /// A leader that starts off its path and across it turns on its way there; the formation does not turn.
 #[test]
 fn approach_to_the_path_does_not_rotate_the_formation() {
-    let aside = "robot.l1.pose={x_m=0.4,y_m=1.6,heading_rad=0.0}";
-    let scenario = scenario("standing-leaders", &[aside, "expect={}"]);
+    let start_pose = "robot.l1.pose={x_m=0.4,y_m=1.6,heading_rad=0.0}";
+    let scenario = scenario("standing-leaders", &[start_pose, "expect={}"]);
     let measures = simulate(&scenario);
     let worst_m = measures.final_ideal_error_m_max.expect("errors");
     assert!(worst_m < 1e-3, "{:?}", measures.final_ideal_error_m);

@@ -28,17 +28,18 @@ struct RammingLaw {
 
 impl Law for RammingLaw {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        let from = situation.neighbor_vectors.first().copied().unwrap_or(situation.error);
-        -self.speed_m_s * from / from.norm().max(f64::MIN_POSITIVE)
+        let relative_position =
+            situation.neighbor_vectors.first().copied().unwrap_or(situation.error);
+        -self.speed_m_s * relative_position / relative_position.norm().max(f64::MIN_POSITIVE)
     }
 }
 
-/// Simulates robots in lockstep that go to goals and ram each other on the way. `believed` changes their briefs.
-fn ramming(set: &[&str], faults: &[&str], believed: impl Fn(&mut AgentBrief)) -> RunMetrics {
+/// Simulates robots in lockstep that go to goals and ram each other on the way. `change_brief` changes their briefs.
+fn ramming(set: &[&str], faults: &[&str], change_brief: impl Fn(&mut AgentBrief)) -> RunMetrics {
     let scenario = with_faults("antipodal-8", set, faults);
     simulate_with(&scenario, &|brief, incarnation| {
         let mut brief = brief.clone();
-        believed(&mut brief);
+        change_brief(&mut brief);
         let parts = Parts::from_brief(&brief).expect("a checked brief");
         let law = Box::new(RammingLaw { speed_m_s: brief.avoidance.speed_max_m_s });
         Controller::with_parts(&brief, incarnation, Parts { law, ..parts })
@@ -67,11 +68,11 @@ fn lockstep_keeps_d_under_any_odometry_and_command_delay() {
     map_in_parallel(&runs.into_iter().flatten().collect::<Vec<_>>(), |(period, seed)| {
         let set = [*period, "duration_s=10", "expect={}", &format!("seed={seed}")];
         let measures = ramming(&set, &faults, |_| ());
-        let apart_m = measures.min_distance_m.unwrap();
+        let distance_m = measures.min_distance_m.unwrap();
         let d_m = with_faults("antipodal-8", &set, &[]).avoidance.distance_min_m;
-        assert!(apart_m >= d_m, "{set:?}: {apart_m} m");
+        assert!(distance_m >= d_m, "{set:?}: {distance_m} m");
         // The robots did come near each other.
-        assert!(apart_m < 1.3 * d_m, "{set:?}: {apart_m} m");
+        assert!(distance_m < 1.3 * d_m, "{set:?}: {distance_m} m");
     });
 }
 
@@ -90,13 +91,14 @@ fn real_time_model_also_keeps_d() {
     let names = ["triangle", "pentagon", "antipodal-8"];
     let fleets = ["period_s=0.005", "period_s=0.02"].map(|period| names.map(|name| (period, name)));
     let fleets: Vec<_> = fleets.into_iter().flatten().zip(0..).collect();
-    map_in_parallel(&fleets, |&((period, name), place)| {
+    map_in_parallel(&fleets, |&((period, name), number)| {
         let fleet = Fleet::from_scenario(&with_faults(name, &[period, "expect={}"], &LATE_FAULTS));
         let attacks = ADVERSARIES
             .iter()
             .flat_map(|&by| [(by, RequestedVelocity::Law), (by, RequestedVelocity::Ram)]);
-        for (seed, (adversary, wish)) in (77_000 + 100 * place..).zip(attacks) {
-            let (margin_m, outcome) = margin(&fleet, hostile_trial(seed, adversary, wish));
+        for (seed, (adversary, requested_velocity)) in (77_000 + 100 * number..).zip(attacks) {
+            let (margin_m, outcome) =
+                margin(&fleet, hostile_trial(seed, adversary, requested_velocity));
             assert!(margin_m >= 0.0, "{name}, {period}, {seed}: {margin_m}, {outcome:?}");
         }
     });

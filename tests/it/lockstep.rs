@@ -23,17 +23,17 @@ fn shipped(robots_max: usize) -> Vec<String> {
 fn run_as_predicted(name: &str, set: &[&str]) -> (FinishedRun, RunMetrics) {
     let ended = run(name).lockstep().sets(set).finish();
     ended.exits_with(0).assert_leaves_nothing();
-    let foretold = simulate(&scenario(name, set));
-    let hash = foretold.trajectory_hash.as_deref().unwrap();
+    let predicted = simulate(&scenario(name, set));
+    let hash = predicted.trajectory_hash.as_deref().unwrap();
     ended.assert_holds(ended.hash() == hash, format!("{name} {set:?}: the hash is {hash}"));
-    (ended, foretold)
+    (ended, predicted)
 }
 
 #[test]
 fn every_process_run_equals_the_prediction_of_the_oracle() {
     map_in_parallel(&shipped(12), |name| {
-        let (ended, foretold) = run_as_predicted(name, &[]);
-        let distance_m = foretold.min_distance_m.unwrap();
+        let (ended, predicted) = run_as_predicted(name, &[]);
+        let distance_m = predicted.min_distance_m.unwrap();
         let same = (ended.number("/min_distance_m") - distance_m).abs() < 1e-12;
         ended.assert_holds(same, format!("{distance_m} m apart"));
     });
@@ -73,15 +73,15 @@ fn every_avoidance_method_matches_the_oracle() {
 fn runs_agree_for_any_start_order_and_parallel_runs() {
     // The seed determines the order in which processes are started.
     let mut hashes = map_in_parallel(&["0", "1", "2", "3"], |seed| {
-        let beside = run("triangle").lockstep().start();
+        let other_run = run("triangle").lockstep().start();
         let ended = run("triangle-kill").lockstep().args(["--seed", seed]).finish();
         ended.exits_with(0).assert_leaves_nothing();
-        beside.finish().exits_with(0).assert_leaves_nothing();
+        other_run.finish().exits_with(0).assert_leaves_nothing();
         ended.hash().to_owned()
     });
     hashes.dedup();
-    let foretold = simulate(&scenario("triangle-kill", &[])).trajectory_hash.unwrap();
-    assert_eq!(hashes, [foretold]);
+    let predicted = simulate(&scenario("triangle-kill", &[])).trajectory_hash.unwrap();
+    assert_eq!(hashes, [predicted]);
 }
 
 /// A scenario, its minimum distance (d) in m, and the maximum loss of d with the literal focus at 0.1 ms.
@@ -89,11 +89,11 @@ const FOCUS: [(&str, f64, f64); 2] = [("pentagon", 0.3, 0.01), ("containment", 0
 
 #[test]
 fn literal_focus_almost_keeps_d_at_a_period_of_100_us() {
-    map_in_parallel(&FOCUS, |(name, d, lost)| {
+    map_in_parallel(&FOCUS, |(name, d, loss)| {
         // Robots are closest on their way into the formation, within 5 s.
         let set = ["avoidance.kind=focus", "period_s=0.0001", "duration_s=5", "expect={}"];
         let distance = simulate(&scenario(name, &set)).min_distance_m.unwrap() / d;
-        assert!((1.0 - lost..1.0).contains(&distance), "{name}: {distance} d");
+        assert!((1.0 - loss..1.0).contains(&distance), "{name}: {distance} d");
     });
 }
 
@@ -103,8 +103,8 @@ fn swap_and_lattice_arrive_from_disturbed_starts() {
     let disturbances: Vec<(&str, i32)> = disturbances.into_iter().flatten().collect();
     map_in_parallel(&disturbances, |&(name, disturbance)| {
         let mut scenario = scenario(name, &[]);
-        for (robot, place) in scenario.robots.iter_mut().zip(1..) {
-            let phase = f64::from(disturbance * place);
+        for (robot, number) in scenario.robots.iter_mut().zip(1..) {
+            let phase = f64::from(disturbance * number);
             robot.start.x_m += 0.02 * phase.sin();
             robot.start.y_m += 0.02 * (2.0 * phase).sin();
             robot.start.heading_rad += 0.5 * (3.0 * phase).sin();

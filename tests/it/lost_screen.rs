@@ -25,8 +25,8 @@ fn unread_outputs(scratch: &Path) -> [String; 2] {
 #[test]
 fn run_with_unread_warnings_ends_normally() {
     let scratch = tempfile::tempdir().unwrap();
-    for words in unread_outputs(scratch.path()) {
-        let mut command = limited_by(&words);
+    for commands in unread_outputs(scratch.path()) {
+        let mut command = limited_by(&commands);
         command.args(["run", "scenarios/triangle.toml"]);
         let mut running = Phalanx::new(command).set("duration_s=2").set(TWO_ARE_ENOUGH).start();
         running.wait_for_event("contact");
@@ -76,11 +76,11 @@ fn full_unread_pipe_does_not_block_a_run() {
 #[test]
 fn robot_and_plant_with_full_logs_keep_their_exit_codes() {
     let scratch = tempfile::tempdir().unwrap();
-    for words in unread_outputs(scratch.path()) {
+    for commands in unread_outputs(scratch.path()) {
         for role in ["agent", "plant"] {
             let _ = std::fs::remove_file(scratch.path().join("pipe"));
-            let status = limited_by(&words).args([role, "/no/such/brief"]).status().unwrap();
-            assert_eq!(status.code(), Some(4), "{role}, {words}: {status}");
+            let status = limited_by(&commands).args([role, "/no/such/brief"]).status().unwrap();
+            assert_eq!(status.code(), Some(4), "{role}, {commands}: {status}");
         }
     }
 }
@@ -129,12 +129,12 @@ fn robots_and_plant_end_on_a_hang_up_by_themselves() {
         std::fs::read_to_string(run.run_dir().join(format!("logs/{name}.jsonl"))).unwrap()
     };
     assert!(running.events().contains("died,r2,exit code 0"), "{}", running.events());
-    let said = log(&running, "r2");
+    let robot_log = log(&running, "r2");
     let plant = running.pid_of("plant");
     signal_pid(plant, Signal::HUP);
     let ended = running.finish();
     ended.exits_with(4).assert_leaves_nothing();
-    ended.assert_holds(ended.stderr.contains("the plant died (exit code 0)"), said);
+    ended.assert_holds(ended.stderr.contains("the plant died (exit code 0)"), robot_log);
 }
 
 #[test]
@@ -161,11 +161,11 @@ impl Screen {
         let end = File::options().read(true).write(true).open("/dev/ptmx").unwrap();
         let (mut number, unlock) = (0u32, 0i32);
         // SAFETY: system calls on an open descriptor, which read and write one number.
-        let made = unsafe {
+        let is_unlocked = unsafe {
             libc::ioctl(end.as_raw_fd(), libc::TIOCSPTLCK, &unlock) == 0
                 && libc::ioctl(end.as_raw_fd(), libc::TIOCGPTN, &mut number) == 0
         };
-        assert!(made, "{}", std::io::Error::last_os_error());
+        assert!(is_unlocked, "{}", std::io::Error::last_os_error());
         Screen { end, path: format!("/dev/pts/{number}").into() }
     }
 }
@@ -207,11 +207,11 @@ fn closed_terminal_stops_the_run_and_writes_its_results() {
 
 #[test]
 fn help_that_cannot_be_printed_is_an_error() {
-    for word in ["--help", "--version"] {
-        let printed = limited_by("exec >/dev/full").arg(word).output().unwrap();
+    for option in ["--help", "--version"] {
+        let printed = limited_by("exec >/dev/full").arg(option).output().unwrap();
         let stderr = String::from_utf8_lossy(&printed.stderr);
-        assert_eq!(printed.status.code(), Some(4), "{word}: {stderr}");
-        assert!(stderr.contains("cannot write to stdout"), "{word}: {stderr}");
+        assert_eq!(printed.status.code(), Some(4), "{option}: {stderr}");
+        assert!(stderr.contains("cannot write to stdout"), "{option}: {stderr}");
     }
 }
 

@@ -16,8 +16,8 @@ use crate::harness::{
 #[test]
 fn doctor_passes_a_working_machine_and_reports_defects() {
     let run_root = tempfile::tempdir_in("/dev/shm").unwrap();
-    let doctor = |words: &[&str], run_root: &Path, code| {
-        phalanx(words).env("PHALANX_RUN_ROOT", run_root).exits_with(code)
+    let doctor = |arguments: &[&str], run_root: &Path, code| {
+        phalanx(arguments).env("PHALANX_RUN_ROOT", run_root).exits_with(code)
     };
     let findings = doctor(&["doctor", "--output", "json"], run_root.path(), 0).json();
     let findings = findings.as_array().unwrap();
@@ -52,9 +52,9 @@ fn clean_removes_files_of_a_killed_run_and_keeps_live_runs() {
     killed.wait_for_event("contact");
     let run_root = killed.run_root().to_path_buf();
     let dead = killed.roots().remove(0);
-    let living = run("triangle").set("expect={}").set("duration_s=60");
-    let mut living = living.in_run_root_of(&run_root).start();
-    living.wait_for_event("contact");
+    let other_run = run("triangle").set("expect={}").set("duration_s=60");
+    let mut other_run = other_run.in_run_root_of(&run_root).start();
+    other_run.wait_for_event("contact");
     let alive = killed.roots().into_iter().find(|root| *root != dead).unwrap();
     let alive_before = files_below(&alive).len();
 
@@ -63,8 +63,8 @@ fn clean_removes_files_of_a_killed_run_and_keeps_live_runs() {
     let left = files_below(&dead).len();
     assert!(left > 30, "a killed supervisor cannot have cleaned up");
 
-    let clean = |words: &[&str]| {
-        let text = phalanx(words).env("PHALANX_RUN_ROOT", &run_root).exits_with(0).stdout;
+    let clean = |arguments: &[&str]| {
+        let text = phalanx(arguments).env("PHALANX_RUN_ROOT", &run_root).exits_with(0).stdout;
         assert!(text.contains(dead.to_str().unwrap()), "{text}");
         text
     };
@@ -76,8 +76,8 @@ fn clean_removes_files_of_a_killed_run_and_keeps_live_runs() {
     assert_eq!(files_below(&alive).len(), alive_before);
 
     // The other run continues and ends normally.
-    living.signal(Signal::INT);
-    living.finish().exits_with(130);
+    other_run.signal(Signal::INT);
+    other_run.finish().exits_with(130);
     assert_eq!(files_below(&run_root), Vec::<std::path::PathBuf>::new());
 }
 
@@ -97,19 +97,22 @@ fn realtime_priority_applies_to_robots_and_plant_if_allowed() {
         format!("the supervisor has ordinary priority, not {supervisor}"),
     );
     let manifest: Value = serde_json::from_str(&ended.file("manifest.json")).unwrap();
-    let said = manifest["realtime_priority"].as_str().unwrap_or("nothing");
-    let granted = said == "granted";
-    ended.assert_holds(granted || said.contains("SCHED_FIFO") || said.contains("sched_rt"), said);
+    let priority = manifest["realtime_priority"].as_str().unwrap_or("nothing");
+    let is_granted = priority == "granted";
     ended.assert_holds(
-        granted != ended.stderr.contains("running with ordinary priority"),
+        is_granted || priority.contains("SCHED_FIFO") || priority.contains("sched_rt"),
+        priority,
+    );
+    ended.assert_holds(
+        is_granted != ended.stderr.contains("running with ordinary priority"),
         "one warning",
     );
     ended.assert_holds(states.len() == 4, "three robots and a plant were checked");
     for (policy, _) in &states {
-        let wanted = if granted { "10 1" } else { "0 0" };
-        ended.assert_holds(policy == wanted, format!("all {said}: {states:?}"));
+        let expected = if is_granted { "10 1" } else { "0 0" };
+        ended.assert_holds(policy == expected, format!("all {priority}: {states:?}"));
     }
-    if granted && protocol::process::may_lock_memory() {
+    if is_granted && protocol::process::may_lock_memory() {
         ended.assert_holds(
             states.iter().all(|(_, locked)| *locked > 1000),
             format!("locked: {states:?}"),

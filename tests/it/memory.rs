@@ -25,9 +25,9 @@ fn triangle_on(kib: u64, taken_kib: u64) -> Option<Phalanx> {
         command.args(["--mount", "sh", "-c", &script, program]);
         command
     };
-    let place = tempfile::tempdir().unwrap();
-    let tried = in_namespace("true").env("PHALANX_RUN_ROOT", place.path()).status();
-    if !tried.is_ok_and(|status| status.success()) {
+    let run_root = tempfile::tempdir().unwrap();
+    let probe = in_namespace("true").env("PHALANX_RUN_ROOT", run_root.path()).status();
+    if !probe.is_ok_and(|status| status.success()) {
         println!("SKIPPED: this user may not mount a tmpfs in a private mount namespace");
         return None;
     }
@@ -60,14 +60,14 @@ fn wait_until_all_are_ready(running: &mut RunInProgress) {
 
 #[test]
 fn small_or_full_tmpfs_is_refused_before_the_start() {
-    for (kib, taken_kib, word) in [(64, 0, "too small"), (8192, 8000, "full")] {
+    for (kib, taken_kib, problem) in [(64, 0, "too small"), (8192, 8000, "full")] {
         let Some(run) = triangle_on(kib, taken_kib) else { return };
         let running = run.start();
         let mount = running.run_root().display().to_string();
         let ended = running.finish();
         ended.exits_with(4);
-        let said = format!("error: shared memory is {word}: {mount} (tmpfs) has ");
-        ended.assert_holds(ended.stderr.contains(&said), format!("it says {said:?}"));
+        let expected = format!("error: shared memory is {problem}: {mount} (tmpfs) has ");
+        ended.assert_holds(ended.stderr.contains(&expected), format!("it says {expected:?}"));
         ended.assert_holds(
             ended.stderr.contains("3 robots with 3 links need "),
             "the need is reported",
@@ -122,11 +122,11 @@ fn replacement_with_full_memory_ends_run_with_4_and_cause() {
 
 #[test]
 fn sigbus_in_full_memory_is_reported_as_full_memory() {
-    for who in ["plant", "r1", "supervisor"] {
+    for process_name in ["plant", "r1", "supervisor"] {
         let Some(run) = triangle_on(16 * 1024, 0) else { return };
         let mut running = run.set("duration_s=60").start();
         wait_until_all_are_ready(&mut running);
-        let pid = match who {
+        let pid = match process_name {
             "supervisor" => running.pid(),
             child => running.pid_of(child),
         };
@@ -145,9 +145,9 @@ fn sigbus_in_full_memory_is_reported_as_full_memory() {
             "the cause is named",
         );
         ended.assert_holds(ended.stderr.contains("of 16 MiB free"), "with what is left");
-        if who != "supervisor" {
-            let said = format!("{who} died for this reason (signal 7");
-            ended.assert_holds(ended.stderr.contains(&said), format!("it says {said:?}"));
+        if process_name != "supervisor" {
+            let expected = format!("{process_name} died for this reason (signal 7");
+            ended.assert_holds(ended.stderr.contains(&expected), format!("it says {expected:?}"));
         }
         wait_until_gone(&run_dir);
     }

@@ -26,21 +26,22 @@ fn final_error_max_m(measures: &RunMetrics) -> f64 {
 
 #[test]
 fn methods_on_wheels_keep_d_and_arrive_or_deadlock_as_known() {
-    for (kind, escapes, near_m) in
+    for (kind, can_resolve, tolerance_m) in
         [(&ORCA[..], false, 1e-6), (&CBF_QP, false, 1e-6), (&RBL, true, 0.05)]
     {
-        let [circle, swaps] = ["antipodal-8", "random-swaps-10"].map(|name| run(name, kind, &[]));
-        for measures in [&circle, &swaps] {
+        let [antipodal, swaps] =
+            ["antipodal-8", "random-swaps-10"].map(|name| run(name, kind, &[]));
+        for measures in [&antipodal, &swaps] {
             let closest = measures.min_distance_m.unwrap();
             assert!(closest > 0.2 && measures.violations == 0, "{kind:?}: {closest}");
         }
-        assert!(final_error_max_m(&swaps) < near_m, "{kind:?}: {}", final_error_max_m(&swaps));
+        assert!(final_error_max_m(&swaps) < tolerance_m, "{kind:?}: {}", final_error_max_m(&swaps));
         // Robots that meet many others in the center deadlock, unless the method has rules against it.
-        let arrived = final_error_max_m(&circle) < near_m;
+        let has_arrived = final_error_max_m(&antipodal) < tolerance_m;
         assert!(
-            arrived == escapes && (arrived || final_error_max_m(&circle) > 1.0),
+            has_arrived == can_resolve && (has_arrived || final_error_max_m(&antipodal) > 1.0),
             "{kind:?}: {}",
-            final_error_max_m(&circle)
+            final_error_max_m(&antipodal)
         );
     }
 }
@@ -49,8 +50,8 @@ fn methods_on_wheels_keep_d_and_arrive_or_deadlock_as_known() {
 fn robot_without_proximity_sensing_stops() {
     for kind in [&ORCA[..], &CBF_QP, &RBL] {
         let set = [kind, &["expect={}", "duration_s=5"]].concat();
-        let blind = with_faults("antipodal-8", &set, &["blackout r1 proximity @0"]);
-        let errors = simulate(&blind).final_error_m;
+        let without_proximity = with_faults("antipodal-8", &set, &["blackout r1 proximity @0"]);
+        let errors = simulate(&without_proximity).final_error_m;
         let error = |robot: usize| errors[robot].1.unwrap();
         assert!((error(0) - 1.6).abs() < 1e-5 && error(1) < 1.3, "{kind:?}: {errors:?}");
     }
@@ -58,13 +59,13 @@ fn robot_without_proximity_sensing_stops() {
 
 #[test]
 fn check_reports_each_method_guarantee_and_its_assumptions() {
-    for (kind, promised) in
+    for (kind, guarantee) in
         [(&ORCA[..], "horizon_s"), (&CBF_QP, "barrier_per_s"), (&RBL, "arrival")]
     {
         let scenario = scenario("antipodal-8", kind);
         let page = format_report(&scenario, &Theory::compute(&scenario));
         let line = |label: &str| page.lines().find(|line| line.starts_with(label)).unwrap();
-        assert!(line("guarantees").contains(promised), "{page}");
+        assert!(line("guarantees").contains(guarantee), "{page}");
         assert!(line("assumes").contains("no delay, no inertia"), "{page}");
     }
 }

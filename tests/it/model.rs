@@ -66,7 +66,7 @@ impl Fleet {
 pub struct Trial {
     pub seed: u64,
     pub adversary: Adversary,
-    pub wish: RequestedVelocity,
+    pub requested_velocity: RequestedVelocity,
     pub expiry: Expiry,
     /// Time until which faults happen, ns. After it all robots are resumed or restarted, and no message is late.
     pub hostile_ns: u64,
@@ -129,7 +129,7 @@ pub fn simulate(
 struct Model<'a> {
     fleet: &'a Fleet,
     trial: Trial,
-    dice: SplitMix64,
+    rng: SplitMix64,
     plant: SimulationStepper,
     obstacles: Obstacles,
     robots: Vec<Robot>,
@@ -149,7 +149,7 @@ struct Model<'a> {
 /// State of a robot's process, and the messages in transit to and from it.
 #[derive(Default)]
 struct Robot {
-    /// Control cycle of the living process. `None` if the robot is dead.
+    /// Control cycle of the running process. `None` if the robot is dead.
     cycle: Option<ControlCycle>,
     /// Number of starts.
     starts: u64,
@@ -167,7 +167,7 @@ struct Robot {
     /// Distance of another robot at which a freeze ends, m. `None` if the robot is not frozen by an ambush.
     ambush_m: Option<f64>,
     /// `true` if the robot is killed as soon as it has sent.
-    doomed: bool,
+    kill_after_send: bool,
     /// False input, shared with the robot's control law and avoidance.
     deceit: Arc<Mutex<Deceit>>,
     /// Commands in transit to the plant, with the time of arrival, ns.
@@ -220,7 +220,7 @@ impl<'a> Model<'a> {
         let mut model = Model {
             fleet,
             trial,
-            dice: SplitMix64::new(trial.seed),
+            rng: SplitMix64::new(trial.seed),
             plant,
             obstacles: Obstacles::new(&fleet.plant.obstacles),
             robots: fleet.agents.iter().map(|_| Robot::default()).collect(),
@@ -267,7 +267,7 @@ impl<'a> Model<'a> {
     fn tick(&mut self) {
         let (now_ns, expiry) = (self.now_ns, self.trial.expiry);
         let queues = self.robots.iter_mut().enumerate();
-        let commands = queues.flat_map(|(place, Robot { commands, .. })| {
+        let commands = queues.flat_map(|(robot, Robot { commands, .. })| {
             commands.sort_by_key(|(arrival_ns, _)| *arrival_ns);
             let arrived = commands.partition_point(|(at_ns, _)| *at_ns <= now_ns);
             commands.drain(..arrived).map(move |(arrival_ns, mut command)| {
@@ -275,7 +275,7 @@ impl<'a> Model<'a> {
                     command.stamp_ns = arrival_ns;
                 }
                 Ok::<_, StepError>(simulation_step::ReceivedCommand {
-                    robot: place,
+                    robot,
                     command,
                     received_ns: now_ns,
                     is_from_dead_incarnation: false,
@@ -336,7 +336,7 @@ impl<'a> Model<'a> {
                 let mut odometry = Box::<Odometry>::default();
                 self.plant.sense(i, self.now_ns, &mut odometry);
                 robot.next = NextAction::Answer(odometry);
-                robot.next_ns = self.now_ns + self.dice.draw_between(5 * US, 100 * US);
+                robot.next_ns = self.now_ns + self.rng.draw_between(5 * US, 100 * US);
             }
             NextAction::Answer(odometry) => {
                 let sends_ns = self.answer_takes_until_ns(odometry.stamp_ns);
@@ -356,11 +356,11 @@ impl<'a> Model<'a> {
                 robot.cycle.as_mut().expect("only a running robot acts").record_sent(self.now_ns);
                 robot.commands.push((arrival_ns, answer.command));
                 robot.next_ns = self.now_ns.max(robot.due_ns + oversleeps_ns);
-                let doomed = robot.doomed;
+                let kill_after_send = robot.kill_after_send;
                 if let Some(broadcast) = answer.outgoing_broadcast() {
                     self.send_beacon(i, &broadcast);
                 }
-                if doomed {
+                if kill_after_send {
                     self.kill(i);
                 }
             }
@@ -369,17 +369,17 @@ impl<'a> Model<'a> {
 
     /// Sends a beacon to all out-neighbors of `i`.
     fn send_beacon(&mut self, i: usize, broadcast: &Broadcast) {
-        for (listener, brief) in self.fleet.agents.iter().enumerate() {
-            let place = brief.senders().position(|sender| sender.index == i + 1);
-            if let Some(place) = place
-                && self.robots[listener].cycle.is_some()
+        for (receiver, brief) in self.fleet.agents.iter().enumerate() {
+            let sender_index = brief.senders().position(|sender| sender.index == i + 1);
+            if let Some(sender_index) = sender_index
+                && self.robots[receiver].cycle.is_some()
                 && let Some(delay_ns) = self.beacon_delay_ns()
             {
-                let taken_ns = self.now_ns + delay_ns;
-                self.robots[listener].beacons.push(ReceivedBeacon {
-                    sender_index: place,
+                let received_ns = self.now_ns + delay_ns;
+                self.robots[receiver].beacons.push(ReceivedBeacon {
+                    sender_index,
                     broadcast: broadcast.clone(),
-                    received_ns: taken_ns,
+                    received_ns,
                 });
             }
         }
@@ -388,7 +388,7 @@ impl<'a> Model<'a> {
     /// Starts the next incarnation of `i`, which reads the first sample that is published after `now_ns`.
     fn start(&mut self, i: usize) {
         let period_ns = self.fleet.agents[i].period_ns;
-        let phase_ns = self.dice.draw_between(0, period_ns - 1);
+        let phase_ns = self.rng.draw_between(0, period_ns - 1);
         let before = std::mem::take(&mut self.robots[i]);
         self.robots[i] = Robot {
             cycle: Some(self.cycle(i, before.starts, &before.deceit)),

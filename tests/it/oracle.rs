@@ -16,7 +16,7 @@ pub fn scenario(name: &str, set: &[&str]) -> Scenario {
 
 /// Reads `scenarios/<name>.toml` with these keys set and these faults added, in the syntax of `--fault`.
 pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
-    let owned = |list: &[&str]| list.iter().map(|&word| word.into()).collect();
+    let owned = |list: &[&str]| list.iter().map(|&argument| argument.into()).collect();
     let overrides = Overrides { assignments: owned(set), faults: owned(faults), seed: None };
     let path = format!("{}/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     match read(path.as_ref(), &overrides, &agent::catalog()) {
@@ -30,12 +30,13 @@ pub fn simulate(scenario: &Scenario) -> RunMetrics {
     simulate_with(scenario, &create_controller)
 }
 
-/// Simulates `scenario` with controllers that `think` makes from a process configuration and an incarnation number.
+/// Simulates `scenario` with controllers that `make_controller` makes from a process configuration and an incarnation
+/// number.
 pub fn simulate_with(
     scenario: &Scenario,
-    think: &dyn Fn(&AgentBrief, u64) -> Controller,
+    make_controller: &dyn Fn(&AgentBrief, u64) -> Controller,
 ) -> RunMetrics {
-    run(scenario, think, |_, _, _| {})
+    run(scenario, make_controller, |_, _, _| {})
 }
 
 /// Simulates `scenario` with the usual controllers. `watch` receives every ground-truth sample and which robots were
@@ -49,10 +50,10 @@ pub fn simulate_watched(
 
 fn run(
     scenario: &Scenario,
-    think: &dyn Fn(&AgentBrief, u64) -> Controller,
+    make_controller: &dyn Fn(&AgentBrief, u64) -> Controller,
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
 ) -> RunMetrics {
-    let measures = measure_run(scenario, think, |header, rows, alive| {
+    let measures = measure_run(scenario, make_controller, |header, rows, alive| {
         watch(header, rows, alive);
         true
     });

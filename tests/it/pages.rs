@@ -28,13 +28,14 @@ fn blocks(page: &str) -> Vec<&str> {
     starts.map(|rest| rest.split("```").next().expect("an end")).collect()
 }
 
-/// Asserts that a page's block with a table row occurs in `here`, and that the extended list occurs in `there`.
+/// Asserts that a page's block with a table row occurs in `test_source`, and that the extended list occurs in
+/// `agent_source`.
 #[track_caller]
-fn assert_row(block: &str, here: &str, there: &str) {
-    assert!(here.contains(block), "the test does not contain the block: {block}");
+fn assert_row(block: &str, test_source: &str, agent_source: &str) {
+    assert!(test_source.contains(block), "the test does not contain the block: {block}");
     let (list, _) = block.rsplit_once(" = ").expect("a list");
     let list = list.lines().last().unwrap();
-    assert!(there.contains(list), "the source has no such list: {list}");
+    assert!(agent_source.contains(list), "the source has no such list: {list}");
 }
 
 /// A build of the program with the rows of a page in addition to the built-in rows.
@@ -50,7 +51,8 @@ impl Build {
         let mut catalog = agent::catalog();
         catalog.laws.extend(self.laws.iter().map(LawRow::description));
         catalog.methods.extend(self.methods.iter().map(|row| row.description));
-        let owned = |words: &[&str]| words.iter().map(|&word| word.to_owned()).collect();
+        let owned =
+            |arguments: &[&str]| arguments.iter().map(|&argument| argument.to_owned()).collect();
         let overrides = Overrides { assignments: owned(set), faults: owned(faults), seed: None };
         let path = std::path::Path::new(ROOT).join(path);
         read(&path, &overrides, &catalog).map(|(scenario, ..)| scenario)

@@ -15,16 +15,16 @@ use crate::processes::{EmbeddedRun, in_place_of, run_embedded};
 struct Lagging {
     exact: UnicycleMotion,
     lag_s: f64,
-    reached: Vec<Twist>,
+    actual: Vec<Twist>,
     t_s: f64,
-    does: String,
+    behavior: String,
 }
 
 impl Lagging {
-    fn new(brief: &PlantBrief, does: String) -> Lagging {
-        let lag_s = if does == "lag" { 0.05 } else { 0.0 };
-        let reached = vec![Twist::ZERO; brief.robots.len()];
-        Lagging { exact: UnicycleMotion::new(brief), lag_s, reached, t_s: 0.0, does }
+    fn new(brief: &PlantBrief, behavior: String) -> Lagging {
+        let lag_s = if behavior == "lag" { 0.05 } else { 0.0 };
+        let actual = vec![Twist::ZERO; brief.robots.len()];
+        Lagging { exact: UnicycleMotion::new(brief), lag_s, actual, t_s: 0.0, behavior }
     }
 }
 
@@ -38,16 +38,17 @@ impl Motion for Lagging {
         states: &mut [BodyState],
     ) -> Result<(), Infallible> {
         self.t_s += dt_s;
-        let share = if self.lag_s == 0.0 { 1.0 } else { 1.0 - (-dt_s / self.lag_s).exp() };
-        for (reached, target) in self.reached.iter_mut().zip(targets) {
-            let part =
-                |from: f64, to: f64| if share == 1.0 { to } else { from + share * (to - from) };
-            reached.v_m_s = part(reached.v_m_s, target.v_m_s);
-            reached.w_rad_s = part(reached.w_rad_s, target.w_rad_s);
+        let fraction = if self.lag_s == 0.0 { 1.0 } else { 1.0 - (-dt_s / self.lag_s).exp() };
+        for (actual, target) in self.actual.iter_mut().zip(targets) {
+            let blend = |from: f64, to: f64| {
+                if fraction == 1.0 { to } else { from + fraction * (to - from) }
+            };
+            actual.v_m_s = blend(actual.v_m_s, target.v_m_s);
+            actual.w_rad_s = blend(actual.w_rad_s, target.w_rad_s);
         }
-        self.exact.step(&self.reached, dt_s, states)?;
+        self.exact.step(&self.actual, dt_s, states)?;
         if self.t_s > 1.0 {
-            match self.does.as_str() {
+            match self.behavior.as_str() {
                 "nan" => states[1].pose.y_m = f64::NAN,
                 "exit" => std::process::exit(3),
                 "hang" => loop {
@@ -64,18 +65,18 @@ impl Motion for Lagging {
 #[test]
 #[ignore = "the plant's process: another test starts it"]
 fn external_plant_process() {
-    let (Ok(brief), Ok(does)) = (std::env::var("BRIEF"), std::env::var("DOES")) else { return };
+    let (Ok(brief), Ok(behavior)) = (std::env::var("BRIEF"), std::env::var("DOES")) else { return };
     supervisor::child::prepare_process().unwrap();
-    let motion = |brief: &PlantBrief| match does.as_str() {
+    let motion = |brief: &PlantBrief| match behavior.as_str() {
         "refuse" => Err("the physics engine has no licence"),
-        _ => Ok(Lagging::new(brief, does.clone())),
+        _ => Ok(Lagging::new(brief, behavior.clone())),
     };
     std::process::exit(world_loop::main_with_motion(Path::new(&brief), false, motion).into());
 }
 
 /// Returns the result of the triangle on such a plant.
-fn triangle(does: &str, more: &[&str]) -> EmbeddedRun {
-    let variables = format!("BRIEF=\"$2\" DOES={does}");
+fn triangle(behavior: &str, more: &[&str]) -> EmbeddedRun {
+    let variables = format!("BRIEF=\"$2\" DOES={behavior}");
     let plant = in_place_of("plant", &variables, "plant::external_plant_process");
     run_embedded(&plant, &[&["--set", "expect={}"], more].concat())
 }
@@ -106,16 +107,16 @@ fn robots_with_actuator_lag_arrive_with_measured_distance() {
 
 #[test]
 fn failing_external_plant_ends_the_run_with_its_reason() {
-    for (does, more, reason) in [
+    for (behavior, more, reason) in [
         ("nan", &[][..], "the plant moved r2 to y_m = NaN; the magnitude must be at most 1e9"),
         ("refuse", &[], "the physics engine has no licence"),
         ("exit", &[], ""),
         ("hang", &["--set", "hung_after_s=0.5"], ""),
     ] {
-        let run = triangle(does, more);
+        let run = triangle(behavior, more);
         let log = run.file("logs/plant.jsonl");
-        assert_eq!(run.code, 4, "{does}: {log}");
-        assert!(log.contains(reason), "{does}: {log}");
+        assert_eq!(run.code, 4, "{behavior}: {log}");
+        assert!(log.contains(reason), "{behavior}: {log}");
         let ended_at_s = run.summary["t_s"].as_f64();
         assert!(ended_at_s.is_none_or(|t_s| t_s <= 1.1), "{:#}", run.summary);
     }

@@ -23,10 +23,10 @@ struct Embedding {
 #[test]
 #[ignore = "a program of its own: another test starts it"]
 fn embedded_supervisor_process() {
-    let (Ok(program), Ok(words)) = (std::env::var("PROGRAM"), std::env::var("WORDS")) else {
+    let (Ok(program), Ok(arguments)) = (std::env::var("PROGRAM"), std::env::var("WORDS")) else {
         return;
     };
-    let Embedding { verb } = Embedding::parse_from(words.lines());
+    let Embedding { verb } = Embedding::parse_from(arguments.lines());
     let launcher = Launcher::new(program);
     let catalog = agent::catalog_with_laws(&TEST_LAWS);
     let code = phalanx::verbs::main(&verb, &catalog, &launcher, &BuildInfo::default());
@@ -58,13 +58,13 @@ pub(crate) fn run_embedded_scenario(scenario: &str, script: &str, more: &[&str])
     let folder = tempfile::tempdir().unwrap();
     let [program, out] = ["program", "run"].map(|name| folder.path().join(name));
     write_script(&program, script);
-    let words = ["embedding", "run", scenario, "--no-report", "--out"];
-    let words = [&words[..], &[out.to_str().unwrap()], more].concat();
+    let arguments = ["embedding", "run", scenario, "--no-report", "--out"];
+    let arguments = [&arguments[..], &[out.to_str().unwrap()], more].concat();
     let ended = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "processes::embedded_supervisor_process"])
         .args(["--ignored", "--nocapture"])
         .env("PROGRAM", program)
-        .env("WORDS", words.join("\n"))
+        .env("WORDS", arguments.join("\n"))
         .output()
         .unwrap();
     eprint!("{}", String::from_utf8_lossy(&ended.stderr));
@@ -129,8 +129,8 @@ impl Group {
             .find(|group| std::fs::create_dir(&group.0).is_ok() && group.permit(100).is_ok())
     }
 
-    fn permit(&self, most: usize) -> std::io::Result<()> {
-        std::fs::write(self.0.join("pids.max"), most.to_string())
+    fn permit(&self, processes_max: usize) -> std::io::Result<()> {
+        std::fs::write(self.0.join("pids.max"), processes_max.to_string())
     }
 }
 
@@ -146,36 +146,44 @@ fn too_low_process_limit_is_reported_with_its_value() {
         eprintln!("skipped: no control group can be made here");
         return;
     };
-    let run_among = |most: usize| {
-        group.permit(most).unwrap();
+    let run_among = |processes_max: usize| {
+        group.permit(processes_max).unwrap();
         let mut command = limited_by(&format!("echo $$ > {}/cgroup.procs", group.0.display()));
         command.args(["run", "scenarios/triangle.toml", "--fault", "load of 30 @0.2 for 0.5"]);
         Phalanx::new(command).lockstep().set("duration_s=1").set("expect={}").finish()
     };
-    let limit = |most: usize| {
+    let limit = |processes_max: usize| {
         let group = group.0.display();
-        format!("pids.max of the control group {group} permits {most} processes and threads")
+        format!(
+            "pids.max of the control group {group} permits {processes_max} processes and threads"
+        )
     };
     // Enough for all processes.
     run_among(80).exits_with(0).assert_leaves_nothing();
     // Too few for the run: it is refused before anything starts.
-    let mut most = 3;
+    let mut processes_max = 3;
     let barely = loop {
-        let ended = run_among(most);
+        let ended = run_among(processes_max);
         ended.exits_with(4).assert_leaves_nothing();
         if ended.number("/t_s") > 0.0 {
             break ended;
         }
         let need = "error: 3 robots need 11 processes and threads, and ";
         ended.assert_holds(ended.stderr.contains(need), "the need is reported");
-        let limit = format!("pids.max of the control group {} permits {most}, ", group.0.display());
+        let limit = format!(
+            "pids.max of the control group {} permits {processes_max}, ",
+            group.0.display()
+        );
         ended.assert_holds(ended.stderr.contains(&limit), "and the limit");
-        most += 1;
+        processes_max += 1;
     };
-    assert_eq!(most, 12, "one process is in the group before");
+    assert_eq!(processes_max, 12, "one process is in the group before");
     // Too few for the requested load: the run is complete, but with less of it.
     barely.assert_holds(barely.number("/t_s") == 1.0, "the run has its full duration");
     barely.assert_holds(barely.file("events.csv").contains(" of 30 processes"), "how much load");
-    let error = format!("error: cannot start a process that takes processor time: {}", limit(most));
+    let error = format!(
+        "error: cannot start a process that takes processor time: {}",
+        limit(processes_max)
+    );
     barely.assert_holds(barely.stderr.contains(&error), "the missing load is reported");
 }

@@ -57,19 +57,19 @@ fn script_replaces_built_in_agent_and_runs_from_its_copy() {
     std::fs::create_dir(folder.path().join("data")).unwrap();
     std::fs::write(folder.path().join("data/weights.txt"), "1 2 3\n").unwrap();
     let trace = folder.path().join("trace");
-    let own = followed(folder.path(), &trace).lockstep().finish();
-    own.exits_with(0).assert_leaves_nothing();
+    let own_run = followed(folder.path(), &trace).lockstep().finish();
+    own_run.exits_with(0).assert_leaves_nothing();
     // The same law, built in.
-    let same = ["robot.r2.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
-    let same = run(folder.path()).lockstep().sets(same).finish();
-    own.assert_holds(
-        own.hash() == same.hash(),
-        format!("the trajectory is that of {}", same.hash()),
+    let built_in_run = ["robot.r2.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
+    let built_in_run = run(folder.path()).lockstep().sets(built_in_run).finish();
+    own_run.assert_holds(
+        own_run.hash() == built_in_run.hash(),
+        format!("the trajectory is that of {}", built_in_run.hash()),
     );
 
-    let programs = own.run_dir().join("programs").canonicalize().unwrap();
-    let told = std::fs::read_to_string(&trace).unwrap();
-    assert_eq!(Path::new(told.trim()), programs, "it runs there");
+    let programs = own_run.run_dir().join("programs").canonicalize().unwrap();
+    let trace_text = std::fs::read_to_string(&trace).unwrap();
+    assert_eq!(Path::new(trace_text.trim()), programs, "it runs there");
     let personality = std::fs::read_to_string(folder.path().join("trace-personality")).unwrap();
     let personality = u32::from_str_radix(personality.trim(), 16).unwrap();
     let fixed = libc::ADDR_NO_RANDOMIZE as u32;
@@ -78,15 +78,16 @@ fn script_replaces_built_in_agent_and_runs_from_its_copy() {
         let copy = std::fs::read(programs.join(name)).unwrap();
         assert_eq!(copy, std::fs::read(folder.path().join(name)).unwrap(), "{name}");
     }
-    let manifest: serde_json::Value = serde_json::from_str(&own.file("manifest.json")).unwrap();
-    let listed = &manifest["programs"];
+    let manifest: serde_json::Value = serde_json::from_str(&own_run.file("manifest.json")).unwrap();
+    let entries = &manifest["programs"];
     // printf '1 2 3\n' | sha256sum
     let sum = Command::new("sha256sum").arg(programs.join("data/weights.txt")).exits_with(0).stdout;
-    assert_eq!(listed[0]["file"], "./follow.sh");
-    assert_eq!(listed[1]["file"], "data/weights.txt");
-    assert_eq!(listed[1]["sha256"].as_str(), sum.split(' ').next());
-    let of_others: serde_json::Value = serde_json::from_str(&same.file("manifest.json")).unwrap();
-    assert!(of_others["programs"].is_null(), "nothing is listed where nothing is run");
+    assert_eq!(entries[0]["file"], "./follow.sh");
+    assert_eq!(entries[1]["file"], "data/weights.txt");
+    assert_eq!(entries[1]["sha256"].as_str(), sum.split(' ').next());
+    let other_manifest: serde_json::Value =
+        serde_json::from_str(&built_in_run.file("manifest.json")).unwrap();
+    assert!(other_manifest["programs"].is_null(), "nothing is listed where nothing is run");
 }
 
 #[test]
@@ -94,8 +95,8 @@ fn program_starts_only_under_run_and_permitted_verify() {
     let folder = scenario("[\"./follow.sh\"]", "");
     script(folder.path(), "follow.sh", FOLLOWS);
     let trace = folder.path().join("trace");
-    let own = folder.path().join("own.toml");
-    phalanx(["check", own.to_str().unwrap()]).exits_with(0);
+    let scenario_file = folder.path().join("own.toml");
+    phalanx(["check", scenario_file.to_str().unwrap()]).exits_with(0);
     assert!(!trace.exists(), "check starts nothing");
 
     let ended = followed(folder.path(), &trace).lockstep().finish();
@@ -126,25 +127,28 @@ fn script_replaces_built_in_plant_and_its_exit_ends_the_run() {
     std::fs::write(folder.path().join("data.txt"), "1 2 3\n").unwrap();
     script(folder.path(), "world.sh", "pwd > \"$TRACE\"; exec \"$PHALANX\" plant \"$@\"");
     let trace = folder.path().join("trace");
-    let own = built_in(followed(folder.path(), &trace)).drawing().finish();
-    own.exits_with(0).assert_leaves_nothing();
-    let same = built_in(run(scenario("[\"sh\"]", "").path())).finish();
-    own.assert_holds(
-        own.hash() == same.hash(),
-        format!("the trajectory is that of {}", same.hash()),
+    let own_run = built_in(followed(folder.path(), &trace)).drawing().finish();
+    own_run.exits_with(0).assert_leaves_nothing();
+    let built_in_run = built_in(run(scenario("[\"sh\"]", "").path())).finish();
+    own_run.assert_holds(
+        own_run.hash() == built_in_run.hash(),
+        format!("the trajectory is that of {}", built_in_run.hash()),
     );
-    let programs = own.run_dir().join("programs").canonicalize().unwrap();
-    let told = std::fs::read_to_string(&trace).unwrap();
-    assert_eq!(Path::new(told.trim()), programs, "it runs there");
-    own.assert_holds(own.file("programs/data.txt") == "1 2 3\n", "its file is copied");
-    let seen_m = own.number("/min_distance_m");
-    let said = "no promise about distances: `./world.sh` moves the robots, and the guard is proven for another \
+    let programs = own_run.run_dir().join("programs").canonicalize().unwrap();
+    let trace_text = std::fs::read_to_string(&trace).unwrap();
+    assert_eq!(Path::new(trace_text.trim()), programs, "it runs there");
+    own_run.assert_holds(own_run.file("programs/data.txt") == "1 2 3\n", "its file is copied");
+    let distance_m = own_run.number("/min_distance_m");
+    let expected = "no promise about distances: `./world.sh` moves the robots, and the guard is proven for another \
                 plant; the smallest distance seen is";
-    own.assert_holds(own.file("report.html").contains(said), format!("{said} {seen_m}"));
+    own_run.assert_holds(
+        own_run.file("report.html").contains(expected),
+        format!("{expected} {distance_m}"),
+    );
 
     std::fs::remove_file(&trace).unwrap();
     phalanx(["check", folder.path().join("own.toml").to_str().unwrap()]).exits_with(0);
-    let run_dir = own.run_dir();
+    let run_dir = own_run.run_dir();
     phalanx(["report", run_dir.to_str().unwrap()]).exits_with(0);
     let refusal = phalanx(["verify", run_dir.to_str().unwrap()]).exits_with(2).stderr;
     assert!(refusal.contains("./world.sh") && refusal.contains("--allow-programs"), "{refusal}");
@@ -165,8 +169,8 @@ fn program_never_ready_ends_the_run_with_its_last_output() {
     for pace in ["lockstep", "realtime"] {
         let ended = run(folder.path()).args(["--pace", pace]).set("ready_after_s=0.5").finish();
         ended.exits_with(4).assert_leaves_nothing();
-        let said = "r2 was not ready after 0.5 s (ready_after_s); the last lines of its log:\n  I wait for a licence server";
-        ended.assert_holds(ended.stderr.contains(said), said);
+        let expected = "r2 was not ready after 0.5 s (ready_after_s); the last lines of its log:\n  I wait for a licence server";
+        ended.assert_holds(ended.stderr.contains(expected), expected);
     }
 }
 
@@ -178,9 +182,9 @@ fn program_that_cannot_be_executed_is_named() {
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
     let ended = run(folder.path()).lockstep().finish();
     ended.exits_with(4).assert_leaves_nothing();
-    let why =
+    let is_named =
         ended.stderr.contains("cannot start") && ended.stderr.contains("nothing.sh: No such file");
-    ended.assert_holds(why, "the program and the reason are reported");
+    ended.assert_holds(is_named, "the program and the reason are reported");
 }
 
 #[test]
@@ -207,10 +211,10 @@ fn program_dies_with_the_supervisor_in_any_state() {
         comm.starts_with("python").then_some(*pid)
     });
     running.signal(rustix::process::Signal::KILL);
-    let gone = PathBuf::from(format!("/proc/{pid}/exe"));
-    let began = std::time::Instant::now();
-    while gone.read_link().is_ok() {
-        assert!(began.elapsed().as_secs() < 60, "{pid} lives on");
+    let exe_link = PathBuf::from(format!("/proc/{pid}/exe"));
+    let start = std::time::Instant::now();
+    while exe_link.read_link().is_ok() {
+        assert!(start.elapsed().as_secs() < 60, "{pid} lives on");
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
 }

@@ -49,10 +49,11 @@ impl Tree {
 
     /// Commits all files, and returns the hash of the commit.
     fn commit(&self) -> String {
-        let git = |words: &[&str]| {
-            let who = ["-c", "user.name=nobody", "-c", "user.email=nobody@localhost"];
-            let said = self.without_ours("git").args(who).args(words).exits_with(0).stdout;
-            said.trim().to_owned()
+        let git = |arguments: &[&str]| {
+            let identity = ["-c", "user.name=nobody", "-c", "user.email=nobody@localhost"];
+            let output =
+                self.without_ours("git").args(identity).args(arguments).exits_with(0).stdout;
+            output.trim().to_owned()
         };
         git(&["init", "-q"]);
         git(&["add", "-A"]);

@@ -15,7 +15,7 @@ use std::process::Command;
 
 use rustix::process::Signal;
 
-use crate::elsewhere::{Pentagon, assert_keeps_distance, stderr_contains};
+use crate::external_laws::{Pentagon, assert_keeps_distance, stderr_contains};
 use crate::harness::{ExitsWith as _, FinishedRun, RunInProgress};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
@@ -40,9 +40,9 @@ fn installed() -> Command {
 }
 
 /// Returns the path of a program in the virtual environment of the package.
-fn python(words: &[&str]) -> Command {
+fn python(arguments: &[&str]) -> Command {
     let mut command = Command::new("python3");
-    command.args(words).env("PATH", path());
+    command.args(arguments).env("PATH", path());
     command
 }
 
@@ -62,9 +62,9 @@ fn with_gain(file: &str, name: &str, gain: &str, more: &str) -> Pentagon {
          gains = [\"k_m_m_s\"]\nfeed_forward = true\ncorrection_max = \"k_m_m_s\"\n"
     );
     Pentagon::write(folder.path(), &laws);
-    let by_hand = |folder: &Path, words: &[&Path]| {
+    let by_hand = |folder: &Path, arguments: &[&Path]| {
         let mut command = Command::new("python3");
-        command.arg(folder.join("mine.py")).args(words).env("PATH", path());
+        command.arg(folder.join("mine.py")).args(arguments).env("PATH", path());
         command
     };
     Pentagon { folder, phalanx: installed, by_hand }
@@ -100,21 +100,21 @@ fn auditwheel_accepts_the_wheel_for_equal_or_newer_systems() {
     };
     assert!(wheel.to_string_lossy().ends_with("-cp310-abi3-linux_x86_64.whl"), "{wheel:?}");
     let mut audit = python(&["-m", "auditwheel", "show", wheel.to_str().unwrap()]);
-    let said = audit.exits_with(0).stdout;
-    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    let output = audit.exits_with(0).stdout;
+    let output = output.split_whitespace().collect::<Vec<_>>().join(" ");
     // Only libraries that every Linux with this glibc has.
     let tag = "is consistent with the following platform tag: \"manylinux_2_";
-    assert!(said.contains(tag), "{said}");
+    assert!(output.contains(tag), "{output}");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn package_and_program_have_the_workspace_version() {
-    let mut said = python(&["-c", "import phalanx; print(phalanx.__version__)"]);
+    let mut command = python(&["-c", "import phalanx; print(phalanx.__version__)"]);
     let version = env!("CARGO_PKG_VERSION");
-    assert_eq!(said.exits_with(0).stdout.trim(), version);
-    let said = installed().arg("--version").exits_with(0).stdout;
-    assert_eq!(said.trim(), format!("phalanx {version}"));
+    assert_eq!(command.exits_with(0).stdout.trim(), version);
+    let output = installed().arg("--version").exits_with(0).stdout;
+    assert_eq!(output.trim(), format!("phalanx {version}"));
     let manifest =
         std::fs::read_to_string(Path::new(ROOT).join("bindings/python/Cargo.toml")).unwrap();
     let manifest: toml::Table = manifest.parse().unwrap();
@@ -153,7 +153,7 @@ fn run_with_broken_program(pentagon: &Pentagon, program: &str) -> FinishedRun {
     run.lockstep().set("duration_s=6").faults(faults).finish()
 }
 
-/// Returns how often a run is repeated: once, or as often as the environment variable PHALANX_REPETITIONS says.
+/// Returns how often a run is repeated: once, or as often as the environment variable PHALANX_REPETITIONS specifies.
 fn repetitions() -> usize {
     std::env::var("PHALANX_REPETITIONS").map_or(1, |number| number.parse().expect("a number"))
 }
@@ -387,8 +387,8 @@ fn program_that_cannot_serve_reports_the_reason() {
 
     let nothing = tanh();
     std::fs::write(nothing.folder.path().join("mine.py"), "import phalanx\n").unwrap();
-    let said = "r3 died (exit code 0, before it was ready) and is not restarted";
-    nothing.assert_cannot_start(&[], &[said]);
+    let expected = "r3 died (exit code 0, before it was ready) and is not restarted";
+    nothing.assert_cannot_start(&[], &[expected]);
 }
 
 #[test]
@@ -416,8 +416,8 @@ fn package_build_names_its_wait_and_how_to_shorten_it() {
          backend._prepare({'program': 'nowhere'})";
     let mut python = Command::new("python3");
     let output = python.args(["-c", program]).env_remove("PWD").output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    for words in [
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    for expected_part in [
         // pip starts it in another folder than itself.
         &format!("packing {ROOT}/src/main.rs"),
         "--config-settings program=nowhere: there is no file ",
@@ -425,14 +425,14 @@ fn package_build_names_its_wait_and_how_to_shorten_it() {
         ": minutes, the first time; `--config-settings program=target/release/phalanx` packs a program that is already built",
         "now building the package itself, which takes minutes the first time",
     ] {
-        assert!(said.contains(words), "{said}");
+        assert!(stderr.contains(expected_part), "{stderr}");
     }
     // pip hides the output of a build, which is therefore also written to the terminal.
     let line = "python3 -c \"$PROGRAM\" 2>/dev/null";
     let mut terminal = Command::new("script");
     let output = terminal.args(["-qec", line, "/dev/null"]).env("PROGRAM", program).output();
-    let said = String::from_utf8(output.unwrap().stdout).unwrap();
-    assert!(said.contains("phalanx: building the program `phalanx` first"), "{said}");
+    let printed = String::from_utf8(output.unwrap().stdout).unwrap();
+    assert!(printed.contains("phalanx: building the program `phalanx` first"), "{printed}");
 }
 
 #[test]
@@ -441,9 +441,9 @@ fn law_started_manually_names_the_command_to_use() {
     let parts = ["mine.py does nothing by itself: a scenario runs it", "phalanx run SCENARIO"];
     tanh().assert_output_by_hand(&[], 2, &parts, usize::MAX);
     let output = python(&["-c", "import phalanx; phalanx.serve(3)"]).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
+    let stderr = String::from_utf8_lossy(&output.stderr);
     let expected = "takes a class derived from phalanx.Law, phalanx.Controller or phalanx.Plant";
-    assert!(said.contains(expected), "{said}");
+    assert!(stderr.contains(expected), "{stderr}");
 }
 
 #[test]

@@ -10,9 +10,9 @@ fn run_takes_its_duration_in_one_process_per_robot_and_plant() {
     names.sort();
     assert_eq!(names, ["plant", "r1", "r2", "r3"]);
     for (pid, name) in running.children() {
-        let shown = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap();
+        let output = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap();
         let expected = if name == "plant" { "phalanx-plant" } else { "phalanx-agent" };
-        assert_eq!(shown.trim(), expected, "{name}");
+        assert_eq!(output.trim(), expected, "{name}");
     }
     let ended = running.finish();
     ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
@@ -60,7 +60,7 @@ const WALLS: [&str; 4] = [
 fn hostile_runs(starts: &[&str], first: usize, keys: &[&str]) {
     let mut number = first;
     for (turn, start) in starts.iter().enumerate() {
-        let sets = (0..3).map(|place| HOSTILE_FAULTS[(first + turn + place) % 3]);
+        let sets = (0..3).map(|i| HOSTILE_FAULTS[(first + turn + i) % 3]);
         let runs = [0.005, 0.01, 0.02].into_iter().zip(sets);
         let runs: Vec<_> = runs
             .map(|(period_s, faults)| {

@@ -22,22 +22,22 @@ fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
 
 /// Checks that the columns of two tables are equal, number by number.
 #[track_caller]
-fn assert_columns_equal(one: &Path, other: &Path, columns: &[&str], rows_max: usize) {
-    let (one_rows, other_rows) = (table(one), table(other));
+fn assert_columns_equal(first: &Path, second: &Path, columns: &[&str], rows_max: usize) {
+    let (one_rows, other_rows) = (table(first), table(second));
     for (one_row, other_row) in one_rows.iter().zip(&other_rows).take(rows_max) {
         for &column in columns {
             let (a, b) = (&one_row[column], &other_row[column]);
-            let same = match (a.parse::<f64>(), b.parse::<f64>()) {
+            let is_equal = match (a.parse::<f64>(), b.parse::<f64>()) {
                 // The heading is converted to a quaternion and back.
                 (Ok(a), Ok(b)) if column == "heading_rad" => (a - b).abs() < 1e-14,
                 (Ok(a), Ok(b)) => a == b,
                 _ => a == b,
             };
-            assert!(same, "{column} at {}: {a} and {b}", one_row["t_s"]);
+            assert!(is_equal, "{column} at {}: {a} and {b}", one_row["t_s"]);
         }
     }
     let rows = (one_rows.len().min(rows_max), other_rows.len().min(rows_max));
-    assert_eq!(rows.0, rows.1, "{} and {}", one.display(), other.display());
+    assert_eq!(rows.0, rows.1, "{} and {}", first.display(), second.display());
 }
 
 fn recorded_run() -> FinishedRun {
@@ -50,8 +50,8 @@ fn recorded_run() -> FinishedRun {
 fn export_equals_the_run_files_for_every_robot_and_event() {
     let ended = recorded_run();
     let run_dir = ended.run_dir();
-    let said = phalanx([Path::new("export"), &run_dir]).exits_with(0).stdout_and_stderr();
-    ended.assert_holds(said.contains("poses.csv"), format!("the tables are named: {said}"));
+    let output = phalanx([Path::new("export"), &run_dir]).exits_with(0).stdout_and_stderr();
+    ended.assert_holds(output.contains("poses.csv"), format!("the tables are named: {output}"));
     let (samples, export) = (run_dir.join("samples.csv"), run_dir.join("export"));
     let all = usize::MAX;
     let pose = ["t_s", "robot", "x_m", "y_m", "heading_rad"];
@@ -75,20 +75,23 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
         .iter()
         .map(|row| row["min_distance_m"].parse().unwrap())
         .fold(f64::INFINITY, f64::min);
-    let least = ended.number("/min_distance_m");
+    let minimum_m = ended.number("/min_distance_m");
     ended.assert_holds(
-        (least..1.01 * least).contains(&nearest),
+        (minimum_m..1.01 * minimum_m).contains(&nearest),
         format!("{nearest} m apart at last"),
     );
 
-    let again = phalanx([Path::new("export"), &run_dir]).exits_with(2).stdout_and_stderr();
-    ended.assert_holds(again.contains("exists already"), format!("it is not overwritten: {again}"));
-    let whole = phalanx([Path::new("recover"), &run_dir.join("run.mcap")])
+    let second_export = phalanx([Path::new("export"), &run_dir]).exits_with(2).stdout_and_stderr();
+    ended.assert_holds(
+        second_export.contains("exists already"),
+        format!("it is not overwritten: {second_export}"),
+    );
+    let recover_output = phalanx([Path::new("recover"), &run_dir.join("run.mcap")])
         .exits_with(0)
         .stdout_and_stderr();
     ended.assert_holds(
-        whole.contains("is complete"),
-        format!("there is nothing to recover: {whole}"),
+        recover_output.contains("is complete"),
+        format!("there is nothing to recover: {recover_output}"),
     );
     let missing = phalanx([Path::new("recover"), Path::new("missing.mcap")])
         .exits_with(2)
@@ -96,24 +99,24 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
     ended.assert_holds(missing.contains("missing.mcap"), format!("the file is named: {missing}"));
 
     let bytes = std::fs::read(run_dir.join("run.mcap")).unwrap();
-    let mut flipped = bytes.clone();
-    flipped[bytes.len() / 2] ^= 4;
-    for (name, damaged) in [("flipped", &flipped[..]), ("cut", &bytes[..bytes.len() - 1])] {
+    let mut bit_flipped = bytes.clone();
+    bit_flipped[bytes.len() / 2] ^= 4;
+    for (name, damaged) in [("flipped", &bit_flipped[..]), ("cut", &bytes[..bytes.len() - 1])] {
         let file = run_dir.join(name).with_extension("mcap");
         std::fs::write(&file, damaged).unwrap();
-        let said = phalanx([Path::new("export"), &file]).exits_with(1).stdout_and_stderr();
-        let named = said.contains("is damaged") && said.contains("--allow-damage");
-        ended.assert_holds(named, format!("{name}: the remedy is reported: {said}"));
+        let output = phalanx([Path::new("export"), &file]).exits_with(1).stdout_and_stderr();
+        let named = output.contains("is damaged") && output.contains("--allow-damage");
+        ended.assert_holds(named, format!("{name}: the remedy is reported: {output}"));
         phalanx([Path::new("export"), &file, Path::new("--allow-damage")])
             .exits_with(0)
             .stdout_and_stderr();
         // Of the second recording only the end of the index is lost.
         let code = i32::from(name == "flipped");
-        let said = phalanx([Path::new("recover"), &file]).exits_with(code).stdout_and_stderr();
-        ended.assert_holds(!said.contains("is complete"), format!("{name}: {said}"));
+        let output = phalanx([Path::new("recover"), &file]).exits_with(code).stdout_and_stderr();
+        ended.assert_holds(!output.contains("is complete"), format!("{name}: {output}"));
         ended.assert_holds(
-            said.contains("seconds lost: ") == (code == 1),
-            format!("{name}: {said}"),
+            output.contains("seconds lost: ") == (code == 1),
+            format!("{name}: {output}"),
         );
     }
 }
@@ -139,18 +142,19 @@ fn cut() -> Cut {
     let robot = running.pid_of("r2");
     signal_pid(robot, Signal::KILL);
     running.wait_for_event("died");
-    let seen = Instant::now();
-    running
-        .wait_for("1.2 s more", |_| (seen.elapsed() > Duration::from_millis(1200)).then_some(()));
+    let death_seen = Instant::now();
+    running.wait_for("1.2 s more", |_| {
+        (death_seen.elapsed() > Duration::from_millis(1200)).then_some(())
+    });
     running.signal(Signal::KILL);
-    let later_s = seen.elapsed().as_secs_f64();
+    let later_s = death_seen.elapsed().as_secs_f64();
     let run_dir = running.run_dir();
     let died = table(&run_dir.join("events.csv")).into_iter().find(|row| row["kind"] == "died");
     let died_s: f64 = died.expect("it was waited for")["t_s"].parse().unwrap();
     let recovered = run_dir.join("run.recovered.mcap");
     // The supervisor has exited at the end of its output: it wrote within the last milliseconds.
-    let gone = Instant::now();
-    while gone.elapsed() < Duration::from_secs(20)
+    let exit_time = Instant::now();
+    while exit_time.elapsed() < Duration::from_secs(20)
         && std::fs::read(format!("/proc/{}/cmdline", running.pid())).is_ok_and(|w| !w.is_empty())
     {
         std::thread::sleep(Duration::from_millis(5));
@@ -214,8 +218,9 @@ fn third_party_readers_find_every_number_of_the_tables() {
 fn third_party_readers_find_walls_as_a_latched_marker() {
     let disc = "obstacle=[{ kind = \"disc\", center_m = [4.0, 4.0], radius_m = 0.5 }]";
     let wall = "wall=[{ points_m = [[-3.0, 4.0], [3.0, 4.0], [3.0, 5.0]], closed = true }]";
-    let among = run("triangle").lockstep().set(disc).set(wall).set("duration_s=1").set("expect={}");
-    let ended = among.finish();
+    let with_walls =
+        run("triangle").lockstep().set(disc).set(wall).set("duration_s=1").set("expect={}");
+    let ended = with_walls.finish();
     ended.exits_with(0);
     for script in READERS.split(' ') {
         assert_script_succeeds(script, &[&ended.run_dir()]);

@@ -81,10 +81,10 @@ fn processes_repair_graph_as_predicted_on_death_and_return() {
     ];
     map_in_parallel(&cases, |(name, faults)| {
         let set = [&REPAIR[..], &["duration_s=8"]].concat();
-        let foretold = simulate(&with_faults(name, &set, faults));
+        let predicted = simulate(&with_faults(name, &set, faults));
         let ended = run(name).lockstep().sets(&set).faults(*faults).finish();
         ended.exits_with(0).assert_leaves_nothing();
-        let hash = foretold.trajectory_hash.unwrap();
+        let hash = predicted.trajectory_hash.unwrap();
         ended.assert_holds(ended.hash() == hash, format!("{name} {faults:?}: the hash is {hash}"));
         ended.assert_holds(ended.file("events.csv").contains(",repair,r"), "a robot used a spare");
     });
@@ -95,7 +95,7 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
     let set = [&REPAIR[..], &["duration_s=8"]].concat();
     let ended = run("pentagon").lockstep().sets(&set).fault("kill r4 @3 restart 2").finish();
     ended.exits_with(0);
-    let told = repairs(&ended);
+    let reported = repairs(&ended);
     // Lost after 0.1 s, replaced 0.2 s later. The first beacon of the spare arrives two ticks after that.
     let lost_s = 3.0 + 0.1;
     let expected = [
@@ -104,18 +104,18 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
         (5.0 + 0.2, "r3", "no longer uses r5"),
         (5.0 + 0.2, "r3", "uses r4"),
     ];
-    ended.assert_holds(told.len() == expected.len(), format!("{told:?}"));
-    for ((t_s, robot, detail), expected) in told.iter().zip(expected) {
+    ended.assert_holds(reported.len() == expected.len(), format!("{reported:?}"));
+    for ((t_s, robot, detail), expected) in reported.iter().zip(expected) {
         let same = (robot.as_str(), detail.as_str()) == (expected.1, expected.2);
         // Tolerance in simulated time: a few ticks of 2 ms.
-        ended.assert_holds(same && (t_s - expected.0).abs() < 0.01, format!("{told:?}"));
+        ended.assert_holds(same && (t_s - expected.0).abs() < 0.01, format!("{reported:?}"));
     }
     // The recording has the same events.
     phalanx([Path::new("export"), &ended.run_dir()]).exits_with(0);
     let recorded = ended.file("export/events.csv");
     let recorded: Vec<&str> = recorded.lines().filter(|line| line.contains(",repair,")).collect();
-    let same = told.len() == recorded.len()
-        && told.iter().zip(&recorded).all(|((_, robot, detail), row)| {
+    let same = reported.len() == recorded.len()
+        && reported.iter().zip(&recorded).all(|((_, robot, detail), row)| {
             row.contains(&format!(",repair,{robot},")) && row.contains(detail.as_str())
         });
     ended.assert_holds(same, format!("the recording has {recorded:?}"));
@@ -133,11 +133,11 @@ fn real_time_robots_use_their_spares_and_keep_distance() {
     let faults = ["kill r4 @2", "kill r3 @3 restart 1"];
     let ended = run("pentagon").args(["--pace", "realtime"]).sets(set).faults(faults).finish();
     ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
-    let told = repairs(&ended);
-    let says = |robot: &str, detail: &str| {
-        told.iter().any(|(_, r, d)| (r.as_str(), d.as_str()) == (robot, detail))
+    let reported = repairs(&ended);
+    let reports = |robot: &str, detail: &str| {
+        reported.iter().any(|(_, r, d)| (r.as_str(), d.as_str()) == (robot, detail))
     };
-    ended.assert_holds(says("r3", "uses r5"), format!("{told:?}"));
+    ended.assert_holds(reports("r3", "uses r5"), format!("{reported:?}"));
 }
 
 /// Returns the case with topology repair by spares.
@@ -146,9 +146,10 @@ pub fn with_repair(case: SingleFaultCase) -> SingleFaultCase {
 }
 
 /// Returns the robots that use a spare at the end, each with the spare, as robot indices.
-fn spares_gone_by(scenario: &Scenario) -> Vec<(usize, usize)> {
-    let think = |brief: &AgentBrief, incarnation| Controller::new(brief, incarnation).unwrap();
-    let mut run = InProcessRun::new(scenario.clone(), think).unwrap();
+fn spares_in_use(scenario: &Scenario) -> Vec<(usize, usize)> {
+    let make_controller =
+        |brief: &AgentBrief, incarnation| Controller::new(brief, incarnation).unwrap();
+    let mut run = InProcessRun::new(scenario.clone(), make_controller).unwrap();
     while run.current_tick() + 1 < run.ticks() {
         run.sense_robots();
         run.step(|_, cycle| cycle.law_output());
@@ -156,9 +157,9 @@ fn spares_gone_by(scenario: &Scenario) -> Vec<(usize, usize)> {
     let mut used_references = Vec::new();
     run.sense_robots();
     run.step(|robot, cycle| {
-        let heard = cycle.brief().neighbors.len();
+        let in_neighbors = cycle.brief().neighbors.len();
         let (_, senders) = cycle.status();
-        let spares = senders.skip(heard).filter(|spare| spare.goes_by == 1);
+        let spares = senders.skip(in_neighbors).filter(|spare| spare.goes_by == 1);
         used_references.extend(spares.map(|spare| (robot, spare.robot as usize - 1)));
         cycle.law_output()
     });
@@ -186,19 +187,19 @@ fn references_after_deaths_and_cuts_match_the_prediction() {
             cases.push((name, set.clone(), cut, Vec::new(), vec![e]));
         }
     }
-    let seen = map_in_parallel(&cases, |(name, set, faults, dead, cut)| {
+    let counts = map_in_parallel(&cases, |(name, set, faults, dead, cut)| {
         let faults: Vec<&str> = faults.iter().map(String::as_str).collect();
         let scenario = with_faults(name, set, &faults);
         let repairs = scenario.rewiring().active_repairs(dead, cut).into_iter();
-        let ends = repairs.filter(|repaired| repaired.spare_link.is_some());
-        let mut foretold: Vec<_> =
-            ends.map(|repaired| (repaired.robot, repaired.substitute)).collect();
-        foretold.sort_unstable();
-        foretold.dedup();
-        assert_eq!(spares_gone_by(&scenario), foretold, "{name} {faults:?}");
-        foretold.len()
+        let with_spares = repairs.filter(|repaired| repaired.spare_link.is_some());
+        let mut predicted: Vec<_> =
+            with_spares.map(|repaired| (repaired.robot, repaired.substitute)).collect();
+        predicted.sort_unstable();
+        predicted.dedup();
+        assert_eq!(spares_in_use(&scenario), predicted, "{name} {faults:?}");
+        predicted.len()
     });
-    assert!(seen.iter().sum::<usize>() > 50, "{seen:?}");
+    assert!(counts.iter().sum::<usize>() > 50, "{counts:?}");
 }
 
 /// Maximum distance of a robot from its expected position, m. A larger one counts as wrong.
@@ -212,7 +213,7 @@ struct Baseline {
     set: Vec<String>,
     at_s: f64,
     /// Front points of all robots by tick, m.
-    ways: Vec<Vec<Vec2>>,
+    paths: Vec<Vec<Vec2>>,
 }
 
 impl Baseline {
@@ -223,12 +224,12 @@ impl Baseline {
     /// Simulates the scenario `name` with spares, deputies and the assignments `more`.
     fn simulate_baseline(name: &'static str, more: &[&str]) -> Baseline {
         let shipped = scenario(name, &[]);
-        let keeps_place = |i: &usize| shipped.robots[*i].role.reference == Reference::Offsets;
-        let mut deputies: Vec<usize> = (0..shipped.robots.len()).filter(keeps_place).collect();
+        let keeps_slot = |i: &usize| shipped.robots[*i].role.reference == Reference::Offsets;
+        let mut deputies: Vec<usize> = (0..shipped.robots.len()).filter(keeps_slot).collect();
         let leader = shipped.leader();
-        let hears_leader =
+        let receives_from_leader =
             |i: usize| shipped.graph.incoming_edges(i).any(|edge| Some(edge.from) == leader);
-        deputies.sort_by_key(|&i| !hears_leader(i));
+        deputies.sort_by_key(|&i| !receives_from_leader(i));
         deputies.truncate(if leader.is_some() { 2 } else { 0 });
         let deputies: Vec<&str> =
             deputies.iter().map(|&i| shipped.robots[i].name.as_str()).collect();
@@ -237,8 +238,8 @@ impl Baseline {
         if !deputies.is_empty() {
             set.push(format!("deputies={deputies:?}"));
         }
-        let mut baseline = Baseline { name, set, at_s, ways: Vec::new() };
-        baseline.ways = baseline.run(&[], at_s + PAIR_WITHIN_S).1;
+        let mut baseline = Baseline { name, set, at_s, paths: Vec::new() };
+        baseline.paths = baseline.run(&[], at_s + PAIR_WITHIN_S).1;
         baseline
     }
 
@@ -248,14 +249,14 @@ impl Baseline {
         let set = self.set.iter().map(String::as_str).chain([duration.as_str()]);
         let kills: Vec<&str> = kills.iter().map(String::as_str).collect();
         let scenario = with_faults(self.name, &set.collect::<Vec<_>>(), &kills);
-        let mut ways = Vec::new();
+        let mut paths = Vec::new();
         let measures = simulate_watched(&scenario, |_, rows, _| {
             let ells = scenario.robots.iter().map(|robot| robot.front_point_m);
-            ways.push(
+            paths.push(
                 rows.iter().zip(ells).map(|(row, ell)| front_point(row.pose(), ell)).collect(),
             );
         });
-        (scenario, ways, measures.violations)
+        (scenario, paths, measures.violations)
     }
 }
 
@@ -269,7 +270,7 @@ struct Aftermath {
     wrong: [Vec<String>; 2],
     /// Robots that are reported as off their expected positions, for each time of [`AFTER_S`]: blocked, outside, off
     /// their slot, or not yet arrived.
-    foretold: [Vec<String>; 2],
+    predicted: [Vec<String>; 2],
 }
 
 impl Aftermath {
@@ -281,79 +282,80 @@ impl Aftermath {
             |&(i, after_s): &(usize, f64)| format!("kill {} @{}", name(i), baseline.at_s + after_s);
         let kills: Vec<String> = dead.iter().map(kill).collect();
         let last_s = baseline.at_s + dead.iter().map(|(_, after_s)| *after_s).fold(0.0, f64::max);
-        let (scenario, ways, violations) = baseline.run(&kills, last_s);
+        let (scenario, paths, violations) = baseline.run(&kills, last_s);
         let dead: Vec<usize> = dead.iter().map(|(robot, _)| *robot).collect();
         let wrong = AFTER_S.map(|after_s| {
             let ticks = ((last_s + after_s) * 1e9 / scenario.period_ns as f64).round() as usize;
             let [found, without] =
-                [&ways, &baseline.ways].map(|all| &all[ticks.min(ways.len() - 1)]);
-            let places = places_on_the_repaired_graph(&scenario, &dead, found, without);
-            let off = (0..found.len()).filter(|i| !dead.contains(i)).filter_map(|i| {
-                let off_m = (found[i] - places[i]).norm();
-                (off_m > RIGHT_WITHIN_M).then(|| format!("{} is {off_m:.3} m off", name(i)))
+                [&paths, &baseline.paths].map(|all| &all[ticks.min(paths.len() - 1)]);
+            let positions = expected_positions(&scenario, &dead, found, without);
+            let errors = (0..found.len()).filter(|i| !dead.contains(i)).filter_map(|i| {
+                let error_m = (found[i] - positions[i]).norm();
+                (error_m > RIGHT_WITHIN_M).then(|| format!("{} is {error_m:.3} m off", name(i)))
             });
             let near = (violations > 0).then(|| "a distance is below d".to_owned());
-            near.into_iter().chain(off).collect()
+            near.into_iter().chain(errors).collect()
         });
         let predictor = FailurePredictor::new(&scenario).with_broken_threshold(RIGHT_WITHIN_M);
         let broken = predictor.broken_robots(&dead, &[], Some(last_s)).into_iter();
-        let keeps_place = |i: usize| scenario.robots[i].role.reference != Reference::NeighborMean;
+        let keeps_slot = |i: usize| scenario.robots[i].role.reference != Reference::NeighborMean;
         let matters = broken.filter(|one| {
-            let held_up = matches!(
+            let is_blocked = matches!(
                 one.cause,
                 BreakCause::SlotOccupied { .. } | BreakCause::SlotClaimed { .. }
             );
-            held_up || one.hull_distance_m.is_some() || keeps_place(one.robot)
+            is_blocked || one.hull_distance_m.is_some() || keeps_slot(one.robot)
         });
         let matters = matters.map(|one| format!("{}: {}", name(one.robot), one.describe(name)));
         let matters: Vec<String> = matters.collect();
         let settles_s = predictor.settling_time_s(&dead).unwrap_or(0.0);
-        let foretold = AFTER_S.map(|after_s| {
+        let predicted = AFTER_S.map(|after_s| {
             let late = (settles_s > after_s).then(|| format!("on their way for {settles_s:.1} s"));
             matters.iter().cloned().chain(late).collect()
         });
         let what = format!("{} {}", baseline.name, kills.join(", "));
-        Aftermath { what, wrong, foretold }
+        Aftermath { what, wrong, predicted }
     }
 }
 
 /// Returns the expected position of every robot: leaders and robots with slots are where they are without the
 /// deaths, contained robots where Remark 1 puts them given their references.
-fn places_on_the_repaired_graph(
+fn expected_positions(
     scenario: &Scenario,
     dead: &[usize],
     found: &[Vec2],
     without: &[Vec2],
 ) -> Vec<Vec2> {
-    let contained = |i: usize| scenario.robots[i].role.reference == Reference::NeighborMean;
-    let living = |edge: &&Edge| !dead.contains(&edge.from);
-    let edges: Vec<&Edge> = scenario.graph.edges().iter().filter(living).collect();
+    let is_contained = |i: usize| scenario.robots[i].role.reference == Reference::NeighborMean;
+    let is_alive = |edge: &&Edge| !dead.contains(&edge.from);
+    let edges: Vec<&Edge> = scenario.graph.edges().iter().filter(is_alive).collect();
     let rewiring = scenario.rewiring();
     let repairs = rewiring.active_repairs(dead, &[]);
-    let mut heard = vec![Vec::new(); found.len()];
-    edges.iter().for_each(|edge| heard[edge.to].push((edge.from, Vec2::zeros())));
-    repairs.iter().for_each(|one| heard[one.robot].push((one.substitute, Vec2::zeros())));
-    let free: Vec<usize> =
-        (0..found.len()).filter(|&i| contained(i) && !dead.contains(&i)).collect();
-    let takes_from = |i: usize| {
+    let mut in_neighbors = vec![Vec::new(); found.len()];
+    edges.iter().for_each(|edge| in_neighbors[edge.to].push((edge.from, Vec2::zeros())));
+    repairs.iter().for_each(|one| in_neighbors[one.robot].push((one.substitute, Vec2::zeros())));
+    let unslotted: Vec<usize> =
+        (0..found.len()).filter(|&i| is_contained(i) && !dead.contains(&i)).collect();
+    let leader_lost_by = |i: usize| {
         let link = |spare: usize| rewiring.edges().len() + spare;
-        let for_place =
+        let keeps_leader_slot =
             |spare: usize| rewiring.purpose(link(spare)) == SenderPurpose::KeepLeaderSlot;
-        let takes = |one: &&ActiveRepair| one.robot == i && one.spare_link.is_some_and(for_place);
-        repairs.iter().find(takes).map(|one| one.lost_in_neighbor)
+        let is_from_leader_spare =
+            |one: &&ActiveRepair| one.robot == i && one.spare_link.is_some_and(keeps_leader_slot);
+        repairs.iter().find(is_from_leader_spare).map(|one| one.lost_in_neighbor)
     };
     // Contained robots are placed around the robots that keep or take slots.
-    let keeps = |i: usize| !contained(i) || takes_from(i).is_some();
-    let place = |i: usize| if keeps(i) { found[i] } else { without[i] };
-    let mut places: Vec<Vec2> = (0..found.len()).map(place).collect();
-    let free: Vec<usize> =
-        free.into_iter().filter(|&i| !keeps(i) && !heard[i].is_empty()).collect();
-    move_to_settled_positions(&heard, &free, &mut places)
+    let keeps = |i: usize| !is_contained(i) || leader_lost_by(i).is_some();
+    let position = |i: usize| if keeps(i) { found[i] } else { without[i] };
+    let mut positions: Vec<Vec2> = (0..found.len()).map(position).collect();
+    let unslotted: Vec<usize> =
+        unslotted.into_iter().filter(|&i| !keeps(i) && !in_neighbors[i].is_empty()).collect();
+    move_to_settled_positions(&in_neighbors, &unslotted, &mut positions)
         .expect("contained robots have references");
     for i in (0..found.len()).filter(|&i| keeps(i)) {
-        places[i] = without[takes_from(i).unwrap_or(i)];
+        positions[i] = without[leader_lost_by(i).unwrap_or(i)];
     }
-    places
+    positions
 }
 
 /// Prints the results and how many were predicted. Returns the numbers of right, predicted, and wrong but
@@ -362,18 +364,18 @@ fn tally(all: &[Aftermath]) -> [[usize; 3]; 2] {
     [0, 1].map(|k| {
         let mut counts = [0; 3];
         println!("after {} s:", AFTER_S[k]);
-        for Aftermath { what, wrong, foretold } in all {
-            let (wrong, foretold) = (&wrong[k], &foretold[k]);
-            let agrees = wrong.is_empty() == foretold.is_empty();
+        for Aftermath { what, wrong, predicted } in all {
+            let (wrong, predicted) = (&wrong[k], &predicted[k]);
+            let agrees = wrong.is_empty() == predicted.is_empty();
             counts[0] += usize::from(wrong.is_empty());
             counts[1] += usize::from(agrees);
             counts[2] += usize::from(!wrong.is_empty() && !agrees);
             if !(wrong.is_empty() && agrees) {
-                println!("  {what}: {wrong:?}; predicted {foretold:?}");
+                println!("  {what}: {wrong:?}; predicted {predicted:?}");
             }
         }
-        let [right, foretold, _] = counts;
-        println!("  {right} of {} as required, {foretold} as predicted", all.len());
+        let [correct, predicted, _] = counts;
+        println!("  {correct} of {} as required, {predicted} as predicted", all.len());
         counts
     })
 }
@@ -416,11 +418,11 @@ fn every_death_is_recovered_among_leaders_with_deputies() {
 #[ignore = "minutes: all single deaths of the shipped scenarios"]
 fn recovery_after_95_percent_of_deaths_others_are_predicted() {
     let all = simulate_single_deaths(&SHIPPED);
-    let [[right, foretold, unforeseen], later] = tally(&all);
-    assert!(20 * right >= 19 * all.len() && 20 * foretold >= 19 * all.len() && unforeseen == 0);
+    let [[correct, predicted, unpredicted], later] = tally(&all);
+    assert!(20 * correct >= 19 * all.len() && 20 * predicted >= 19 * all.len() && unpredicted == 0);
     // Some robots of `pentagon` meet a body again on their way.
-    let [right, foretold, unforeseen] = later;
-    assert!(10 * right >= 9 * all.len() && 10 * foretold >= 9 * all.len() && unforeseen <= 1);
+    let [correct, predicted, unpredicted] = later;
+    assert!(10 * correct >= 9 * all.len() && 10 * predicted >= 9 * all.len() && unpredicted <= 1);
 }
 
 /// `PHALANX_TIMES=20 cargo test --test it -- --nocapture repair::outcome_of_90` draws 200.
@@ -445,7 +447,7 @@ fn outcome_of_90_percent_of_death_pairs_is_predicted() {
         Aftermath::simulate(baseline, &[(first, 0.0), (second, after_s)])
     });
     // Later the dead robots of `pentagon` block others again.
-    let [[right, foretold, _], _] = tally(&all);
-    assert!(10 * right >= 7 * all.len() && 10 * foretold >= 9 * all.len());
-    assert!(all.len() < 200 || 10 * right >= 9 * all.len());
+    let [[correct, predicted, _], _] = tally(&all);
+    assert!(10 * correct >= 7 * all.len() && 10 * predicted >= 9 * all.len());
+    assert!(all.len() < 200 || 10 * correct >= 9 * all.len());
 }

@@ -18,16 +18,19 @@ fn page(ended: &FinishedRun, figures: &[&str]) -> String {
     report(&ended.run_dir(), 0);
     for name in figures {
         let svg = ended.file(&format!("figures/{name}.svg"));
-        let sound = roxmltree::Document::parse(&svg);
-        let drawn = sound.as_ref().is_ok_and(|svg| svg.root_element().has_tag_name("svg"));
-        ended.assert_holds(drawn, format!("{name}.svg is one: {sound:?}"));
+        let document = roxmltree::Document::parse(&svg);
+        let is_svg = document.as_ref().is_ok_and(|svg| svg.root_element().has_tag_name("svg"));
+        ended.assert_holds(is_svg, format!("{name}.svg is one: {document:?}"));
     }
     let page = ended.file("report.html");
     ended.assert_holds(page.len() < PAGE_BYTES_MAX, format!("the page has {} bytes", page.len()));
     // The namespace URI of SVG is not fetched.
-    let asks_of = page.replace("http://www.w3.org/2000/svg", "");
-    for asks in ["http:", "https:", "src=", "url("] {
-        ended.assert_holds(!asks_of.contains(asks), format!("the page asks for nothing: {asks}"));
+    let markup = page.replace("http://www.w3.org/2000/svg", "");
+    for reference in ["http:", "https:", "src=", "url("] {
+        ended.assert_holds(
+            !markup.contains(reference),
+            format!("the page asks for nothing: {reference}"),
+        );
     }
     page
 }
@@ -60,20 +63,23 @@ fn killed_robot_is_marked_in_every_figure_over_time() {
 #[test]
 fn chapter_figure_claims_are_expected_and_drawn() {
     let all = ["min_distance_m", "final_error_m_max", "converged_by_s"];
-    let led = [&all[..2], &["tracking_error_m_max"], &all[2..]].concat();
-    let contained = [&led[..3], &["hull_distance_m_max"], &led[3..]].concat();
+    let with_leader = [&all[..2], &["tracking_error_m_max"], &all[2..]].concat();
+    let contained = [&with_leader[..3], &["hull_distance_m_max"], &with_leader[3..]].concat();
     let plane = ["trajectories", "distances", "errors", "ideal_errors", "error_components"];
     let hull = [&plane[..], &["hull_distance"]].concat();
     for (name, keys, figures) in [
         ("triangle", &all[..], &plane[..]),
-        ("pentagon", &led, &plane),
+        ("pentagon", &with_leader, &plane),
         ("containment", &contained, &hull),
     ] {
         let ended = run(name).lockstep().set("duration_s=12").finish();
         ended.assert_holds(expectation_names(&ended) == keys, format!("{keys:?} are expected"));
         let page = page(&ended, figures);
-        let held = page.matches(": held.").count();
-        ended.assert_holds(held >= keys.len(), format!("{held} verdicts stand below the figures"));
+        let held_count = page.matches(": held.").count();
+        ended.assert_holds(
+            held_count >= keys.len(),
+            format!("{held_count} verdicts stand below the figures"),
+        );
         ended.assert_holds(!page.contains(": missed."), "none was missed");
     }
 }
@@ -95,18 +101,21 @@ fn run_without_expectations_has_no_verdict() {
 
 #[test]
 fn run_draws_its_figures_and_passes_without_them() {
-    for hindered in [false, true] {
+    for is_page_blocked in [false, true] {
         let mut running = run("triangle").set("duration_s=1").set("expect={}").drawing().start();
-        if hindered {
+        if is_page_blocked {
             let page = running.run_dir().join("report.html");
             running.wait_for("a run directory", |_| std::fs::create_dir(&page).ok());
         }
         let ended = running.finish();
         ended.exits_with(0);
-        let complained = ended.stderr.contains("cannot write") && !ended.summary.is_null();
-        ended.assert_holds(complained == hindered, "it complains if and only if it cannot");
-        let drawn = ended.file("figures/trajectories.svg").contains("<svg");
-        ended.assert_holds(drawn, "the figures are there");
+        let has_complained = ended.stderr.contains("cannot write") && !ended.summary.is_null();
+        ended.assert_holds(
+            has_complained == is_page_blocked,
+            "it complains if and only if it cannot",
+        );
+        let is_svg = ended.file("figures/trajectories.svg").contains("<svg");
+        ended.assert_holds(is_svg, "the figures are there");
     }
 }
 
@@ -128,15 +137,15 @@ fn killed_supervisor_leaves_enough_for_a_report() {
 
 #[test]
 fn folder_without_a_run_is_refused() {
-    let place = tempfile::tempdir().unwrap();
-    for path in [place.path().to_path_buf(), place.path().join("none")] {
+    let folder = tempfile::tempdir().unwrap();
+    for path in [folder.path().to_path_buf(), folder.path().join("none")] {
         let error = report(&path, 2).stderr;
         assert!(error.contains("is no run directory") && error.lines().count() == 1, "{error}");
     }
-    std::fs::write(place.path().join("scenario.toml"), "name = 3\n").unwrap();
-    report(place.path(), 3);
-    std::fs::copy("scenarios/triangle.toml", place.path().join("scenario.toml")).unwrap();
-    std::fs::write(place.path().join("summary.json"), "{ \"t_s\": ").unwrap();
-    let error = report(place.path(), 4).stderr;
+    std::fs::write(folder.path().join("scenario.toml"), "name = 3\n").unwrap();
+    report(folder.path(), 3);
+    std::fs::copy("scenarios/triangle.toml", folder.path().join("scenario.toml")).unwrap();
+    std::fs::write(folder.path().join("summary.json"), "{ \"t_s\": ").unwrap();
+    let error = report(folder.path(), 4).stderr;
     assert!(error.contains("summary.json:1: "), "{error}");
 }

@@ -41,8 +41,8 @@ mod with_bridge {
     /// Process of a program in tests/ros2. It is killed when it is dropped.
     struct Python {
         process: Child,
-        says: Lines<BufReader<ChildStdout>>,
-        asks: ChildStdin,
+        output: Lines<BufReader<ChildStdout>>,
+        input: ChildStdin,
     }
 
     impl Python {
@@ -56,14 +56,14 @@ mod with_bridge {
                 .stdout(Stdio::piped())
                 .spawn()
                 .unwrap();
-            let says = BufReader::new(process.stdout.take().unwrap()).lines();
-            let asks = process.stdin.take().unwrap();
-            Python { process, says, asks }
+            let output = BufReader::new(process.stdout.take().unwrap()).lines();
+            let input = process.stdin.take().unwrap();
+            Python { process, output, input }
         }
 
         /// Reads the next line, which must have this prefix, and returns the rest of it.
         fn read_line(&mut self, begins: &str) -> String {
-            let line = self.says.next().and_then(Result::ok);
+            let line = self.output.next().and_then(Result::ok);
             let line = line.unwrap_or_else(|| panic!("it ended without saying {begins:?}"));
             assert!(line.starts_with(begins), "{line}");
             line[begins.len()..].to_owned()
@@ -101,7 +101,7 @@ mod with_bridge {
         running.signal(Signal::INT);
         let ended = running.finish();
         ended.exits_with(130);
-        writeln!(reader.asks, "{}", ended.run_dir().display()).unwrap();
+        writeln!(reader.input, "{}", ended.run_dir().display()).unwrap();
         println!("{}", reader.read_line("held: "));
         ended.assert_leaves_nothing();
     }
@@ -145,8 +145,8 @@ mod with_bridge {
 
     #[test]
     fn occupied_port_is_reported_before_the_start() {
-        let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = taken.local_addr().unwrap();
+        let occupied = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = occupied.local_addr().unwrap();
         let ended = run("triangle").args([format!("--ros2=listen/{address}").as_str()]).finish();
         ended
             .exits_with(4)
@@ -165,8 +165,8 @@ mod with_bridge {
     /// Returns front point and error, m, from the newest complete row of a robot in `samples.csv`.
     fn newest_sample_row(run: &RunInProgress, robot: &str) -> Option<([f64; 2], f64)> {
         let text = std::fs::read_to_string(run.run_dir().join("samples.csv")).ok()?;
-        let (whole, _) = text.rsplit_once('\n')?;
-        let mut rows = whole.lines().rev().map(|line| line.split(',').collect::<Vec<_>>());
+        let (complete_rows, _) = text.rsplit_once('\n')?;
+        let mut rows = complete_rows.lines().rev().map(|line| line.split(',').collect::<Vec<_>>());
         let row = rows.find(|row| row[1] == robot)?;
         let number = |column: usize| row[column].parse::<f64>().ok();
         let (x_m, y_m, heading_rad) = (number(2)?, number(3)?, number(4)?);
@@ -178,16 +178,16 @@ mod with_bridge {
     fn arrives(running: &mut RunInProgress, robot: &str, [x_m, y_m]: [f64; 2]) {
         running.wait_for(&format!("{robot} at its goal"), |run| {
             let ([front_x_m, front_y_m], error_m) = newest_sample_row(run, robot)?;
-            let away_m = (front_x_m - x_m).hypot(front_y_m - y_m);
-            (away_m < 0.02 && error_m < 0.02).then_some(())
+            let distance_m = (front_x_m - x_m).hypot(front_y_m - y_m);
+            (distance_m < 0.02 && error_m < 0.02).then_some(())
         });
     }
 
     /// Returns the details of a robot's events of this kind.
     fn details(events: &str, kind: &str, robot: &str) -> Vec<String> {
         let of_kind = |line: &str| {
-            let (_, found, whose, detail) = crate::harness::event_cells(line)?;
-            (found == kind && whose == robot).then(|| detail.to_owned())
+            let (_, found, event_robot, detail) = crate::harness::event_cells(line)?;
+            (found == kind && event_robot == robot).then(|| detail.to_owned())
         };
         events.lines().filter_map(of_kind).collect()
     }
@@ -204,7 +204,7 @@ mod with_bridge {
         let mut running = Phalanx::new(command).start();
         let mut sender = Python::start("go.py", [port.to_string().as_str(), "3"]);
         let mut send = |line: &str| {
-            writeln!(sender.asks, "{line}").unwrap();
+            writeln!(sender.input, "{line}").unwrap();
             sender.read_line("sent");
         };
         send("r1 -0.5 1.2");
@@ -237,8 +237,8 @@ mod with_bridge {
         running.wait_for("two beside each other", |run| {
             let error_m = |robot| newest_sample_row(run, robot).map(|(_, error_m)| error_m);
             let sent = |robot| !details(&run.events(), "goal", robot).is_empty();
-            let near = error_m("r3")?.max(error_m("r4")?) < D_M;
-            (sent("r3") && sent("r4") && near).then_some(())
+            let are_near = error_m("r3")?.max(error_m("r4")?) < D_M;
+            (sent("r3") && sent("r4") && are_near).then_some(())
         });
         running.signal(Signal::INT);
         let ended = running.finish();
@@ -260,9 +260,10 @@ mod with_bridge {
             .assert_holds(ended.number("/wall/goals/taken") == 4.0, "four goals were taken");
         let refused = &ended.summary["wall"]["goals"]["refused"];
         let expected = ["layout", "not-finite", "frame", "far", "outside", "blocked"];
-        let once = |why: &&str| refused[why] == 1;
+        let is_counted_once = |why: &&str| refused[why] == 1;
         ended.assert_holds(
-            expected.iter().all(once) && refused.as_object().is_some_and(|all| all.len() == 6),
+            expected.iter().all(is_counted_once)
+                && refused.as_object().is_some_and(|all| all.len() == 6),
             format!("one of each was refused, found {refused}"),
         );
     }

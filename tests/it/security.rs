@@ -21,8 +21,8 @@ const OTHER_USER_ID: u32 = 65534;
 fn no_other_user_can_open_any_file_of_a_run_under_way() {
     let mut running = run("triangle").set("duration_s=60").set("expect={}").start();
     // The run itself must be protected.
-    let outer = running.run_root().to_path_buf();
-    std::fs::set_permissions(&outer, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let run_root_dir = running.run_root().to_path_buf();
+    std::fs::set_permissions(&run_root_dir, std::fs::Permissions::from_mode(0o755)).unwrap();
     running.wait_for_event("contact");
     let mode = |path: &PathBuf| path.symlink_metadata().unwrap().permissions().mode() & 0o7777;
     let root = root_of(&running);
@@ -32,7 +32,7 @@ fn no_other_user_can_open_any_file_of_a_run_under_way() {
     if !rustix::process::geteuid().is_root() {
         return; // no other user to compare with
     }
-    let paths = files_below(&outer);
+    let paths = files_below(&run_root_dir);
     let memory = paths.iter().filter(|path| path.extension().is_some_and(|end| end == "data"));
     assert!(memory.count() > 10, "{paths:?}");
     let script = r#"for path; do
@@ -41,9 +41,9 @@ fn no_other_user_can_open_any_file_of_a_run_under_way() {
     let mut stranger = Command::new("sh");
     stranger.args(["-c", script, "sh", "/dev/shm", "/proc/version"]).args(&paths);
     let output = stranger.current_dir("/").uid(OTHER_USER_ID).gid(OTHER_USER_ID).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
+    let stdout = String::from_utf8_lossy(&output.stdout);
     // The first two are readable by all users, and show that the program tried.
-    assert_eq!(said, "opened /dev/shm\nopened /proc/version\n", "{output:?}");
+    assert_eq!(stdout, "opened /dev/shm\nopened /proc/version\n", "{output:?}");
     assert!(paths.len() > 100, "{paths:?}");
 }
 
@@ -57,17 +57,17 @@ fn has_random_addresses(pid: u32) -> bool {
 /// Checks address randomization by process. A process may disable it, except in some containers.
 #[test]
 fn addresses_are_random_except_for_lockstep_robots() {
-    let may_choose = Command::new("setarch").args(["--addr-no-randomize", "true"]).status();
-    let may_choose = may_choose.is_ok_and(|status| status.success());
+    let can_fix_addresses = Command::new("setarch").args(["--addr-no-randomize", "true"]).status();
+    let can_fix_addresses = can_fix_addresses.is_ok_and(|status| status.success());
     for pace in ["realtime", "lockstep"] {
         let triangle = run("triangle").args(["--pace", pace]).set("duration_s=3600");
         let mut running = triangle.set("record_hz=1").start();
         running.wait_for_event("contact");
         assert!(has_random_addresses(running.pid()), "the supervisor's, {pace}");
         for (pid, name) in running.children() {
-            let random = has_random_addresses(pid);
-            let ours = may_choose && pace == "lockstep" && name != "plant";
-            assert_eq!(random, !ours, "those of {name}, {pace}");
+            let is_random = has_random_addresses(pid);
+            let is_fixed = can_fix_addresses && pace == "lockstep" && name != "plant";
+            assert_eq!(is_random, !is_fixed, "those of {name}, {pace}");
         }
     }
 }
@@ -76,15 +76,15 @@ const SECOND_NS: u64 = 1_000_000_000;
 
 /// Returns beacons that must be refused: in each round, another number is not finite.
 fn bad_beacons(number: f64, fresh_ns: u64) -> [Beacon; 7] {
-    let near = Beacon { stamp_ns: fresh_ns, x_m: 0.1, y_m: 0.1, ..Beacon::default() };
+    let valid = Beacon { stamp_ns: fresh_ns, x_m: 0.1, y_m: 0.1, ..Beacon::default() };
     [
-        Beacon { x_m: number, ..near },
-        Beacon { vy_m_s: number, ..near },
-        Beacon { frame_known: 1, frame_turn_rate_rad_s: number, ..near },
-        Beacon { stamp_ns: fresh_ns + 3600 * SECOND_NS, ..near },
-        Beacon { stamp_ns: u64::MAX, ..near },
-        Beacon { stamp_ns: 0, ..near },
-        Beacon { incarnation: u64::MAX, ..near },
+        Beacon { x_m: number, ..valid },
+        Beacon { vy_m_s: number, ..valid },
+        Beacon { frame_known: 1, frame_turn_rate_rad_s: number, ..valid },
+        Beacon { stamp_ns: fresh_ns + 3600 * SECOND_NS, ..valid },
+        Beacon { stamp_ns: u64::MAX, ..valid },
+        Beacon { stamp_ns: 0, ..valid },
+        Beacon { incarnation: u64::MAX, ..valid },
     ]
 }
 
@@ -92,15 +92,15 @@ fn bad_beacons(number: f64, fresh_ns: u64) -> [Beacon; 7] {
 fn bad_commands(number: f64, fresh_ns: u64) -> [message::Command; 6] {
     let (sequence, v_m_s, w_rad_s) = (u64::MAX, 0.3, 1.0);
     let stamp_ns = fresh_ns;
-    let fast =
+    let moving =
         message::Command { stamp_ns, sequence, v_m_s, w_rad_s, ..message::Command::default() };
     [
-        message::Command { v_m_s: number, ..fast },
-        message::Command { w_rad_s: number, ..fast },
-        message::Command { stamp_ns: fresh_ns + 3600 * SECOND_NS, ..fast },
-        message::Command { stamp_ns: u64::MAX, ..fast },
-        message::Command { stamp_ns: fresh_ns - SECOND_NS, ..fast },
-        message::Command { incarnation: u64::MAX, ..fast },
+        message::Command { v_m_s: number, ..moving },
+        message::Command { w_rad_s: number, ..moving },
+        message::Command { stamp_ns: fresh_ns + 3600 * SECOND_NS, ..moving },
+        message::Command { stamp_ns: u64::MAX, ..moving },
+        message::Command { stamp_ns: fresh_ns - SECOND_NS, ..moving },
+        message::Command { incarnation: u64::MAX, ..moving },
     ]
 }
 
@@ -119,8 +119,8 @@ fn well_typed_garbage_moves_no_robot_and_is_counted() {
     let node = service::create_node("hostile").unwrap();
     let beacon = service::beacon_topic("r2").open(&node).unwrap().publisher(0).unwrap();
     let open = |robot: &str| service::command_topic(robot).open(&node).unwrap();
-    let to_r1 = open("r1").publisher().unwrap();
-    let to_r2 = open("r2").publisher().unwrap();
+    let publisher_r1 = open("r1").publisher().unwrap();
+    let publisher_r2 = open("r2").publisher().unwrap();
     let full = open("r2").publisher().unwrap_err().to_string();
     assert!(full.contains("one sender and its replacement"), "{full}");
 
@@ -135,15 +135,15 @@ fn well_typed_garbage_moves_no_robot_and_is_counted() {
             pause();
         }
         for garbage in bad_commands(number, fresh_ns) {
-            to_r1.send_copy(garbage).unwrap();
-            to_r2.send_copy(garbage).unwrap();
+            publisher_r1.send_copy(garbage).unwrap();
+            publisher_r2.send_copy(garbage).unwrap();
             pause();
         }
         if r1_is_new {
             // From the incarnation that died.
             let (stamp_ns, sequence) = (fresh_ns, u64::MAX);
             let old = message::Command { stamp_ns, sequence, ..message::Command::default() };
-            to_r1.send_copy(old).unwrap();
+            publisher_r1.send_copy(old).unwrap();
             pause();
         }
     };
@@ -159,7 +159,7 @@ fn well_typed_garbage_moves_no_robot_and_is_counted() {
     while dead_since.elapsed() < Duration::from_secs(3) {
         publish(true);
     }
-    drop((beacon, to_r1, to_r2, node));
+    drop((beacon, publisher_r1, publisher_r2, node));
     assert_no_garbage_obeyed(&running.finish());
 }
 
@@ -191,9 +191,9 @@ fn moved_m(samples: &str, robot: &str, from_s: f64) -> f64 {
     let rows = samples.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let rows = rows.filter(|cells| cells[1] == robot);
     let numbers = rows.map(|cells| [0, 2, 3].map(|cell| cells[cell].parse::<f64>().unwrap()));
-    let places: Vec<[f64; 3]> = numbers.filter(|[t_s, ..]| *t_s >= from_s).collect();
-    let Some([_, x, y]) = places.first().copied() else { return f64::NAN };
-    places.iter().map(|[_, x_m, y_m]| (x_m - x).hypot(y_m - y)).fold(0.0, f64::max)
+    let positions: Vec<[f64; 3]> = numbers.filter(|[t_s, ..]| *t_s >= from_s).collect();
+    let Some([_, x, y]) = positions.first().copied() else { return f64::NAN };
+    positions.iter().map(|[_, x_m, y_m]| (x_m - x).hypot(y_m - y)).fold(0.0, f64::max)
 }
 
 fn root_of(running: &RunInProgress) -> PathBuf {

@@ -54,9 +54,9 @@ fn leader_death_reaches_every_robot_and_none_spins() {
 #[test]
 fn cut_breaks_exactly_the_predicted_robots() {
     let all = &["r1", "r2", "r3", "r4"][..];
-    for (cut, broken, beyond) in [
+    for (cut, broken, expected_affected) in [
         ("r5->r4", all, all),
-        // r1 stops and blocks r2. r2 does not know it and stops where r1 and r3 want it.
+        // r1 stops and blocks r2. r2 does not detect it, and stops where r1 and r3 want it.
         ("r2->r1", &["r1", "r2"], &["r1"]),
     ] {
         let ended = run("pentagon")
@@ -70,7 +70,7 @@ fn cut_breaks_exactly_the_predicted_robots() {
             (names(&ended, "/faults/0/predicted"), names(&ended, "/faults/0/affected"));
         ended.assert_holds(predicted == broken, format!("{cut}: the prediction is {predicted:?}"));
         ended.assert_holds(
-            affected == beyond,
+            affected == expected_affected,
             format!("{cut}: off by those they hear are {affected:?}"),
         );
         let seen = names(&ended, "/faults/0/broken");
@@ -85,7 +85,7 @@ fn cut_breaks_exactly_the_predicted_robots() {
 #[test]
 fn silent_neighbors_are_ignored_kept_or_awaited_by_policy() {
     for policy in ["last", "ignore", "keep", "stop"] {
-        let goes_on = ["last", "keep"].contains(&policy);
+        let continues = ["last", "keep"].contains(&policy);
         let ended = run("triangle")
             .lockstep()
             .sets(["duration_s=20", "expect={}", &format!("silence.policy={policy}")])
@@ -94,11 +94,11 @@ fn silent_neighbors_are_ignored_kept_or_awaited_by_policy() {
         ended.exits_with(0);
         // r2 receives only from the silent r3: without a reference it stops, unless the kept position still gives it a
         // target.
-        if !goes_on {
+        if !continues {
             assert_stopped(&ended, "r2", 2.5, 8.0);
         }
         let moved = motion(&ended, "r2", 2.5, 3.0).iter().any(|(v_m_s, _)| v_m_s.abs() > 0.01);
-        ended.assert_holds(moved == goes_on, format!("{policy}: r2 continues: {moved}"));
+        ended.assert_holds(moved == continues, format!("{policy}: r2 continues: {moved}"));
         ended
             .assert_holds(ended.number("/final_error_m_max") < 1e-3, "the formation has recovered");
     }

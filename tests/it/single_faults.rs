@@ -52,25 +52,25 @@ pub struct SingleFaultCase {
 }
 
 impl SingleFaultCase {
-    /// Reads the scenario with the fault and without expectations. If `whole_again`, the robot is restarted or the edge
-    /// mended after [`WHOLE_AFTER_S`].
-    pub fn scenario(&self, whole_again: bool) -> Scenario {
-        let ends = match (whole_again, self.broken) {
+    /// Reads the scenario with the fault and without expectations. If `is_temporary`, the robot is restarted or the
+    /// edge mended after [`WHOLE_AFTER_S`].
+    pub fn scenario(&self, is_temporary: bool) -> Scenario {
+        let ending = match (is_temporary, self.broken) {
             (false, _) => String::new(),
             (true, FailingComponent::Robot(_)) => format!(" restart {WHOLE_AFTER_S}"),
             (true, FailingComponent::Edge(_)) => format!(" for {WHOLE_AFTER_S}"),
         };
-        let fault = format!("{} @{}{ends}", self.what, self.at_s);
+        let fault = format!("{} @{}{ending}", self.what, self.at_s);
         with_faults(self.scenario, self.set, &[&fault])
     }
 
     /// Simulates the case in the oracle. Calls `watch` with every ground-truth sample and the robots that were alive.
     pub fn run(
         &self,
-        whole_again: bool,
+        is_temporary: bool,
         watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
     ) -> RunMetrics {
-        simulate_watched(&self.scenario(whole_again), watch)
+        simulate_watched(&self.scenario(is_temporary), watch)
     }
 }
 
@@ -81,13 +81,13 @@ pub fn cases_of(name: &'static str) -> Vec<SingleFaultCase> {
     let kills = (0..scenario.robots.len())
         .map(|i| (FailingComponent::Robot(i), format!("kill {}", robot(i))));
     let edges = scenario.graph.edges().iter().enumerate();
-    let cuts = edges.map(|(e, edge)| {
+    let link_cuts = edges.map(|(e, edge)| {
         (FailingComponent::Edge(e), format!("cut {}->{}", robot(edge.from), robot(edge.to)))
     });
     let at_s = 0.5 * scenario.duration_ns as f64 / 1e9;
     let set = &["expect={}"];
     kills
-        .chain(cuts)
+        .chain(link_cuts)
         .map(|(broken, what)| SingleFaultCase { scenario: name, broken, what, at_s, set })
         .collect()
 }
@@ -102,23 +102,23 @@ fn contained_robot_at_the_leader_slot_does_not_block_leader() {
     // r3 receives from r8, the leader, and from r4: without r4 its desired position is that of r8.
     let mut cases = cases_of("containment");
     cases.retain(|case| ["kill r4", "cut r4->r3"].contains(&case.what.as_str()));
-    let held_up = map_in_parallel(&cases, |case| {
+    let results = map_in_parallel(&cases, |case| {
         let scenario = case.scenario(false);
         let (leader, lead) = (scenario.leader().unwrap(), scenario.lead.clone().unwrap());
         let ell_m = scenario.robots[leader].front_point_m;
-        let mut off_m = 0.0f64;
+        let mut error_m = 0.0f64;
         let measures = case.run(false, |header, rows, _| {
             let t_s = header.t_ns as f64 / 1e9;
             if t_s >= case.at_s {
                 let alpha = front_point(rows[leader].pose(), ell_m);
-                off_m = off_m.max((alpha - lead.trajectory.target_at(t_s).position).norm());
+                error_m = error_m.max((alpha - lead.trajectory.target_at(t_s).position).norm());
             }
         });
-        (case.what.clone(), off_m, measures.violations)
+        (case.what.clone(), error_m, measures.violations)
     });
-    assert_eq!(held_up.len(), 2);
-    for (what, off_m, violations) in held_up {
-        assert!(off_m < 1e-6 && violations == 0, "{what}: {off_m} m, {violations} violations");
+    assert_eq!(results.len(), 2);
+    for (what, error_m, violations) in results {
+        assert!(error_m < 1e-6 && violations == 0, "{what}: {error_m} m, {violations} violations");
     }
 }
 

@@ -60,7 +60,7 @@ impl SoakStats {
 
 /// Kills agents of one run at random.
 struct Reaper {
-    dice: SplitMix64,
+    rng: SplitMix64,
     /// Process ids of the killed agents.
     killed: BTreeSet<u32>,
 }
@@ -70,10 +70,10 @@ impl Reaper {
     fn strike(&mut self, running: &RunInProgress, kills: usize, until_s: f64) {
         while self.killed.len() < kills && run_time_s(&running.events()) < until_s {
             let left = (kills - self.killed.len()) as u64;
-            match self.dice.draw_between(0, 3) {
+            match self.rng.draw_between(0, 3) {
                 // Several agents at the same instant, perhaps all.
                 0 => {
-                    let count = self.dice.draw_between(2, 8).min(left);
+                    let count = self.rng.draw_between(2, 8).min(left);
                     self.kill_some(running, count);
                 }
                 // One agent, and then the next process that is started, during its start.
@@ -84,8 +84,8 @@ impl Reaper {
                 _ => self.kill_some(running, 1),
             }
             // A pause from less than a restart to much longer.
-            let doublings = self.dice.draw_between(0, 8);
-            pause(Duration::from_millis(1 << doublings).mul_f64(1.0 + self.dice.draw_unit()));
+            let doublings = self.rng.draw_between(0, 8);
+            pause(Duration::from_millis(1 << doublings).mul_f64(1.0 + self.rng.draw_unit()));
         }
     }
 
@@ -94,26 +94,26 @@ impl Reaper {
     }
 
     fn kill_some(&mut self, running: &RunInProgress, count: u64) {
-        let mut living = self.live_agents(running);
-        for _ in 0..count.min(living.len() as u64) {
-            let place = self.dice.draw_between(0, living.len() as u64 - 1) as usize;
-            self.kill(living.swap_remove(place));
+        let mut agents = self.live_agents(running);
+        for _ in 0..count.min(agents.len() as u64) {
+            let index = self.rng.draw_between(0, agents.len() as u64 - 1) as usize;
+            self.kill(agents.swap_remove(index));
         }
     }
 
     fn kill_the_next(&mut self, running: &RunInProgress) {
         let others = self.live_agents(running);
-        let began = Instant::now();
+        let start = Instant::now();
         let next = loop {
             let next = self.live_agents(running).into_iter().find(|pid| !others.contains(pid));
-            if next.is_some() || began.elapsed() > Duration::from_secs(1) {
+            if next.is_some() || start.elapsed() > Duration::from_secs(1) {
                 break next;
             }
             pause(Duration::from_micros(100));
         };
         if let Some(next) = next {
             // A process needs 10 to 30 ms to become ready.
-            pause(Duration::from_micros(self.dice.draw_between(0, 30_000)));
+            pause(Duration::from_micros(self.rng.draw_between(0, 30_000)));
             self.kill(next);
         }
     }
@@ -139,23 +139,23 @@ fn run_time_s(events: &str) -> f64 {
 }
 
 /// Returns the minimum distance of the scenario (d), m.
-fn distance_min_m(what: Soaked) -> f64 {
-    scenario(what.name, &[]).avoidance.distance_min_m
+fn distance_min_m(case: Soaked) -> f64 {
+    scenario(case.name, &[]).avoidance.distance_min_m
 }
 
 /// Prepares a run of the scenario with this seed.
-fn soaked(what: Soaked, seed: u64) -> Phalanx {
+fn soaked(case: Soaked, seed: u64) -> Phalanx {
     let seed_word = seed.to_string();
     let delay_s = [0.0, 0.02, 0.2][seed as usize % 3];
-    let run = run(what.name)
+    let run = run(case.name)
         .args(["--seed", seed_word.as_str()])
-        .set(format!("duration_s={:?}", what.duration_s))
-        .set(format!("expect={{min_distance_m={}}}", distance_min_m(what)))
+        .set(format!("duration_s={:?}", case.duration_s))
+        .set(format!("expect={{min_distance_m={}}}", distance_min_m(case)))
         .set(format!("robot_defaults.restart_delay_s={delay_s:?}"))
         .set(format!("robot_defaults.max_restart_delay_s={delay_s:?}"))
         .set("robot_defaults.max_restarts=1000000");
     // Five times the chapter's period in real time: the load of the machine is not under test.
-    if what.lockstep { run.lockstep() } else { run.set("period_s=0.01") }
+    if case.lockstep { run.lockstep() } else { run.set("period_s=0.01") }
 }
 
 /// Counts the shared files of the run at present by kind. The kind is the extension of the name.
@@ -169,9 +169,9 @@ fn shared_files(running: &RunInProgress) -> BTreeMap<String, usize> {
 }
 
 /// Counts the shared files of a run without kills, by kind.
-fn files_of_an_undisturbed_run(what: Soaked) -> BTreeMap<String, usize> {
-    let mut running = soaked(what, 0).start();
-    let edges = scenario(what.name, &[]).graph.edges().len();
+fn files_of_an_undisturbed_run(case: Soaked) -> BTreeMap<String, usize> {
+    let mut running = soaked(case, 0).start();
+    let edges = scenario(case.name, &[]).graph.edges().len();
     running.wait_for("all robots received", |run| {
         let events = run.events();
         (rows(&events).filter(|row| row.3.starts_with("fresh")).count() >= edges).then_some(())
@@ -180,56 +180,56 @@ fn files_of_an_undisturbed_run(what: Soaked) -> BTreeMap<String, usize> {
 }
 
 /// Simulates one run: kills, then a time without kills. `files` has the shared files of a run without kills.
-fn simulate(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -> SoakStats {
-    println!("soak: seed {seed}, up to {kills} kills, {what:?}");
-    let mut reaper = Reaper { dice: SplitMix64::new(seed), killed: BTreeSet::new() };
-    let running = soaked(what, seed).start();
+fn simulate(case: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -> SoakStats {
+    println!("soak: seed {seed}, up to {kills} kills, {case:?}");
+    let mut reaper = Reaper { rng: SplitMix64::new(seed), killed: BTreeSet::new() };
+    let running = soaked(case, seed).start();
     // The first kills happen while the robots are starting.
     while running.agents().is_empty() {
         pause(Duration::from_micros(100));
     }
-    for _ in 0..reaper.dice.draw_between(1, 3) {
-        pause(Duration::from_micros(reaper.dice.draw_between(0, 20_000)));
+    for _ in 0..reaper.rng.draw_between(1, 3) {
+        pause(Duration::from_micros(reaper.rng.draw_between(0, 20_000)));
         reaper.kill_some(&running, 1);
     }
-    reaper.strike(&running, kills, what.hostile_s);
+    reaper.strike(&running, kills, case.hostile_s);
     let kills = reaper.killed.len();
 
     // No file of a dead process may remain among the shared files.
-    let peace = Instant::now();
-    let settled = loop {
+    let quiet_time = Instant::now();
+    let outcome = loop {
         let found = (returned(&running.events(), kills), shared_files(&running));
-        let settled = found.0 && found.1 == *files;
-        if settled || peace.elapsed() > SETTLED_WITHIN || running.children().is_empty() {
+        let is_restored = found.0 && found.1 == *files;
+        if is_restored || quiet_time.elapsed() > SETTLED_WITHIN || running.children().is_empty() {
             break found;
         }
         pause(Duration::from_millis(10));
     };
-    let lingering = connections_of_the_dead(&running);
+    let dead_connections = connections_of_the_dead(&running);
     let ended = running.finish();
     ended.exits_with(0).assert_leaves_nothing().assert_keeps_d();
-    ended.assert_holds(settled.0, "all robots returned");
-    let found = settled.1;
-    let left = format!("they share {files:?}, found {found:?}; of the dead: {lingering:?}");
+    ended.assert_holds(outcome.0, "all robots returned");
+    let found = outcome.1;
+    let left = format!("they share {files:?}, found {found:?}; of the dead: {dead_connections:?}");
     ended.assert_holds(found == *files, left);
-    ended.assert_holds(ended.number("/t_s") == what.duration_s, "the run reached its end");
-    survived(&ended, what, kills)
+    ended.assert_holds(ended.number("/t_s") == case.duration_s, "the run reached its end");
+    survived(&ended, case, kills)
 }
 
 /// Returns the connections with a dead end: the process ids of receiver and sender, and the mode.
 fn connections_of_the_dead(running: &RunInProgress) -> Vec<([u32; 2], u32)> {
     let roots = running.roots();
-    let ends = roots.iter().flat_map(|root| files_below(root)).filter_map(|path| {
+    let endpoints = roots.iter().flat_map(|root| files_below(root)).filter_map(|path| {
         let name = path.file_stem()?.to_str()?.to_owned();
         let ids: Option<Vec<u128>> = name.rsplit('_').take(2).map(|id| id.parse().ok()).collect();
         // An id has the process id in its third 32 bits.
         let [receiver, sender] = ids?[..] else { return None };
-        let ends = [receiver, sender].map(|id| (id >> 64) as u32);
+        let endpoints = [receiver, sender].map(|id| (id >> 64) as u32);
         let mode = std::fs::metadata(&path).ok()?.mode();
         let dead = |pid: u32| !std::path::Path::new("/proc").join(pid.to_string()).exists();
-        ends.into_iter().any(dead).then_some((ends, mode))
+        endpoints.into_iter().any(dead).then_some((endpoints, mode))
     });
-    ends.collect()
+    endpoints.collect()
 }
 
 /// Returns the newest time in `samples.csv` at which all robots were alive with errors below the bound, s. -1 if there
@@ -258,7 +258,7 @@ fn returned(events: &str, kills: usize) -> bool {
 }
 
 /// Counts the deaths of a run. Checks the events of each death, restart and contact.
-fn survived(ended: &FinishedRun, what: Soaked, kills: usize) -> SoakStats {
+fn survived(ended: &FinishedRun, case: Soaked, kills: usize) -> SoakStats {
     let events = ended.file("events.csv");
     let deaths: Vec<_> = rows(&events).filter(|row| row.1 == "died").collect();
     ended.assert_holds(deaths.len() == kills, format!("{kills} died, found {}", deaths.len()));
@@ -271,7 +271,7 @@ fn survived(ended: &FinishedRun, what: Soaked, kills: usize) -> SoakStats {
     ended.assert_holds(restarts == kills as u64, format!("{kills} restarts, found {restarts}"));
     ended.assert_holds(returned(&events, kills), "all robots are ready again");
 
-    if what.lockstep {
+    if case.lockstep {
         ended.assert_holds(
             ended.number("/final_error_m_max") < 1e-3,
             "all robots are back in their slots",
@@ -285,17 +285,20 @@ fn survived(ended: &FinishedRun, what: Soaked, kills: usize) -> SoakStats {
     let mut contacts = BTreeMap::new();
     for (t_s, kind, robot, detail) in rows(&events) {
         if kind == "contact" && !detail.contains("frame of the leader") {
-            let (state, heard) = detail.split_once(' ').unwrap();
-            contacts.insert((robot, heard), (state, t_s));
+            let (state, in_neighbor) = detail.split_once(' ').unwrap();
+            contacts.insert((robot, in_neighbor), (state, t_s));
         }
     }
-    let edges = scenario(what.name, &[]).graph.edges().len();
+    let edges = scenario(case.name, &[]).graph.edges().len();
     ended.assert_holds(contacts.len() == edges, "every neighbor was heard");
-    for ((robot, heard), (state, since_s)) in contacts {
+    for ((robot, in_neighbor), (state, since_s)) in contacts {
         // In real time, a busy machine makes any robot stale for some milliseconds, even at the end.
-        let momentary = !what.lockstep && state == "stale" && since_s > what.duration_s - 0.1;
-        let hears = state == "fresh" || momentary;
-        ended.assert_holds(hears, format!("{robot} hears {heard}: {state} since {since_s} s"));
+        let momentary = !case.lockstep && state == "stale" && since_s > case.duration_s - 0.1;
+        let is_received = state == "fresh" || momentary;
+        ended.assert_holds(
+            is_received,
+            format!("{robot} hears {in_neighbor}: {state} since {since_s} s"),
+        );
     }
 
     let mut ready = BTreeSet::new();
@@ -315,11 +318,11 @@ fn survived(ended: &FinishedRun, what: Soaked, kills: usize) -> SoakStats {
 /// Simulates runs in parallel until `kills` agents were killed. Prints the seed of every run, so that a failed one can
 /// be repeated.
 fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> SoakStats {
-    let files: Vec<_> = runs.iter().map(|what| files_of_an_undisturbed_run(*what)).collect();
-    let (began, mut stats) = (Instant::now(), SoakStats::default());
+    let files: Vec<_> = runs.iter().map(|case| files_of_an_undisturbed_run(*case)).collect();
+    let (start, mut stats) = (Instant::now(), SoakStats::default());
     let simulated = |seed: usize| {
-        let place = (seed - 1) % runs.len();
-        simulate(runs[place], seed as u64, kills_of_a_run, &files[place])
+        let index = (seed - 1) % runs.len();
+        simulate(runs[index], seed as u64, kills_of_a_run, &files[index])
     };
     while stats.kills < kills {
         let seeds = stats.runs + 1..=stats.runs + SIDE_BY_SIDE;
@@ -330,7 +333,7 @@ fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> SoakStats {
             }
         });
     }
-    println!("soak: in {:.0?} of wall time, in all {stats:?}", began.elapsed());
+    println!("soak: in {:.0?} of wall time, in all {stats:?}", start.elapsed());
     stats
 }
 

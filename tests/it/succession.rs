@@ -21,35 +21,35 @@ const ESCORT: [&str; 4] =
     ["repair=spares", "repair_after_s=0.2", "expect={}", "robot.left.deputies=[\"f2\",\"f4\"]"];
 
 /// Returns, by time (s), the maximum distance of robots with slots from their positions in the run without faults, m.
-fn off_m(name: &str, set: &[&str], faults: &[&str]) -> Vec<(f64, f64)> {
-    let kept = with_faults(name, set, &[]);
+fn slot_error_m(name: &str, set: &[&str], faults: &[&str]) -> Vec<(f64, f64)> {
+    let planned = with_faults(name, set, &[]);
     let [without, with] =
         [&[][..], faults].map(|faults| front_point_paths(&with_faults(name, set, faults)));
-    let places = || (0..kept.robots.len()).filter(|&i| keeps_place(&kept, i));
-    let off_m = without.iter().zip(&with).map(|((t_s, expected), (_, found))| {
-        let off_m = places().map(|i| (found[i] - expected[i]).norm());
-        (*t_s, off_m.fold(0.0, f64::max))
+    let slots = || (0..planned.robots.len()).filter(|&i| keeps_slot(&planned, i));
+    let slot_error_m = without.iter().zip(&with).map(|((t_s, expected), (_, found))| {
+        let slot_error_m = slots().map(|i| (found[i] - expected[i]).norm());
+        (*t_s, slot_error_m.fold(0.0, f64::max))
     });
-    off_m.collect()
+    slot_error_m.collect()
 }
 
-fn keeps_place(scenario: &Scenario, i: usize) -> bool {
+fn keeps_slot(scenario: &Scenario, i: usize) -> bool {
     scenario.robots[i].role.reference == Reference::Offsets
 }
 
 /// Returns the front points of all robots (m) at each ground-truth sample, by time (s).
 fn front_point_paths(scenario: &Scenario) -> Vec<(f64, Vec<Vec2>)> {
-    let mut ways = Vec::new();
+    let mut paths = Vec::new();
     simulate_watched(scenario, |header, rows, _| {
         let ells = scenario.robots.iter().map(|robot| robot.front_point_m);
         let alphas = rows.iter().zip(ells).map(|(row, ell)| front_point(row.pose(), ell));
-        ways.push((header.t_ns as f64 / 1e9, alphas.collect()));
+        paths.push((header.t_ns as f64 / 1e9, alphas.collect()));
     });
-    ways
+    paths
 }
 
-fn peak_m(off_m: &[(f64, f64)]) -> f64 {
-    off_m.iter().map(|(_, off_m)| *off_m).fold(0.0, f64::max)
+fn peak_m(slot_error_m: &[(f64, f64)]) -> f64 {
+    slot_error_m.iter().map(|(_, slot_error_m)| *slot_error_m).fold(0.0, f64::max)
 }
 
 #[test]
@@ -64,22 +64,24 @@ fn deputy_leads_after_leader_death_and_slots_are_kept() {
         let after = format!("repair_after_s={after}");
         let set = ["repair=spares", &after, "expect={}", "duration_s=26", deputies];
         let kill = format!("kill {leader} @20");
-        let off_m = off_m(name, &set, &[&kill]);
-        let late: Vec<_> =
-            off_m.iter().filter(|(t_s, off_m)| *t_s > 23.0 && *off_m > 0.01).collect();
+        let slot_error_m = slot_error_m(name, &set, &[&kill]);
+        let late: Vec<_> = slot_error_m
+            .iter()
+            .filter(|(t_s, slot_error_m)| *t_s > 23.0 && *slot_error_m > 0.01)
+            .collect();
         assert!(late.is_empty(), "{name} {deputies}: {late:?}");
         // A robot that does not wait for a spare continues without a jump.
         let scenario = with_faults(name, &set, &[&kill]);
         let dead = scenario.leader().unwrap();
-        let foretold_m =
+        let predicted_m =
             FailurePredictor::new(&scenario).peak_error_m(&[dead], Some(20.0)).unwrap();
-        let seen_m = peak_m(&off_m);
-        println!("{name} {deputies}: predicted {foretold_m}, measured {seen_m}");
-        let both_small = foretold_m < 0.01 && seen_m < 0.01;
-        let within = seen_m < 2.0 * foretold_m && foretold_m < 2.0 * seen_m;
+        let seen_m = peak_m(&slot_error_m);
+        println!("{name} {deputies}: predicted {predicted_m}, measured {seen_m}");
+        let both_small = predicted_m < 0.01 && seen_m < 0.01;
+        let within = seen_m < 2.0 * predicted_m && predicted_m < 2.0 * seen_m;
         assert!(
             both_small || within,
-            "{name} {deputies}: {foretold_m} m predicted, {seen_m} m measured"
+            "{name} {deputies}: {predicted_m} m predicted, {seen_m} m measured"
         );
         assert_eq!(simulate(&scenario).violations, 0, "{name} {deputies}");
     });
@@ -89,7 +91,7 @@ fn deputy_leads_after_leader_death_and_slots_are_kept() {
 fn split_network_has_two_agreeing_leaders_until_it_is_mended() {
     let set = [&PENTAGON[..], &["duration_s=10"]].concat();
     let cut = ["cut r5->r4 @5 for 2"];
-    let peak_m = peak_m(&off_m("pentagon", &set, &cut));
+    let peak_m = peak_m(&slot_error_m("pentagon", &set, &cut));
     assert!(peak_m < 0.005, "the largest deviation was {peak_m} m");
     let ended = run("pentagon").lockstep().sets(&set).faults(cut).finish();
     ended.exits_with(0);
@@ -109,28 +111,30 @@ fn split_network_has_two_agreeing_leaders_until_it_is_mended() {
 #[test]
 fn returning_leader_resumes_without_a_jump_for_followers() {
     let set = [&PENTAGON[..], &["duration_s=16"]].concat();
-    let off_m = off_m("pentagon", &set, &["kill r5 @5 restart 0.5"]);
-    let peak_m = peak_m(&off_m);
+    let slot_error_m = slot_error_m("pentagon", &set, &["kill r5 @5 restart 0.5"]);
+    let peak_m = peak_m(&slot_error_m);
     println!("{peak_m} m off");
     // The leader resumes within ell (0.15 m) of its path, not at the position of its death.
     assert!(peak_m < 0.3, "the largest deviation was {peak_m} m");
-    let late = off_m.iter().filter(|(t_s, off_m)| *t_s > 14.0 && *off_m > 0.01);
+    let late =
+        slot_error_m.iter().filter(|(t_s, slot_error_m)| *t_s > 14.0 && *slot_error_m > 0.01);
     assert_eq!(late.count(), 0);
 }
 
 /// Returns the distances of robots at a time (s) from the positions of other robots in the run without faults, m.
-fn apart_m(faults: &[&str], at_s: f64, places: &[(&str, &str)]) -> Vec<f64> {
+fn distances_m(faults: &[&str], at_s: f64, slots: &[(&str, &str)]) -> Vec<f64> {
     let set = [&ESCORT[..], &["duration_s=46"]].concat();
     let scenario = with_faults("escort", &set, faults);
-    let place = |name: &str| scenario.robots.iter().position(|robot| robot.name == name).unwrap();
+    let index_of =
+        |name: &str| scenario.robots.iter().position(|robot| robot.name == name).unwrap();
     let [found, planned] = [faults, &[]].map(|faults| {
-        let ways = front_point_paths(&with_faults("escort", &set, faults));
-        let at = ways.partition_point(|(t_s, _)| *t_s < at_s);
-        ways.into_iter().nth(at).unwrap().1
+        let paths = front_point_paths(&with_faults("escort", &set, faults));
+        let index = paths.partition_point(|(t_s, _)| *t_s < at_s);
+        paths.into_iter().nth(index).unwrap().1
     });
-    let apart_m =
-        places.iter().map(|&(robot, of)| (found[place(robot)] - planned[place(of)]).norm());
-    apart_m.collect()
+    let distances_m =
+        slots.iter().map(|&(robot, of)| (found[index_of(robot)] - planned[index_of(of)]).norm());
+    distances_m.collect()
 }
 
 #[test]
@@ -146,9 +150,12 @@ fn first_live_deputy_replaces_secondary_leader_until_return() {
         (&["kill left @20", "kill f2 @20.5 restart 4"], 44.0, with(&[("f2", "left")])),
         (&["kill left @16 restart 4"], 44.0, all.to_vec()),
     ];
-    map_in_parallel(&cases, |(faults, at_s, places)| {
-        let apart_m = apart_m(faults, *at_s, places);
-        assert!(apart_m.iter().all(|off_m| *off_m < 0.01), "{faults:?} {places:?}: {apart_m:?}");
+    map_in_parallel(&cases, |(faults, at_s, slots)| {
+        let distances_m = distances_m(faults, *at_s, slots);
+        assert!(
+            distances_m.iter().all(|distance_m| *distance_m < 0.01),
+            "{faults:?} {slots:?}: {distances_m:?}"
+        );
         let measures = simulate(&with_faults("escort", &ESCORT, faults));
         assert_eq!(measures.violations, 0, "{faults:?}");
         // Errors are relative to the references in use, and the hull has its corner again.
@@ -167,27 +174,27 @@ fn processes_replacing_secondary_leaders_match_prediction() {
     ended.exits_with(0).assert_leaves_nothing();
     ended.assert_holds(ended.hash() == hash, format!("the hash is {hash}"));
     let events = ended.file("events.csv");
-    for says in ["f2,uses lead", "f4,uses f2", "f4,uses lead", "f2,no longer uses lead"] {
-        ended.assert_holds(events.contains(&format!(",repair,{says}")), says);
+    for detail in ["f2,uses lead", "f4,uses f2", "f4,uses lead", "f2,no longer uses lead"] {
+        ended.assert_holds(events.contains(&format!(",repair,{detail}")), detail);
     }
 }
 
 #[test]
 fn containment_with_deputies_matches_the_prediction() {
     let planned = with_faults("escort", &ESCORT, &[]);
-    let place = |name: &str| planned.robots.iter().position(|robot| robot.name == name).unwrap();
+    let index_of = |name: &str| planned.robots.iter().position(|robot| robot.name == name).unwrap();
     let broken = |dead: &[&str]| {
-        let dead: Vec<usize> = dead.iter().map(|name| place(name)).collect();
+        let dead: Vec<usize> = dead.iter().map(|name| index_of(name)).collect();
         let broken = FailurePredictor::new(&planned).broken_robots(&dead, &[], Some(20.0));
-        let said = broken.iter().map(|one| one.with_names(&planned.robots));
-        said.map(|one| format!("{}: {}", one.robot, one.why)).collect::<Vec<String>>()
+        let named = broken.iter().map(|one| one.with_names(&planned.robots));
+        named.map(|one| format!("{}: {}", one.robot, one.why)).collect::<Vec<String>>()
     };
-    let says = |dead: &[&str], what: &str| {
+    let assert_reason = |dead: &[&str], what: &str| {
         let broken = broken(dead);
         assert!(broken.iter().any(|one| one == what), "{dead:?}: {broken:?}");
     };
-    says(&["left"], "f2: backup leader in the slot of left");
-    says(&["left", "f2"], "f4: backup leader in the slot of left");
+    assert_reason(&["left"], "f2: backup leader in the slot of left");
+    assert_reason(&["left", "f2"], "f4: backup leader in the slot of left");
     assert!(!broken(&["left"]).iter().any(|one| one.contains("outside the hull")));
 }
 

@@ -34,7 +34,7 @@ fn check_json(name: &str) -> Value {
 
 /// Returns the deaths with consequences, each with its lists that are not empty.
 fn losses(entries: &Value) -> Vec<Value> {
-    let bare = |entry: &Value| {
+    let without_empty_lists = |entry: &Value| {
         let mut entry = entry.as_object().unwrap().clone();
         entry.remove("breaks");
         entry.retain(|_, value| value.as_array().is_none_or(|list| !list.is_empty()));
@@ -42,11 +42,11 @@ fn losses(entries: &Value) -> Vec<Value> {
     };
     let lists = |entry: &serde_json::Map<String, Value>| entry.values().any(Value::is_array);
     let entries = entries.as_array().unwrap().iter();
-    entries.map(bare).filter(lists).map(Value::Object).collect()
+    entries.map(without_empty_lists).filter(lists).map(Value::Object).collect()
 }
 
-fn assert_near(found: f64, expected: f64, within: f64) {
-    assert!((found - expected).abs() <= within, "{found} is not {expected}");
+fn assert_near(found: f64, expected: f64, tolerance: f64) {
+    assert!((found - expected).abs() <= tolerance, "{found} is not {expected}");
 }
 
 /// Two robots with goals beyond a wall: the goal of `a` is straight behind it, and `b` passes next to it.
@@ -286,10 +286,10 @@ fn contained_robots_that_would_meet_are_reported() {
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(warnings[0].contains("in the settled formation r4 and r7 are 0.36"), "{warnings:?}");
     let guard = Theory::compute(&near).guard;
-    let (keeps, gives) =
+    let (keep_distance_m, yield_distance_m) =
         (guard.deflection_distance_m.unwrap(), guard.giving_way_distance_m.unwrap());
-    assert!(keeps < 0.364 && 0.364 < gives, "{guard:?}");
-    assert_near(gives, 1.12 * keeps, 1e-12);
+    assert!(keep_distance_m < 0.364 && 0.364 < yield_distance_m, "{guard:?}");
+    assert_near(yield_distance_m, 1.12 * keep_distance_m, 1e-12);
 }
 
 #[test]
@@ -336,7 +336,7 @@ fn goal_robots_without_neighbors_end_at_their_goals() {
     let settled = theory.distances.settled.unwrap().distance_m;
     assert_near(settled, 1.6 * (std::f64::consts::PI / 8.0).sin(), 1e-6);
     // Edges are no references for them, so that a cut has no effect.
-    let (heard, _) = scenario("antipodal-8", &["robot.r1.hears=[\"r2\"]"]);
-    let theory = Theory::compute(&heard);
+    let (with_edge, _) = scenario("antipodal-8", &["robot.r1.hears=[\"r2\"]"]);
+    let theory = Theory::compute(&with_edge);
     assert!(theory.breaking_cuts.is_empty() && theory.deaths[1].after.loss.is_empty());
 }

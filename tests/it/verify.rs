@@ -11,14 +11,14 @@ use crate::harness::{
     ExitsWith as _, FinishedRun, RunRoot, WAIT_TIMEOUT, phalanx, run, signal_pid, wait_until_gone,
 };
 
-/// Verifies a run. Asserts the exit code, and that the output contains all of `words`.
+/// Verifies a run. Asserts the exit code, and that the output contains all of `expected`.
 #[track_caller]
-fn verify(run_dir: &Path, code: i32, words: &[&str]) {
+fn verify(run_dir: &Path, code: i32, expected: &[&str]) {
     let root = RunRoot::new();
     let mut command = phalanx([Path::new("verify"), run_dir]);
     let text = command.env("PHALANX_RUN_ROOT", root.path()).exits_with(code).stdout_and_stderr();
-    for word in words {
-        assert!(text.contains(word), "{word:?} is not in {text:?}");
+    for part in expected {
+        assert!(text.contains(part), "{part:?} is not in {text:?}");
     }
 }
 
@@ -33,10 +33,10 @@ fn short_run() -> FinishedRun {
 fn lockstep_run_with_faults_verifies_and_leaves_no_files() {
     let ended = short_run();
     let hash = ended.summary["trajectory_hash"].as_str().unwrap().to_owned();
-    let words = ["the same, bit by bit", &hash, "run.mcap            the same"];
-    verify(&ended.run_dir(), 0, &words);
-    let beside = fs::read_dir(ended.run_dir().parent().unwrap()).unwrap().count();
-    assert_eq!(beside, 1, "the new run is removed");
+    let expected = ["the same, bit by bit", &hash, "run.mcap            the same"];
+    verify(&ended.run_dir(), 0, &expected);
+    let other_folders = fs::read_dir(ended.run_dir().parent().unwrap()).unwrap().count();
+    assert_eq!(other_folders, 1, "the new run is removed");
 }
 
 #[test]
@@ -87,50 +87,50 @@ fn tables_with_other_line_ends_differ() {
     let samples = ended.run_dir().join("samples.csv");
     let text = fs::read_to_string(&samples).unwrap();
     fs::write(samples, text.replace('\n', "\r\n")).unwrap();
-    let ends = r#"samples.csv         line 1 ended with "\r\n", ends with "\n""#;
-    verify(&ended.run_dir(), 1, &["NOT the same", ends]);
+    let line_ends = r#"samples.csv         line 1 ended with "\r\n", ends with "\n""#;
+    verify(&ended.run_dir(), 1, &["NOT the same", line_ends]);
 }
 
 #[test]
 fn folder_of_a_killed_verify_is_removed_by_clean() {
     let ended = run("triangle").lockstep().set("expect={}").set("duration_s=600").finish();
     ended.exits_with(0);
-    let place = ended.run_dir().parent().unwrap().to_owned();
-    let beside = || {
-        let names = fs::read_dir(&place).unwrap().map(|entry| entry.unwrap().path());
+    let scratch = ended.run_dir().parent().unwrap().to_owned();
+    let other_folders = || {
+        let names = fs::read_dir(&scratch).unwrap().map(|entry| entry.unwrap().path());
         names.filter(|path| *path != ended.run_dir()).collect::<Vec<_>>()
     };
     let root = RunRoot::new();
     let mut command = phalanx([Path::new("verify"), &ended.run_dir()]);
     command.env("PHALANX_RUN_ROOT", root.path()).stdout(Stdio::null()).stderr(Stdio::null());
     let mut child = command.spawn().unwrap();
-    let began = Instant::now();
-    let samples = || beside().first().map(|folder| folder.join("run/samples.csv"));
+    let start = Instant::now();
+    let samples = || other_folders().first().map(|folder| folder.join("run/samples.csv"));
     while !samples().is_some_and(|path| path.exists()) {
         assert!(
-            began.elapsed() < WAIT_TIMEOUT && child.try_wait().unwrap().is_none(),
+            start.elapsed() < WAIT_TIMEOUT && child.try_wait().unwrap().is_none(),
             "nothing to kill"
         );
         std::thread::sleep(Duration::from_millis(1));
     }
     signal_pid(child.id(), Signal::KILL);
     child.wait().unwrap();
-    let [folder] = &beside()[..] else { panic!("{:?}", beside()) };
+    let [folder] = &other_folders()[..] else { panic!("{:?}", other_folders()) };
     wait_until_gone(&folder.join("run"));
     let name = folder.to_str().unwrap();
     // One folder with a similar name, and one that another process uses.
-    let other = place.join("run-again-1");
+    let other = scratch.join("run-again-1");
     fs::create_dir(&other).unwrap();
     let clean = |more: &[&str]| {
         let mut command = phalanx(["clean"]);
         command.args(more).env("PHALANX_RUN_ROOT", root.path()).exits_with(0).stdout
     };
-    let said = clean(&["--dry-run"]);
-    assert!(said.contains("would remove") && said.contains(name), "{said}");
+    let output = clean(&["--dry-run"]);
+    assert!(output.contains("would remove") && output.contains(name), "{output}");
     assert!(folder.exists());
-    let said = clean(&[]);
-    assert!(said.contains("removed") && said.contains(name), "{said}");
-    assert_eq!(beside(), [other]);
+    let output = clean(&[]);
+    assert!(output.contains("removed") && output.contains(name), "{output}");
+    assert_eq!(other_folders(), [other]);
 }
 
 #[test]

@@ -131,19 +131,19 @@ impl Events {
     }
 
     #[track_caller]
-    fn robot_is(&mut self, place: usize, state: &str) {
-        self.frame(state, |frame| frame["robots"][place]["state"] == state);
+    fn robot_is(&mut self, index: usize, state: &str) {
+        self.frame(state, |frame| frame["robots"][index]["state"] == state);
     }
 
     #[track_caller]
-    fn edge_is(&mut self, place: usize, state: &str) {
-        self.frame(state, |frame| frame["edges"][place] == state);
+    fn edge_is(&mut self, index: usize, state: &str) {
+        self.frame(state, |frame| frame["edges"][index] == state);
     }
 
     #[track_caller]
     fn happens(&mut self, kind: &str, robot: &str) -> Value {
         let mut events = self.take(5000).filter(|(name, _)| name == "happened");
-        let found = events.find(|(_, said)| said["kind"] == kind && said["robot"] == robot);
+        let found = events.find(|(_, event)| event["kind"] == kind && event["robot"] == robot);
         found.unwrap_or_else(|| panic!("no event {kind} of {robot} was received")).1
     }
 }
@@ -170,16 +170,16 @@ fn interrupted(running: RunInProgress) -> FinishedRun {
 fn page_and_stream_require_the_token_and_host_name() {
     let (running, page) = start_viewed_run(&["--view"]);
     assert!(page.host.starts_with("127.0.0.1:"), "{}", page.host);
-    let shown = page.get("/");
-    assert_eq!(shown.status, 200, "{}", shown.body);
-    assert!(shown.body.contains("<script"), "{}", shown.body);
+    let response = page.get("/");
+    assert_eq!(response.status, 200, "{}", response.body);
+    assert!(response.body.contains("<script"), "{}", response.body);
     for header in [
         "content-type: text/html",
         "content-security-policy: default-src 'none'",
         "referrer-policy: no-referrer",
         "cache-control: no-store",
     ] {
-        assert!(shown.headers.contains(header), "{header}: {}", shown.headers);
+        assert!(response.headers.contains(header), "{header}: {}", response.headers);
     }
     assert_eq!(page.get("/nothing").status, 404);
     let Page { host, token } = &page;
@@ -207,10 +207,10 @@ fn page_and_stream_require_the_token_and_host_name() {
         t_s = frame["t_s"].as_f64().unwrap();
         assert!(frame["dropped"].as_u64() >= Some(dropped), "{frame}");
         dropped = frame["dropped"].as_u64().unwrap();
-        let has =
+        let has_key =
             |key: &str| frame["robots"].as_array().unwrap().iter().all(|r| r.get(key).is_some());
         assert!(
-            ["x_m", "y_m", "heading_rad", "error_m", "state"].iter().all(|key| has(key)),
+            ["x_m", "y_m", "heading_rad", "error_m", "state"].iter().all(|key| has_key(key)),
             "{frame}"
         );
         assert_eq!(frame["robots"].as_array().unwrap().len(), 3);
@@ -242,22 +242,31 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
         (json!({ "act": "restart", "robot": "r1" }), 409, "r1 is moving, but must be dead"),
         (json!({ "act": "thaw", "robot": "r1" }), 409, "r1 is moving, but must be frozen"),
     ] {
-        let (found, said) = page.press(order);
-        assert_eq!(found, status, "{said}");
-        assert!(said.contains(reason), "{said}");
+        let (found, response) = page.press(order);
+        assert_eq!(found, status, "{response}");
+        assert!(response.contains(reason), "{response}");
     }
-    let plain = page.head("POST", "/control");
-    let foreign =
-        format!("{plain}\r\nContent-Type: application/json\r\nOrigin: http://evil.example");
+    let head_without_type = page.head("POST", "/control");
+    let foreign_head = format!(
+        "{head_without_type}\r\nContent-Type: application/json\r\nOrigin: http://evil.example"
+    );
     let kill = r#"{"act":"kill","robot":"r1"}"#;
-    assert_eq!(page.send_request(&plain, kill).status, 415, "a form of another site has no JSON");
     assert_eq!(
-        page.send_request(&foreign, kill).status,
+        page.send_request(&head_without_type, kill).status,
+        415,
+        "a form of another site has no JSON"
+    );
+    assert_eq!(
+        page.send_request(&foreign_head, kill).status,
         403,
         "a script of another site has its origin"
     );
-    let long = format!("{plain}\r\nContent-Type: application/json");
-    assert_eq!(page.send_request(&long, &" ".repeat(5000)).status, 413, "no order is that long");
+    let long_head = format!("{head_without_type}\r\nContent-Type: application/json");
+    assert_eq!(
+        page.send_request(&long_head, &" ".repeat(5000)).status,
+        413,
+        "no order is that long"
+    );
 
     assert_eq!(page.press_on("kill", "r2"), (204, String::new()));
     assert_eq!(events.happens("kill", "r2")["detail"], "SIGKILL, by hand");
@@ -288,10 +297,11 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
     let ended = interrupted(running);
     let faults = ended.summary["faults"].as_array().cloned().unwrap_or_default();
     let what: Vec<&str> = faults.iter().filter_map(|fault| fault["what"].as_str()).collect();
-    let struck = ["kill r2", "freeze r3", "freeze r1", "kill r1"].map(|s| format!("{s}, by hand"));
-    ended.assert_holds(what == struck, format!("the report lists the manual faults: {what:?}"));
-    let over = faults.iter().all(|fault| fault["lasted_s"].as_f64() >= Some(0.0));
-    ended.assert_holds(over, "and that it is over");
+    let expected =
+        ["kill r2", "freeze r3", "freeze r1", "kill r1"].map(|s| format!("{s}, by hand"));
+    ended.assert_holds(what == expected, format!("the report lists the manual faults: {what:?}"));
+    let are_over = faults.iter().all(|fault| fault["lasted_s"].as_f64() >= Some(0.0));
+    ended.assert_holds(are_over, "and that it is over");
     ended.assert_holds(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
     ended.assert_holds(ended.number("/restarts/r1") == 1.0, "and r1");
     let written = ended.file("events.csv");
@@ -348,18 +358,18 @@ fn manual_link_cut_outlives_receiver_death_until_mended() {
 fn spare_is_shown_while_it_is_in_use() {
     let set = ["repair=spares", "repair_after_s=0.2", "duration_s=100", "expect={}"];
     let planned = crate::oracle::scenario("pentagon", &set);
-    let ends = |from, to| {
+    let spare_index = |from, to| {
         planned.repair_plan.spares.iter().position(|one| (one.from, one.to) == (from, to))
     };
-    let spare = planned.graph.edges().len() + ends(4, 2).expect("r5 is a spare of r3");
+    let spare = planned.graph.edges().len() + spare_index(4, 2).expect("r5 is a spare of r3");
     let mut running = run("pentagon").sets(set).args(["--view", "--view-control"]).start();
     let page = Page::from_run(&mut running);
     let mut events = page.events();
     events.edge_is(spare, "closed");
     assert_eq!(page.press_on("kill", "r4").0, 204);
-    let mut said = [0, 1].map(|_| events.happens("repair", "r3")["detail"].to_string());
-    said.sort();
-    assert_eq!(said, ["\"no longer uses r4\"", "\"uses r5\""]);
+    let mut details = [0, 1].map(|_| events.happens("repair", "r3")["detail"].to_string());
+    details.sort();
+    assert_eq!(details, ["\"no longer uses r4\"", "\"uses r5\""]);
     events.edge_is(spare, "fresh");
     assert_eq!(page.press_on("restart", "r4").0, 204);
     events.edge_is(spare, "closed");
@@ -375,18 +385,21 @@ fn lockstep() -> Phalanx {
 
 #[test]
 fn viewer_does_not_change_a_lockstep_run() {
-    let alone = lockstep().finish();
+    let unviewed = lockstep().finish();
     let mut running = lockstep().args(["--view", "--view-control"]).start();
     let page = Page::from_run(&mut running);
     let idle = page.events();
-    let (told, _) = page.events().partition::<Vec<_>, _>(|(name, _)| !name.is_empty());
-    let (name, end) = told.last().expect("the stream has an event");
-    assert_eq!((name.as_str(), &end["exit"]), ("ended", &json!(0)), "{told:?}");
+    let (named_events, _) = page.events().partition::<Vec<_>, _>(|(name, _)| !name.is_empty());
+    let (name, end) = named_events.last().expect("the stream has an event");
+    assert_eq!((name.as_str(), &end["exit"]), ("ended", &json!(0)), "{named_events:?}");
     let text = end["text"].as_str().unwrap();
     assert!(text.contains("no expectations declared"), "{text}");
     let ended = running.finish();
     ended.exits_with(0).assert_leaves_nothing();
-    ended.assert_holds(ended.hash() == alone.hash(), format!("the same hash, {}", alone.hash()));
+    ended.assert_holds(
+        ended.hash() == unviewed.hash(),
+        format!("the same hash, {}", unviewed.hash()),
+    );
     drop(idle);
 }
 
@@ -419,9 +432,9 @@ fn manual_lockstep_faults_hit_robots_at_next_tick_not_links() {
 
 #[test]
 fn exposed_view_or_occupied_port_starts_nothing() {
-    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-    let port = taken.local_addr().unwrap().port().to_string();
-    for (args, code, said) in [
+    let occupied = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = occupied.local_addr().unwrap().port().to_string();
+    for (args, code, reason) in [
         (vec!["--view=0.0.0.0:0"], 2, "--insecure"),
         (vec!["--view=[::]:0"], 2, "--insecure"),
         (vec!["--view=nowhere"], 2, "such as 8080"),
@@ -430,7 +443,7 @@ fn exposed_view_or_occupied_port_starts_nothing() {
     ] {
         let ended = run("triangle").args(args).finish();
         ended.exits_with(code).assert_leaves_nothing();
-        ended.assert_holds(ended.stderr.contains(said), format!("the error contains {said}"));
+        ended.assert_holds(ended.stderr.contains(reason), format!("the error contains {reason}"));
         ended.assert_holds(!ended.run_dir().exists(), "nothing is written");
     }
 }

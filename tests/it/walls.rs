@@ -27,8 +27,8 @@ fn slots_and_trajectories_near_walls_are_reported_with_line() {
     let [(line, message)] = &warned(&[])[..] else { panic!("{:?}", warned(&[])) };
     assert!(line.starts_with("{ name = \"r"), "{line}");
     assert!(message.contains("avoidance steers it away from there (1 more"), "{message}");
-    let near = warned(&["avoidance.clearance_m=0.9"]);
-    let (line, message) = &near[0];
+    let with_large_clearance = warned(&["avoidance.clearance_m=0.9"]);
+    let (line, message) = &with_large_clearance[0];
     assert!(line.starts_with("points_m = [[0.0, 0.0]"), "{line}");
     assert!(message.starts_with("the trajectory of r1 is 0.89"), "{message}");
     // A body that extends farther from its front point than the clearance.
@@ -82,11 +82,11 @@ fn run_reports_and_judges_minimum_clearance_and_draws_walls() {
     ended.assert_holds(wall == "wall 1" || wall == "wall 2", format!("{wall} is a wall"));
     let at = ["/min_clearance/at_m/0", "/min_clearance/at_m/1"].map(|key| ended.number(key));
     let corridor = scenario("corridor", &[]);
-    let from_there = corridor.obstacles().nearest_obstacle(at.into()).unwrap().distance_m;
-    ended.assert_holds((from_there - found_m).abs() < 1e-12, "it was there");
+    let distance_m = corridor.obstacles().nearest_obstacle(at.into()).unwrap().distance_m;
+    ended.assert_holds((distance_m - found_m).abs() < 1e-12, "it was there");
     let expectations = ended.summary["expectations"].as_array().unwrap();
-    let judged = expectations.iter().find(|one| one["name"] == "min_clearance_m").unwrap();
-    ended.assert_holds(judged["held"] == true, "the clearance was kept");
+    let expectation = expectations.iter().find(|one| one["name"] == "min_clearance_m").unwrap();
+    ended.assert_holds(expectation["held"] == true, "the clearance was kept");
 
     let read = |path: &str| std::fs::read_to_string(ended.run_dir().join(path)).unwrap();
     ended.assert_holds(

@@ -40,20 +40,22 @@ pub fn approach_speed_factor(x: f64) -> f64 {
 
 /// Returns the rate Lambda, 1/s: `proof/Braking.v::braking_rate`. It is the same for all robots of a team: that of the
 /// longest command timeout and the longest braking time (`proof/Team.v::a_team_keeps_its_distances`).
-pub fn slack_decrease_rate_per_s(at: &MethodConditions<'_>) -> f64 {
-    1.0 / (at.team_command_timeout_max_s() + at.avoidance.braking_time_max_s)
+pub fn slack_decrease_rate_per_s(conditions: &MethodConditions<'_>) -> f64 {
+    1.0 / (conditions.team_command_timeout_max_s() + conditions.avoidance.braking_time_max_s)
 }
 
 /// Returns the width Z of the slow-down zone, m. At a distance of d + Z or more, a robot with the maximum
 /// braking time is not restricted: `proof/Braking.v::far_braking`, `proof/Braking.v::far_is_far_enough`.
 /// Without inertia it is 3 v_max H: `proof/Guard.v::far`, `proof/Walls.v::far_wall`.
-pub fn slow_down_zone_m(at: &MethodConditions<'_>) -> f64 {
-    let (rate, tau) = (slack_decrease_rate_per_s(at), at.avoidance.braking_time_max_s);
-    let less = approach_speed_factor(2.0 * rate * tau);
-    let lasting = 2.0 * rate * at.command_timeout_s;
+pub fn slow_down_zone_m(conditions: &MethodConditions<'_>) -> f64 {
+    let (rate, tau) =
+        (slack_decrease_rate_per_s(conditions), conditions.avoidance.braking_time_max_s);
+    let speed_factor = approach_speed_factor(2.0 * rate * tau);
+    let exponent = 2.0 * rate * conditions.command_timeout_s;
     // Mean of the speed limits of both robots, as a fraction of the own one. It is 1 if they are equal, and next to
     // walls.
-    let both = (0.5 * (1.0 + at.others_speed_max_m_s() / at.speed_max_m_s())).max(1.0);
-    at.speed_max_m_s() / (rate * less)
-        * portable_math::exp(lasting).min(1.0 + lasting * less * both)
+    let speed_ratio =
+        (0.5 * (1.0 + conditions.others_speed_max_m_s() / conditions.speed_max_m_s())).max(1.0);
+    conditions.speed_max_m_s() / (rate * speed_factor)
+        * portable_math::exp(exponent).min(1.0 + exponent * speed_factor * speed_ratio)
 }

@@ -76,21 +76,21 @@ impl CarSteering {
             return Twist::ZERO;
         }
         let angle_rad = portable_math::atan2(velocity.y, velocity.x);
-        let off_rad =
+        let error_rad =
             self.choose_gear(angle_rad - sample.heading_at_effect_rad, desired.drives_forward_only);
         let gear = if self.is_in_reverse { -1.0 } else { 1.0 };
         let twist = match self.is_shuttling {
             true => {
                 let turn = drive.curvature_max_per_m * speed;
-                Twist::new(-gear * speed, turn.copysign(off_rad))
+                Twist::new(-gear * speed, turn.copysign(error_rad))
             }
             false => {
                 let weight = if speed < slow_speed_m_s { speed / slow_speed_m_s } else { 1.0 };
-                let v_m_s = gear * speed * portable_math::cos(off_rad).max(SPEED_FRACTION_MIN);
+                let v_m_s = gear * speed * portable_math::cos(error_rad).max(SPEED_FRACTION_MIN);
                 Twist::new(
                     v_m_s,
                     weight
-                        * (desired.direction_gain_per_s * off_rad
+                        * (desired.direction_gain_per_s * error_rad
                             + desired.direction_turn_rate_rad_s),
                 )
             }
@@ -102,14 +102,14 @@ impl CarSteering {
     /// Updates the times with a new sample. While a car with inertia gains speed, the time for which it has been held
     /// back stands still: a change of the gear takes as long as its ramp.
     fn update_times(&mut self, sample: &Sample<'_>, slow_speed_m_s: f64) {
-        let before_ns = self.stamp_ns.replace(sample.stamp_ns).unwrap_or(sample.stamp_ns);
-        let dt = sample.stamp_ns.saturating_sub(before_ns) as f64 / 1e9;
+        let previous_ns = self.stamp_ns.replace(sample.stamp_ns).unwrap_or(sample.stamp_ns);
+        let dt = sample.stamp_ns.saturating_sub(previous_ns) as f64 / 1e9;
         self.phase_time_s += dt;
-        let (commanded, got) = (self.commanded_speed_m_s, sample.twist.v_m_s);
-        let before = std::mem::replace(&mut self.speed_m_s, got);
+        let (commanded, speed_m_s) = (self.commanded_speed_m_s, sample.twist.v_m_s);
+        let previous_speed_m_s = std::mem::replace(&mut self.speed_m_s, speed_m_s);
         let is_slow = commanded.abs() > slow_speed_m_s
-            && got * commanded.signum() < HELD_BACK_SPEED_FRACTION * commanded.abs();
-        let gains_speed = (got - before) * commanded.signum() > 0.0;
+            && speed_m_s * commanded.signum() < HELD_BACK_SPEED_FRACTION * commanded.abs();
+        let gains_speed = (speed_m_s - previous_speed_m_s) * commanded.signum() > 0.0;
         self.held_back_time_s = match (is_slow, gains_speed) {
             (true, false) => self.held_back_time_s + dt,
             (true, true) => self.held_back_time_s,
@@ -119,26 +119,26 @@ impl CarSteering {
 
     /// Chooses the gear for a direction at this angle to the heading, rad. Returns the angle in that gear (e), rad.
     fn choose_gear(&mut self, angle_rad: f64, drives_forward_only: bool) -> f64 {
-        let off_rad = |reverse: bool| wrap_angle(angle_rad - if reverse { PI } else { 0.0 });
+        let error_in_gear = |reverse: bool| wrap_angle(angle_rad - if reverse { PI } else { 0.0 });
         if drives_forward_only {
             (self.is_in_reverse, self.is_shuttling) = (false, false);
-            return off_rad(false);
+            return error_in_gear(false);
         }
-        if off_rad(self.is_in_reverse).abs() > FRAC_PI_2 + GEAR_HYSTERESIS_RAD {
+        if error_in_gear(self.is_in_reverse).abs() > FRAC_PI_2 + GEAR_HYSTERESIS_RAD {
             self.is_in_reverse = !self.is_in_reverse;
         }
-        let off = off_rad(self.is_in_reverse);
-        let settled = self.phase_time_s > HELD_BACK_TIME_S;
-        let changes = match self.is_shuttling {
+        let error_rad = error_in_gear(self.is_in_reverse);
+        let may_toggle = self.phase_time_s > HELD_BACK_TIME_S;
+        let toggles = match self.is_shuttling {
             _ if self.held_back_time_s > HELD_BACK_TIME_S => true,
-            true => settled && off.abs() < SHUTTLE_UNTIL_RAD,
-            false => settled && off.abs() > SHUTTLE_FROM_RAD,
+            true => may_toggle && error_rad.abs() < SHUTTLE_UNTIL_RAD,
+            false => may_toggle && error_rad.abs() > SHUTTLE_FROM_RAD,
         };
-        if changes {
+        if toggles {
             (self.is_shuttling, self.phase_time_s, self.held_back_time_s) =
                 (!self.is_shuttling, 0.0, 0.0);
         }
-        off
+        error_rad
     }
 }
 
@@ -177,10 +177,11 @@ mod tests {
                 "{requested:?}"
             );
             // Something ahead holds it back at first.
-            let ahead = step < blocked_until && requested.v_m_s > 0.0;
-            let most = speed_change_max_m_s;
-            let v_m_s = twist.v_m_s + (requested.v_m_s - twist.v_m_s).clamp(-most, most);
-            twist = if ahead { Twist::ZERO } else { car.along_curve(requested, v_m_s) };
+            let is_blocked = step < blocked_until && requested.v_m_s > 0.0;
+            let v_m_s = twist.v_m_s
+                + (requested.v_m_s - twist.v_m_s)
+                    .clamp(-speed_change_max_m_s, speed_change_max_m_s);
+            twist = if is_blocked { Twist::ZERO } else { car.along_curve(requested, v_m_s) };
             pose = integrate_arc(pose, twist, PERIOD_S);
         }
         pose

@@ -47,7 +47,7 @@ pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
              robots, in 1/s; with a smaller rate robots slow down farther apart",
         )],
         // A larger product would use up more than the whole slack within one period.
-        find_warning: |at| advise_rate(at, "barrier_per_s", 1.0),
+        find_warning: |conditions| advise_rate(conditions, "barrier_per_s", 1.0),
         ..HOLONOMIC_DESCRIPTION
     },
     build: |brief, gains| {
@@ -63,16 +63,16 @@ pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
 
 /// Returns the distance, m, beyond which the constraint permits v_max in every direction, so that no neighbor
 /// or wall matters.
-fn sensing_radius_m(at: &MethodConditions<'_>) -> f64 {
-    let Some(rate) = at.avoidance.gains.get("barrier_per_s") else { return 0.0 };
+fn sensing_radius_m(conditions: &MethodConditions<'_>) -> f64 {
+    let Some(rate) = conditions.avoidance.gains.get("barrier_per_s") else { return 0.0 };
     // a (r^2 - k^2) share / (2 r) = v_max
-    let radius = |distance_min: f64, share: f64| {
-        let half = at.speed_max_m_s() / (rate * share);
+    let radius = |distance_min: f64, fraction: f64| {
+        let half = conditions.speed_max_m_s() / (rate * fraction);
         half + portable_math::hypot(half, distance_min)
     };
-    let robots = radius(at.avoidance.distance_min_m, ROBOT_CONSTRAINT_FRACTION);
-    let walls = radius(at.avoidance.clearance_m, WALL_CONSTRAINT_FRACTION);
-    robots.max(walls) + at.distance_error_max_m()
+    let robots = radius(conditions.avoidance.distance_min_m, ROBOT_CONSTRAINT_FRACTION);
+    let walls = radius(conditions.avoidance.clearance_m, WALL_CONSTRAINT_FRACTION);
+    robots.max(walls) + conditions.distance_error_max_m()
 }
 
 /// CBF-QP method of one robot.
@@ -101,11 +101,12 @@ impl VelocityMethod for CbfQp {
 
 impl CbfQp {
     /// Returns the constraint 2 z . u >= -share a h as a half-plane, divided by 2 |z|.
-    fn barrier_constraint(&self, z: Vec2, distance_min: f64, share: f64) -> HalfPlane {
+    fn barrier_constraint(&self, z: Vec2, distance_min: f64, fraction: f64) -> HalfPlane {
         let r = z.norm();
         let h = r * r - distance_min * distance_min;
         // With coincident positions any direction leads away, so the robot leaves at maximum speed.
-        let bound = if r > 0.0 { share * self.barrier_rate * h / (2.0 * r) } else { -self.v_max };
+        let bound =
+            if r > 0.0 { fraction * self.barrier_rate * h / (2.0 * r) } else { -self.v_max };
         HalfPlane { normal: direction(z), boundary_distance: bound }
     }
 }

@@ -50,12 +50,12 @@ impl Cone {
         let step = psi / f64::from(pairs);
         let bound = b * portable_math::cos(0.5 * step);
         // Sine and cosine of 0, 1 and 2 steps, used on both sides.
-        let mut turns = [(0.0, 1.0); 3];
-        for (q, turn) in (0..=pairs).zip(&mut turns).skip(1) {
-            *turn = portable_math::sin_cos(f64::from(q) * step);
+        let mut sin_cos = [(0.0, 1.0); 3];
+        for (q, entry) in (0..=pairs).zip(&mut sin_cos).skip(1) {
+            *entry = portable_math::sin_cos(f64::from(q) * step);
         }
         (-pairs..=pairs).map(move |q| {
-            let (sin, cos) = turns[q.unsigned_abs() as usize];
+            let (sin, cos) = sin_cos[q.unsigned_abs() as usize];
             let sin = f64::from(q.signum()) * sin;
             let normal = Vec2::new(cos * n.x - sin * n.y, sin * n.x + cos * n.y);
             HalfPlane { normal, boundary_distance: bound }

@@ -63,15 +63,15 @@ pub const STANDOFF_EXCESS_FRACTION: f64 = 0.1;
 
 /// Returns d_f, m: the distance from which a robot is steered around another. It is larger for robots of lower
 /// yield priority.
-pub fn deflection_distance_m(at: &MethodConditions<'_>) -> f64 {
-    Constants::build_constants().deflection_distance_m(at)
+pub fn deflection_distance_m(conditions: &MethodConditions<'_>) -> f64 {
+    Constants::build_constants().deflection_distance_m(conditions)
 }
 
 /// Returns the sensing radius for early avoidance, m: d_f plus the distance driven at v_max during the
 /// look-ahead time.
-pub fn look_ahead_radius_m(at: &MethodConditions<'_>) -> f64 {
-    deflection_distance_m(at)
-        + Constants::build_constants().look_ahead * at.avoidance.distance_min_m
+pub fn look_ahead_radius_m(conditions: &MethodConditions<'_>) -> f64 {
+    deflection_distance_m(conditions)
+        + Constants::build_constants().look_ahead * conditions.avoidance.distance_min_m
 }
 
 /// Returns d_f of a rank as a multiple of that of the first rank. Measured over all single deaths and cuts of
@@ -88,28 +88,30 @@ fn rank_distance_factor(rank: YieldPriority) -> f64 {
 
 /// Returns kappa. If any robot has inertia, it is limited to what the bound grants: Lambda of the slack per
 /// second.
-pub fn approach_slack_fraction(at: &MethodConditions<'_>) -> f64 {
-    Constants::build_constants().approach_slack_fraction(at)
+pub fn approach_slack_fraction(conditions: &MethodConditions<'_>) -> f64 {
+    Constants::build_constants().approach_slack_fraction(conditions)
 }
 
 impl Constants {
     /// Returns d_f, m, as [`deflection_distance_m`].
-    fn deflection_distance_m(&self, at: &MethodConditions<'_>) -> f64 {
-        self.deflection_distance_for(at.avoidance.distance_min_m, at)
+    fn deflection_distance_m(&self, conditions: &MethodConditions<'_>) -> f64 {
+        self.deflection_distance_for(conditions.avoidance.distance_min_m, conditions)
     }
 
     /// Returns d_f, m, for robots that keep the minimum distance `d`, m, from this robot.
-    fn deflection_distance_for(&self, d: f64, at: &MethodConditions<'_>) -> f64 {
+    fn deflection_distance_for(&self, d: f64, conditions: &MethodConditions<'_>) -> f64 {
         let d_f = d
-            + (self.margin * at.speed_max_m_s() * at.command_timeout_s)
+            + (self.margin * conditions.speed_max_m_s() * conditions.command_timeout_s)
                 .max(DEFLECTION_MARGIN_FRACTION_MIN * d);
-        rank_distance_factor(at.rank) * d_f
+        rank_distance_factor(conditions.rank) * d_f
     }
 
     /// Returns kappa, as [`approach_slack_fraction`].
-    fn approach_slack_fraction(&self, at: &MethodConditions<'_>) -> f64 {
-        match at.avoidance.braking_time_max_s > 0.0 {
-            true => self.slack_share.min(slack_decrease_rate_per_s(at) * at.period_s),
+    fn approach_slack_fraction(&self, conditions: &MethodConditions<'_>) -> f64 {
+        match conditions.avoidance.braking_time_max_s > 0.0 {
+            true => {
+                self.slack_share.min(slack_decrease_rate_per_s(conditions) * conditions.period_s)
+            }
             false => self.slack_share,
         }
     }
@@ -117,15 +119,17 @@ impl Constants {
 
 /// Returns c_f, m: the distance from which a robot is steered along a wall. The bound grants twice the approach
 /// speed that it grants next to another robot.
-pub fn wall_deflection_distance_m(at: &MethodConditions<'_>) -> f64 {
-    let clearance = at.avoidance.clearance_m;
-    clearance + (0.75 * at.speed_max_m_s() * at.command_timeout_s).max(0.05 * clearance)
+pub fn wall_deflection_distance_m(conditions: &MethodConditions<'_>) -> f64 {
+    let clearance = conditions.avoidance.clearance_m;
+    clearance
+        + (0.75 * conditions.speed_max_m_s() * conditions.command_timeout_s).max(0.05 * clearance)
 }
 
 /// Returns kappa next to a wall. If any robot has inertia, the bound grants 2 Lambda of the slack per second.
-pub fn wall_approach_slack_fraction(at: &MethodConditions<'_>) -> f64 {
-    match at.avoidance.braking_time_max_s > 0.0 {
-        true => WALL_APPROACH_SLACK_FRACTION.min(2.0 * slack_decrease_rate_per_s(at) * at.period_s),
+pub fn wall_approach_slack_fraction(conditions: &MethodConditions<'_>) -> f64 {
+    match conditions.avoidance.braking_time_max_s > 0.0 {
+        true => WALL_APPROACH_SLACK_FRACTION
+            .min(2.0 * slack_decrease_rate_per_s(conditions) * conditions.period_s),
         false => WALL_APPROACH_SLACK_FRACTION,
     }
 }
@@ -174,14 +178,18 @@ struct DeflectionGains {
 }
 
 impl DeflectionGains {
-    /// Converts the constants. A robot that `leads` all others neither yields nor turns aside early.
-    fn new(constants: &Constants, at: &MethodConditions<'_>, leads: bool) -> DeflectionGains {
-        let (d, v_max) = (at.avoidance.distance_min_m, at.speed_max_m_s());
+    /// Converts the constants. A leader of all others neither yields nor turns away early.
+    fn new(
+        constants: &Constants,
+        conditions: &MethodConditions<'_>,
+        is_leader: bool,
+    ) -> DeflectionGains {
+        let (d, v_max) = (conditions.avoidance.distance_min_m, conditions.speed_max_m_s());
         // A leader keeps its path, because all others follow wherever it turns.
-        let aside = |constant: f64| if leads { 0.0 } else { constant };
-        let late = v_max * at.command_timeout_s / d;
+        let unless_leader = |constant: f64| if is_leader { 0.0 } else { constant };
+        let delay_ratio = v_max * conditions.command_timeout_s / d;
         DeflectionGains {
-            dither_amplitude_rad: match at.avoidance.braking_time_max_s > 0.0 {
+            dither_amplitude_rad: match conditions.avoidance.braking_time_max_s > 0.0 {
                 true => constants.dither_inertial_rad,
                 false => constants.dither_rad,
             },
@@ -189,15 +197,18 @@ impl DeflectionGains {
             blocked_tangential_gain: constants.around_at_last,
             look_ahead_s: constants.look_ahead * d / v_max,
             look_ahead_gain: constants.look_ahead_share,
-            look_ahead_turn_max_rad: aside(constants.look_ahead_turn_rad),
+            look_ahead_turn_max_rad: unless_leader(constants.look_ahead_turn_rad),
             // Another robot that approaches the position of a contained robot may have it as its destination,
             // and stay there.
-            yield_gain: match at.rank {
+            yield_gain: match conditions.rank {
                 YieldPriority::Contained => 0.0,
-                YieldPriority::First | YieldPriority::Follower => aside(constants.yield_share),
+                YieldPriority::First | YieldPriority::Follower => {
+                    unless_leader(constants.yield_share)
+                }
             },
-            yield_speed_m_s: constants.yield_speed * v_max / (1.0 + YIELD_SPEED_PER_DELAY * late),
-            yield_reach_m: constants.yield_reach * d + YIELD_REACH_PER_DELAY * late * d,
+            yield_speed_m_s: constants.yield_speed * v_max
+                / (1.0 + YIELD_SPEED_PER_DELAY * delay_ratio),
+            yield_reach_m: constants.yield_reach * d + YIELD_REACH_PER_DELAY * delay_ratio * d,
             slot_smoothing_time_s: SLOT_SMOOTHING_TIME * d / v_max,
         }
     }
@@ -223,20 +234,20 @@ impl DisplacementConstraint {
     }
 
     /// Returns the displacement `p` with the missing component away from the other added, and the fraction
-    /// `around` of that component added across. Next to a wall the sign of the cross component is that of p.
-    fn steer_around(&self, p: Vec2, around: f64) -> Vec2 {
+    /// `tangential_gain` of that component added across. Next to a wall the sign of the cross component is that of p.
+    fn steer_around(&self, p: Vec2, tangential_gain: f64) -> Vec2 {
         let n = self.z / self.distance;
         let lambda = self.lower_bound - n.dot(&p);
         if lambda <= 0.0 {
             return p;
         }
-        let across = Vec2::new(-n.y, n.x);
-        let around = match self.is_wall {
-            true => (WALL_STEERING_GAIN * across.dot(&p) / p.norm().max(f64::MIN_POSITIVE))
+        let tangent = Vec2::new(-n.y, n.x);
+        let tangential_gain = match self.is_wall {
+            true => (WALL_STEERING_GAIN * tangent.dot(&p) / p.norm().max(f64::MIN_POSITIVE))
                 .clamp(-1.0, 1.0),
-            false => around,
+            false => tangential_gain,
         };
-        p + lambda * (n + around * across)
+        p + lambda * (n + tangential_gain * tangent)
     }
 }
 
@@ -258,28 +269,28 @@ impl Deflection {
     }
 
     fn with_constants(brief: &AgentBrief, constants: &Constants) -> Deflection {
-        let at = MethodConditions::for_robot(brief);
+        let conditions = MethodConditions::for_robot(brief);
         let phase = golden_phase(brief.index);
-        let (d, v_max) = (at.avoidance.distance_min_m, at.speed_max_m_s());
+        let (d, v_max) = (conditions.avoidance.distance_min_m, conditions.speed_max_m_s());
         Deflection {
             v_max: brief.avoidance.speed_max_m_s,
             period_s: brief.period_ns as f64 / 1e9,
-            approach_slack_fraction: constants.approach_slack_fraction(&at),
-            deflection_distance: constants.deflection_distance_m(&at),
-            class_deflection_distances: at
+            approach_slack_fraction: constants.approach_slack_fraction(&conditions),
+            deflection_distance: constants.deflection_distance_m(&conditions),
+            class_deflection_distances: conditions
                 .avoidance
                 .classes
                 .iter()
-                .map(|class| constants.deflection_distance_for(class.distance_min_m, &at))
+                .map(|class| constants.deflection_distance_for(class.distance_min_m, &conditions))
                 .collect(),
             wall_slack_fraction_and_distance: (
-                wall_approach_slack_fraction(&at),
-                wall_deflection_distance_m(&at),
+                wall_approach_slack_fraction(&conditions),
+                wall_deflection_distance_m(&conditions),
             ),
             rank: brief.rank,
-            tracker: NeighborTracker::new(&at),
+            tracker: NeighborTracker::new(&conditions),
             progress: ProgressMonitor::new(d, v_max, constants.impatience_time),
-            gains: DeflectionGains::new(constants, &at, brief.lead.is_some()),
+            gains: DeflectionGains::new(constants, &conditions, brief.lead.is_some()),
             slot_velocity: Vec2::zeros(),
             occupied_slot: None,
             constraints: Vec::new(),
@@ -296,30 +307,31 @@ impl Deflection {
     /// [`OCCUPIED_AFTER_S`].
     pub fn standoff_error(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
         self.tracker.observe(sample);
-        let gap2 = |z: &Vec2| (z - error).norm_squared(); // |alpha* - alpha_j|^2
-        let at_once = self.rank == YieldPriority::Contained || self.progress.is_resting();
-        let has_it = |neighbor: &&TrackedNeighbor| {
+        let gap_squared = |z: &Vec2| (z - error).norm_squared(); // |alpha* - alpha_j|^2
+        let immediately = self.rank == YieldPriority::Contained || self.progress.is_resting();
+        let occupies_slot = |neighbor: &&TrackedNeighbor| {
             let d_f = self.deflection_distance_to(neighbor);
-            gap2(&neighbor.z) < d_f * d_f && (at_once || neighbor.rest_time_s >= OCCUPIED_AFTER_S)
+            gap_squared(&neighbor.z) < d_f * d_f
+                && (immediately || neighbor.rest_time_s >= OCCUPIED_AFTER_S)
         };
-        let neighbors = self.tracker.neighbors().iter().filter(has_it);
-        let nearest = neighbors.min_by(|a, b| gap2(&a.z).total_cmp(&gap2(&b.z)));
+        let neighbors = self.tracker.neighbors().iter().filter(occupies_slot);
+        let nearest = neighbors.min_by(|a, b| gap_squared(&a.z).total_cmp(&gap_squared(&b.z)));
         let nearest = nearest.map(|neighbor| (neighbor.z, self.deflection_distance_to(neighbor)));
         let nearest = nearest.filter(|_| {
             self.rank == YieldPriority::Contained
                 || self.progress.update_standoff(self.tracker.dt())
         });
         self.occupied_slot = nearest.map(|(z, d_f)| {
-            let lacking = d_f - gap2(&z).sqrt();
-            let d_s = d_f + STANDOFF_EXCESS_FRACTION * lacking;
-            let beside = (z - error) + lacking * z / z.norm();
-            let beside = d_s * beside / beside.norm(); // from alpha_j
-            let aside = beside - (z - error);
-            let finite = aside.x.is_finite() && aside.y.is_finite();
+            let shortfall = d_f - gap_squared(&z).sqrt();
+            let d_s = d_f + STANDOFF_EXCESS_FRACTION * shortfall;
+            let from_occupant = (z - error) + shortfall * z / z.norm();
+            let from_occupant = d_s * from_occupant / from_occupant.norm(); // from alpha_j
+            let standoff_offset = from_occupant - (z - error);
+            let is_finite = standoff_offset.x.is_finite() && standoff_offset.y.is_finite();
             OccupiedSlot {
                 occupant_vector: z,
                 standoff_distance: d_s,
-                standoff_offset: if finite { aside } else { Vec2::zeros() },
+                standoff_offset: if is_finite { standoff_offset } else { Vec2::zeros() },
             }
         });
         self.occupied_slot.map_or(error, |slot| error - slot.standoff_offset)
@@ -342,8 +354,8 @@ impl Deflection {
 
     /// Returns the constraints that may be active within this period, walls first, each group nearest first.
     fn active_constraints(&mut self, sample: &Sample<'_>) -> Vec<DisplacementConstraint> {
-        let mut limits = std::mem::take(&mut self.constraints);
-        limits.clear();
+        let mut constraints = std::mem::take(&mut self.constraints);
+        constraints.clear();
         let reach = self.v_max * self.period_s;
         let (kappa, c_f) = self.wall_slack_fraction_and_distance;
         let walls = sample.wall_vectors.iter().map(|&z| {
@@ -365,8 +377,9 @@ impl Deflection {
             (r2 < farthest * farthest)
                 .then(|| self.constraint_from_neighbor(neighbor, r2.sqrt(), sample))
         });
-        limits.extend(walls.chain(neighbors).filter(|limit| limit.can_be_active(reach)));
-        limits
+        constraints
+            .extend(walls.chain(neighbors).filter(|constraint| constraint.can_be_active(reach)));
+        constraints
     }
 
     /// Returns the constraint from another robot at distance `r`, m. If the robot is near its slot, it acts
@@ -390,18 +403,18 @@ impl Deflection {
             }
         };
         // Coincident positions have no direction of approach, and the quotient is NaN.
-        let most = if share > 0.0 { self.gains.yield_gain * share } else { 0.0 };
-        match most > 0.0 && beside(most).can_be_active(self.v_max * self.period_s) {
-            true => beside(most * self.yield_degree(sample)),
-            false => beside(most),
+        let yield_gain = if share > 0.0 { self.gains.yield_gain * share } else { 0.0 };
+        match yield_gain > 0.0 && beside(yield_gain).can_be_active(self.v_max * self.period_s) {
+            true => beside(yield_gain * self.yield_degree(sample)),
+            false => beside(yield_gain),
         }
     }
 
     /// Returns the degree of yielding: 1 at the slot or while progress is given up, towards 0 far away, and 0
     /// if the robot has no desired position and stops.
     fn yield_degree(&self, sample: &Sample<'_>) -> f64 {
-        let aside = self.occupied_slot.map_or(Vec2::zeros(), |slot| slot.standoff_offset);
-        let Some(error) = sample.error.map(|error| error - aside) else { return 0.0 };
+        let offset = self.occupied_slot.map_or(Vec2::zeros(), |slot| slot.standoff_offset);
+        let Some(error) = sample.error.map(|error| error - offset) else { return 0.0 };
         match self.progress.is_resting() {
             true => 1.0,
             false => portable_math::exp(
@@ -420,39 +433,39 @@ impl Deflection {
         let reach = self.v_max * self.period_s; // V
         self.tracker.observe(sample);
         let length = p.norm();
-        let got_m_s = if length > 0.0 { sample.front_velocity.dot(&p) / length } else { 0.0 };
-        let wanted_m_s = length / self.period_s;
-        let shares = [wanted_m_s, wanted_m_s - got_m_s].map(|speed| speed / self.v_max);
+        let actual_speed_m_s =
+            if length > 0.0 { sample.front_velocity.dot(&p) / length } else { 0.0 };
+        let requested_speed_m_s = length / self.period_s;
+        let fractions = [requested_speed_m_s, requested_speed_m_s - actual_speed_m_s]
+            .map(|speed| speed / self.v_max);
         let dt = self.tracker.dt();
-        self.progress.observe(dt, sample, shares);
-        let led_around = self.occupied_slot.is_none() && !self.progress.is_resting();
-        let place = sample.slot_velocity - self.slot_velocity;
-        self.slot_velocity += place * (dt / (dt + self.gains.slot_smoothing_time_s));
-        let limits = self.active_constraints(sample);
-        let mut around = 0.0;
-        if led_around {
+        self.progress.observe(dt, sample, fractions);
+        let may_steer_around = self.occupied_slot.is_none() && !self.progress.is_resting();
+        let velocity_change = sample.slot_velocity - self.slot_velocity;
+        self.slot_velocity += velocity_change * (dt / (dt + self.gains.slot_smoothing_time_s));
+        let constraints = self.active_constraints(sample);
+        let mut gain = 0.0;
+        if may_steer_around {
             p = self.turn_away_early(p);
-            if limits
-                .iter()
-                .any(|limit| !limit.is_wall && limit.z.dot(&p) < limit.lower_bound * limit.distance)
-            {
-                let turns = sample.t_s / self.dither_period_s + self.dither_phase_rad;
-                let usual = self.gains.dither_amplitude_rad;
-                let at_last = self.progress.blocked_degree();
-                let most = usual + (BLOCKED_DITHER_RAD_MIN - usual).max(0.0) * at_last;
-                p = rotate(most * portable_math::sin(TAU * turns), p);
+            if constraints.iter().any(|constraint| {
+                !constraint.is_wall
+                    && constraint.z.dot(&p) < constraint.lower_bound * constraint.distance
+            }) {
+                let cycles = sample.t_s / self.dither_period_s + self.dither_phase_rad;
+                let amplitude_rad = self.gains.dither_amplitude_rad;
+                let blocked_degree = self.progress.blocked_degree();
+                let dither_rad = amplitude_rad
+                    + (BLOCKED_DITHER_RAD_MIN - amplitude_rad).max(0.0) * blocked_degree;
+                p = rotate(dither_rad * portable_math::sin(TAU * cycles), p);
             }
-            let DeflectionGains {
-                tangential_gain: usual,
-                blocked_tangential_gain: around_at_last,
-                ..
-            } = self.gains;
-            around = usual + (around_at_last - usual) * self.progress.missing_progress();
+            let DeflectionGains { tangential_gain, blocked_tangential_gain, .. } = self.gains;
+            gain = tangential_gain
+                + (blocked_tangential_gain - tangential_gain) * self.progress.missing_progress();
         }
         for _ in 0..2 {
-            p = limits.iter().rev().fold(p, |p, limit| limit.steer_around(p, around));
+            p = constraints.iter().rev().fold(p, |p, constraint| constraint.steer_around(p, gain));
         }
-        self.constraints = limits;
+        self.constraints = constraints;
         clip(p, reach)
     }
 
@@ -464,12 +477,12 @@ impl Deflection {
             return p;
         }
         let (requested, speed) = (p / self.period_s, length / self.period_s);
-        let within_s = self.gains.look_ahead_s;
-        let turn_from = |neighbor: &TrackedNeighbor| {
+        let look_ahead_s = self.gains.look_ahead_s;
+        let turn_away_from = |neighbor: &TrackedNeighbor| {
             let relative = requested - neighbor.velocity;
-            let (way, speed2) = (-neighbor.z.dot(&relative), relative.norm_squared());
+            let (approach, speed2) = (-neighbor.z.dot(&relative), relative.norm_squared());
             // Ignored: robots already passed, met after the look-ahead time, or with the same velocity.
-            if !(way > 0.0 && way < within_s * speed2) {
+            if !(approach > 0.0 && approach < look_ahead_s * speed2) {
                 return 0.0;
             }
             // Signed miss distance to the left of the other's path, m, times the relative speed.
@@ -478,17 +491,17 @@ impl Deflection {
             if left * left >= d_f * d_f * speed2 {
                 return 0.0;
             }
-            let (soon_s, offset) = (way / speed2, left / speed2.sqrt());
+            let (time_to_approach_s, offset) = (approach / speed2, left / speed2.sqrt());
             // A robot that passes on the left of the other's path turns further to the left.
             let side = if (left >= 0.0) == (relative.dot(&requested) >= 0.0) { 1.0 } else { -1.0 };
-            let lacking = d_f - offset.abs();
-            let lateral_m_s =
-                self.gains.look_ahead_gain * lacking / soon_s.max(TIME_TO_APPROACH_S_MIN);
-            side * lateral_m_s * (1.0 - soon_s / within_s) / speed
+            let shortfall = d_f - offset.abs();
+            let lateral_m_s = self.gains.look_ahead_gain * shortfall
+                / time_to_approach_s.max(TIME_TO_APPROACH_S_MIN);
+            side * lateral_m_s * (1.0 - time_to_approach_s / look_ahead_s) / speed
         };
-        let turn: f64 = self.tracker.neighbors().iter().map(turn_from).sum();
-        let most = self.gains.look_ahead_turn_max_rad;
-        if turn == 0.0 { p } else { rotate(turn.clamp(-most, most), p) }
+        let turn: f64 = self.tracker.neighbors().iter().map(turn_away_from).sum();
+        let turn_max_rad = self.gains.look_ahead_turn_max_rad;
+        if turn == 0.0 { p } else { rotate(turn.clamp(-turn_max_rad, turn_max_rad), p) }
     }
 }
 

@@ -26,8 +26,10 @@ pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
         assumptions_text: "exact positions, no delay, no speed limit, no inertia; sampling voids it",
         required_sensing: RequiredSensing::Positions,
         needs_front_point: true,
-        sensing_radius_m: |at| at.avoidance.distance_min_m + at.distance_error_max_m(),
-        steering_distance: Some(("d", |at| at.avoidance.distance_min_m)),
+        sensing_radius_m: |conditions| {
+            conditions.avoidance.distance_min_m + conditions.distance_error_max_m()
+        },
+        steering_distance: Some(("d", |conditions| conditions.avoidance.distance_min_m)),
         gains: &[Gain::new(
             "epsilon_per_s",
             "epsilon, gain of the repulsion between robots closer than d, \
@@ -71,17 +73,17 @@ impl Avoidance for Focus {
 
 impl Focus {
     /// Returns the avoidance velocity (beta), m/s: an unstable focus on every robot within d. (11) (12)
-    fn avoidance_velocity(&self, away: &[Vec2]) -> Vec2 {
-        let near = away.iter().filter(|z| z.norm() <= self.distance_min); // (10) (12)
-        let sum: Vec2 = near.map(|z| Vec2::new(z.x - z.y, z.x + z.y)).sum();
+    fn avoidance_velocity(&self, neighbor_vectors: &[Vec2]) -> Vec2 {
+        let in_range = neighbor_vectors.iter().filter(|z| z.norm() <= self.distance_min); // (10) (12)
+        let sum: Vec2 = in_range.map(|z| Vec2::new(z.x - z.y, z.x + z.y)).sum();
         self.epsilon * sum // (11)
     }
 }
 
 /// Returns an advice if the focus turns by more than a tenth within one period and overshoots.
-fn advise_period(at: &MethodConditions<'_>) -> Option<AvoidanceWarning> {
-    let epsilon = *at.avoidance.gains.get("epsilon_per_s")?;
-    let product = epsilon * at.period_s;
+fn advise_period(conditions: &MethodConditions<'_>) -> Option<AvoidanceWarning> {
+    let epsilon = *conditions.avoidance.gains.get("epsilon_per_s")?;
+    let product = epsilon * conditions.period_s;
     (product > EPSILON_TIMES_PERIOD_MAX).then(|| AvoidanceWarning {
         key: "epsilon_per_s",
         message: format!(
@@ -110,10 +112,11 @@ mod tests {
     #[test]
     fn focus_adds_beta_and_stops_without_proximity() {
         let mut focus = Focus { distance_min: 0.2, epsilon: 2.0, ell: 0.1 };
-        let (gamma, away) = (Vec2::new(0.1, -0.3), [Vec2::new(0.1, 0.0)]);
-        let sample = Sample { heading_rad: 0.7, neighbor_vectors: &away, ..Sample::default() };
-        let beside = gamma + Vec2::new(0.2, 0.2);
-        assert_eq!(focus.steer(&sample, gamma), twist_for_front_velocity(0.7, 0.1, beside));
+        let (gamma, neighbor_vectors) = (Vec2::new(0.1, -0.3), [Vec2::new(0.1, 0.0)]);
+        let sample =
+            Sample { heading_rad: 0.7, neighbor_vectors: &neighbor_vectors, ..Sample::default() };
+        let velocity = gamma + Vec2::new(0.2, 0.2);
+        assert_eq!(focus.steer(&sample, gamma), twist_for_front_velocity(0.7, 0.1, velocity));
         assert_eq!(focus.velocity_to_twist(0.7, gamma), twist_for_front_velocity(0.7, 0.1, gamma));
         let blind = Sample { proximity_valid: false, ..sample };
         assert_eq!(focus.steer(&blind, gamma), Twist::ZERO);
@@ -124,11 +127,16 @@ mod tests {
         let mut brief = crate::testing::brief();
         brief.avoidance.sensing_error_m = 0.01;
         brief.avoidance.gains = [("epsilon_per_s".into(), 10.0)].into();
-        let at =
+        let conditions_with =
             |period_s: f64| MethodConditions { period_s, ..MethodConditions::for_robot(&brief) };
-        assert!(((METHOD.description.sensing_radius_m)(&at(0.01)) - 0.21).abs() < 1e-12);
-        assert_eq!((advise_period(&at(0.009)), advise_period(&at(0.01))), (None, None));
-        let advice = advise_period(&at(0.02)).unwrap();
+        assert!(
+            ((METHOD.description.sensing_radius_m)(&conditions_with(0.01)) - 0.21).abs() < 1e-12
+        );
+        assert_eq!(
+            (advise_period(&conditions_with(0.009)), advise_period(&conditions_with(0.01))),
+            (None, None)
+        );
+        let advice = advise_period(&conditions_with(0.02)).unwrap();
         assert!(advice.message.starts_with("epsilon T = 0.2: "), "{}", advice.message);
         assert!(advice.expected_value.contains("at most 0.01 s"), "{}", advice.expected_value);
     }

@@ -139,49 +139,51 @@ pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
 };
 
 /// Returns the radius, m, beyond which no robot and no wall matters.
-fn sensing_radius_m(at: &MethodConditions<'_>) -> f64 {
-    let [robots, walls] = [known_robots_radius_m(at), known_walls_radius_m(at)];
-    if at.avoidance.clearance_m > 0.0 { robots.max(walls) } else { robots }
+fn sensing_radius_m(conditions: &MethodConditions<'_>) -> f64 {
+    let [robots, walls] = [known_robots_radius_m(conditions), known_walls_radius_m(conditions)];
+    if conditions.avoidance.clearance_m > 0.0 { robots.max(walls) } else { robots }
 }
 
 /// Returns the radius within which all robots must be known, m: the maximum of d + Z and of the radius that the
 /// deflection needs, d_f + v_max T / kappa, plus twice eps. Z is 3 v_max H if all robots stop at once.
-fn known_robots_radius_m(at: &MethodConditions<'_>) -> f64 {
-    let bounded = at.avoidance.distance_min_m + slow_down_zone_m(at);
-    let deflected =
-        deflection_distance_m(at) + at.speed_max_m_s() * at.period_s / approach_slack_fraction(at);
-    bounded.max(deflected) + 2.0 * at.distance_error_max_m()
+fn known_robots_radius_m(conditions: &MethodConditions<'_>) -> f64 {
+    let bounded = conditions.avoidance.distance_min_m + slow_down_zone_m(conditions);
+    let deflected = deflection_distance_m(conditions)
+        + conditions.speed_max_m_s() * conditions.period_s / approach_slack_fraction(conditions);
+    bounded.max(deflected) + 2.0 * conditions.distance_error_max_m()
 }
 
 /// Returns the radius within which all walls must be known, m: the maximum of the clearance + Z/2 (twice the
 /// speed is granted, and walls do not move) and of c_f + v_max T / kappa, plus twice eps.
-fn known_walls_radius_m(at: &MethodConditions<'_>) -> f64 {
-    let bounded = at.avoidance.clearance_m + 0.5 * slow_down_zone_m(at);
-    let along = at.speed_max_m_s() * at.period_s / wall_approach_slack_fraction(at);
-    let deflected = wall_deflection_distance_m(at) + along;
-    bounded.max(deflected) + 2.0 * at.distance_error_max_m()
+fn known_walls_radius_m(conditions: &MethodConditions<'_>) -> f64 {
+    let bounded = conditions.avoidance.clearance_m + 0.5 * slow_down_zone_m(conditions);
+    let approach_margin =
+        conditions.speed_max_m_s() * conditions.period_s / wall_approach_slack_fraction(conditions);
+    let deflected = wall_deflection_distance_m(conditions) + approach_margin;
+    bounded.max(deflected) + 2.0 * conditions.distance_error_max_m()
 }
 
 /// Returns the recommended maximum of v_max, m/s: min(d/4, ell/2) / H, or d/4 / H at the axle midpoint, whose turn
 /// rate does not follow from the speed.
-fn speed_cap_m_s(at: &MethodConditions<'_>) -> f64 {
-    let turning = if at.front_point_m > 0.0 { 0.5 * at.front_point_m } else { f64::INFINITY };
-    (0.25 * at.avoidance.distance_min_m).min(turning) / at.command_timeout_s
+fn speed_cap_m_s(conditions: &MethodConditions<'_>) -> f64 {
+    let turning =
+        if conditions.front_point_m > 0.0 { 0.5 * conditions.front_point_m } else { f64::INFINITY };
+    (0.25 * conditions.avoidance.distance_min_m).min(turning) / conditions.command_timeout_s
 }
 
 /// Returns an advice if v_max exceeds the recommended maximum, above which the guard brakes often.
-fn advise_speed_cap(at: &MethodConditions<'_>) -> Option<AvoidanceWarning> {
-    let (v_max, cap) = (at.avoidance.speed_max_m_s, speed_cap_m_s(at));
-    let [limit, most] = format_distinct(v_max, cap);
+fn advise_speed_cap(conditions: &MethodConditions<'_>) -> Option<AvoidanceWarning> {
+    let (v_max, cap) = (conditions.avoidance.speed_max_m_s, speed_cap_m_s(conditions));
+    let [limit, maximum] = format_distinct(v_max, cap);
     (v_max.is_finite() && v_max > cap).then(|| AvoidanceWarning {
         key: "speed_max_m_s",
         message: format!(
-            "the speed limit {limit} m/s is above {} / H = {most} m/s: safe, but the guard will brake a lot",
-            if at.front_point_m > 0.0 { "min(d/4, ell/2)" } else { "d/4" }
+            "the speed limit {limit} m/s is above {} / H = {maximum} m/s: safe, but the guard will brake a lot",
+            if conditions.front_point_m > 0.0 { "min(d/4, ell/2)" } else { "d/4" }
         ),
         expected_value: format!(
-            "expected at most {most} m/s, or a shorter H (now {} s)",
-            format_short(at.command_timeout_s)
+            "expected at most {maximum} m/s, or a shorter H (now {} s)",
+            format_short(conditions.command_timeout_s)
         ),
     })
 }
@@ -298,29 +300,32 @@ impl Avoidance for Guard {
 impl Guard {
     fn new(brief: &AgentBrief) -> Guard {
         let avoidance = &brief.avoidance;
-        let at = MethodConditions::for_robot(brief);
-        let (rate, gradual) = (slack_decrease_rate_per_s(&at), avoidance.braking_time_max_s > 0.0);
-        let again = at.command_timeout_s + if gradual { at.period_s } else { 0.0 };
+        let conditions = MethodConditions::for_robot(brief);
+        let (rate, any_robot_has_inertia) =
+            (slack_decrease_rate_per_s(&conditions), avoidance.braking_time_max_s > 0.0);
+        let repeated_horizon = conditions.command_timeout_s
+            + if any_robot_has_inertia { conditions.period_s } else { 0.0 };
         let drive = brief.drive();
         Guard {
             vicinity: VicinityParameters::new(
-                &at,
-                [known_robots_radius_m(&at), known_walls_radius_m(&at)],
+                &conditions,
+                [known_robots_radius_m(&conditions), known_walls_radius_m(&conditions)],
             ),
             v_max: avoidance.speed_max_m_s,
             drive,
             steering: Steering::new(brief),
-            period_s: at.period_s,
-            command_lifetime_s: at.command_timeout_s,
+            period_s: conditions.period_s,
+            command_lifetime_s: conditions.command_timeout_s,
             command_lifetime_ns: brief.command_lifetime_ns,
             slack_decrease_rate_per_s: rate,
-            any_robot_has_inertia: gradual,
+            any_robot_has_inertia,
             inertia_limits: brief.limits,
             has_independent_ramps: !drive.turns_freely()
                 && brief.limits.is_some_and(|limits| !limits.ramp.is_coupled()),
             braking_terms: BrakingTerms::new(drive),
-            horizons: [at.command_timeout_s, again].map(|h| Horizon::new(rate, h)),
-            distance_error_max_m: at.distance_error_max_m(),
+            horizons: [conditions.command_timeout_s, repeated_horizon]
+                .map(|h| Horizon::new(rate, h)),
+            distance_error_max_m: conditions.distance_error_max_m(),
             heading_error_max_rad: avoidance.heading_error_rad,
             deflection: Deflection::new(brief),
             unexpired_commands: VecDeque::new(),
@@ -344,25 +349,25 @@ impl Guard {
     /// Returns `true` while commands of a previous incarnation may be executed:
     /// `proof/Time.v::after_the_first_lifetime_no_predecessor_is_alive`.
     fn has_predecessor(&self, stamp_ns: u64) -> bool {
-        self.predecessor_end_ns.is_some_and(|until_ns| stamp_ns < until_ns)
+        self.predecessor_end_ns.is_some_and(|end_ns| stamp_ns < end_ns)
     }
 
-    /// Returns the best certified twist for `wanted` over the scales [`SIGMAS`]. If none is certified, the
+    /// Returns the best certified twist for `requested` over the [`REQUESTED_TWIST_SCALES`]. If none is certified, the
     /// robot keeps its twist if that is certified, and brakes otherwise.
-    fn certify(&mut self, sample: &Sample<'_>, wanted: Twist) -> Twist {
+    fn certify(&mut self, sample: &Sample<'_>, requested: Twist) -> Twist {
         // A robot that stops at once has no twist of its own at a sample.
         let now = if self.inertia_limits.is_some() { sample.twist } else { Twist::ZERO };
         let mut best: Option<(f64, Twist)> = None;
         for sigma in REQUESTED_TWIST_SCALES {
             let tried =
-                self.clamp_to_reachable(now, self.scale_into_twist_set(wanted.scale_by(sigma)));
+                self.clamp_to_reachable(now, self.scale_into_twist_set(requested.scale_by(sigma)));
             let Some(granted) = self.grant_twist(sample, now, tried) else { continue };
             if sigma == 1.0 && granted == tried {
                 return granted;
             }
             let merit =
-                self.drive.velocity_of_twist(granted).dot(&self.drive.velocity_of_twist(wanted));
-            if best.is_none_or(|(merit_best, _)| merit > merit_best.max(0.0)) {
+                self.drive.velocity_of_twist(granted).dot(&self.drive.velocity_of_twist(requested));
+            if best.is_none_or(|(best_merit, _)| merit > best_merit.max(0.0)) {
                 best = Some((merit, granted));
             }
         }
@@ -382,8 +387,8 @@ impl Guard {
     fn scale_into_twist_set(&self, twist: Twist) -> Twist {
         let Some(limits) = self.inertia_limits else { return twist };
         let twist = self.drive.clamp(self.v_max, twist);
-        let most = STRICT_BOUND_FACTOR * limits.braking_time_s;
-        self.drive.clamp_braking_time(limits.maximum_accelerations(), twist, most)
+        let braking_time_max = STRICT_BOUND_FACTOR * limits.braking_time_s;
+        self.drive.clamp_braking_time(limits.maximum_accelerations(), twist, braking_time_max)
     }
 
     /// Returns the twist nearest to `tried` that the wheels can reach from `now` within H.
@@ -416,8 +421,8 @@ impl Guard {
         }
         if self.drive.is_car() {
             // Whatever the steering angle does: `proof/Bodies.v::car_turns_at_most`.
-            let most = self.drive.turn_rate_bound(bounds.own_speed_max);
-            bounds.turn_rate_range = [-most, most];
+            let w_max = self.drive.turn_rate_bound(bounds.own_speed_max);
+            bounds.turn_rate_range = [-w_max, w_max];
         }
         for pass in 1..=WIDENING_PASSES_MAX {
             if self.any_robot_has_inertia && !self.is_still_certified(sample, now, bounds) {
@@ -431,9 +436,9 @@ impl Guard {
             }
             self.widen_bounds(&mut bounds, granted);
             if pass == WIDENING_PASSES_MAX - 1 {
-                let most = self.drive.turn_rate_bound(bounds.own_speed_max);
+                let w_max = self.drive.turn_rate_bound(bounds.own_speed_max);
                 bounds.turn_rate_range =
-                    [bounds.turn_rate_range[0].min(-most), bounds.turn_rate_range[1].max(most)];
+                    [bounds.turn_rate_range[0].min(-w_max), bounds.turn_rate_range[1].max(w_max)];
                 let tau = self.inertia_limits.map_or(0.0, |limits| limits.braking_time_s);
                 bounds.braking_time_max = bounds.braking_time_max.max(tau);
             }
@@ -521,41 +526,47 @@ impl Guard {
     ) -> f64 {
         let MotionBounds { own_speed_max: v_own, braking_time_max: tau_o, turn_rate_range: w } =
             bounds;
-        let Horizon { duration: h, slack_decay_factor: lasting } = horizon;
+        let Horizon { duration: h, slack_decay_factor } = horizon;
         let BrakingTerms {
-            path_factor: way,
-            turn_factor: turn,
-            heading_range_fraction: range,
+            path_factor,
+            turn_factor,
+            heading_range_fraction,
             approach_speed_factor: mu,
         } = self.braking_terms;
-        let (mid, spread) =
-            heading_range(sample.heading_rad, h + turn * tau_o, w, self.heading_error_max_rad);
-        let spread = range * spread;
-        let brakes_for = way * tau_o;
-        let less = mu(2.0 * self.slack_decrease_rate_per_s * tau_o);
+        let (mid, spread) = heading_range(
+            sample.heading_rad,
+            h + turn_factor * tau_o,
+            w,
+            self.heading_error_max_rad,
+        );
+        let spread = heading_range_fraction * spread;
+        let braking_s = path_factor * tau_o;
+        let speed_factor = mu(2.0 * self.slack_decrease_rate_per_s * tau_o);
         self.cones.clear();
-        for near in self.vicinity.objects_in_range(sample) {
-            let r = near.z.norm();
+        for object in self.vicinity.objects_in_range(sample) {
+            let r = object.z.norm();
             let rho =
-                (r - self.distance_error_max_m - near.distance_min - ROUNDING_MARGIN_M).max(0.0);
-            let reach_h = (near.neighbor_speed_max + v_own) * h + self.distance_error_max_m; // M_H + eps
-            let b = near.slack_rate_factor
+                (r - self.distance_error_max_m - object.distance_min - ROUNDING_MARGIN_M).max(0.0);
+            let reach_h = (object.neighbor_speed_max + v_own) * h + self.distance_error_max_m; // M_H + eps
+            let b = object.slack_rate_factor
                 * self.slack_decrease_rate_per_s
-                * less
-                * (lasting * rho).max(rho - reach_h);
+                * speed_factor
+                * (slack_decay_factor * rho).max(rho - reach_h);
             if b >= v_own {
                 continue;
             }
-            let reach = match brakes_for > 0.0 {
+            let reach = match braking_s > 0.0 {
                 true => {
-                    let own = v_own * (h + 0.5 * brakes_for);
-                    own + near.neighbor_speed_max * (h + brakes_for) + self.distance_error_max_m // M + eps
+                    let own_reach = v_own * (h + 0.5 * braking_s);
+                    own_reach
+                        + object.neighbor_speed_max * (h + braking_s)
+                        + self.distance_error_max_m // M + eps
                 }
                 false => reach_h,
             };
             let psi = (spread + direction_change_max_rad(reach, r)).min(PI);
             self.cones.push(Cone {
-                axis: direction(near.z),
+                axis: direction(object.z),
                 half_angle_rad: psi,
                 approach_speed_max: b,
             });

@@ -31,12 +31,12 @@ mod tests {
         fn exact_hold_moves_the_front_point_by_the_displacement(
             heading_rad in -3.1..3.1f64,
             ell in 0.02..0.5f64,
-            share in 0.0..0.9f64,
+            fraction in 0.0..0.9f64,
             direction in -3.1..3.1f64,
             period in 1e-3..0.1f64,
         ) {
             let pose = Pose { x_m: 0.3, y_m: -0.7, heading_rad };
-            let displacement = rotate(direction, Vec2::new(share * 2.0 * ell, 0.0));
+            let displacement = rotate(direction, Vec2::new(fraction * 2.0 * ell, 0.0));
             let twist = exact_hold(heading_rad, ell, displacement, period);
             let moved = front_point(integrate_arc(pose, twist, period), ell) - front_point(pose, ell);
             prop_assert!((moved - displacement).norm() < 1e-12, "{moved:?} {displacement:?}");

@@ -28,26 +28,26 @@ pub const HOLONOMIC_DESCRIPTION: AvoidanceDescription = AvoidanceDescription {
     clamps_speed: true,
     required_sensing: RequiredSensing::Positions,
     avoids_walls: true,
-    steering_distance: Some(("d", |at| at.avoidance.distance_min_m)),
-    wall_steering_distance: Some(("the clearance", |at| at.avoidance.clearance_m)),
+    steering_distance: Some(("d", |conditions| conditions.avoidance.distance_min_m)),
+    wall_steering_distance: Some(("the clearance", |conditions| conditions.avoidance.clearance_m)),
     ..AvoidanceDescription::NO_AVOIDANCE
 };
 
-/// Returns an advice if the rate `key`, 1/s, times the period exceeds `most`. Two robots that both use up their
+/// Returns an advice if the rate `key`, 1/s, times the period exceeds `maximum`. Two robots that both use up their
 /// slack would then come closer than d.
 pub fn advise_rate(
-    at: &MethodConditions<'_>,
+    conditions: &MethodConditions<'_>,
     key: &'static str,
-    most: f64,
+    maximum: f64,
 ) -> Option<AvoidanceWarning> {
-    let product = *at.avoidance.gains.get(key)? * at.period_s;
-    let [found, limit] = format_distinct(product, most);
-    (product > most).then(|| AvoidanceWarning {
+    let product = *conditions.avoidance.gains.get(key)? * conditions.period_s;
+    let [found, limit] = format_distinct(product, maximum);
+    (product > maximum).then(|| AvoidanceWarning {
         key,
         message: format!("{key} T = {found}: the sampled method does not keep d at this period"),
         expected_value: format!(
             "expected {key} T to be at most {limit}: at most {} 1/s",
-            format_short(most / at.period_s)
+            format_short(maximum / conditions.period_s)
         ),
     })
 }
@@ -97,8 +97,8 @@ impl<V: VelocityMethod> Avoidance for Holonomic<V> {
         let Some(u) = velocity else { return Twist::ZERO };
         let drive = self.steering.drive();
         if drive.turns_freely() {
-            let wanted = self.steering.steer(sample, gamma, u * self.period);
-            return drive.clamp(self.v_max, wanted);
+            let requested = self.steering.steer(sample, gamma, u * self.period);
+            return drive.clamp(self.v_max, requested);
         }
         let heading = sample.heading_at_effect_rad;
         let speed = front_speed(drive.ell_m, self.velocity_to_twist(heading, u));
@@ -151,10 +151,10 @@ mod tests {
             prop_assert!(front_speed(0.1, twist) <= 0.5 + 1e-15);
             let pose = Pose { x_m: 0.3, y_m: -0.7, heading_rad: heading };
             let moved = front_point(integrate_arc(pose, twist, 0.01), 0.1) - front_point(pose, 0.1);
-            let (far, wanted) = (moved.dot(&direction), 0.01 * speed);
-            prop_assert!((moved - far * direction).norm() < 1e-12, "{moved:?}");
-            prop_assert!(far < wanted + 1e-12 && far > 0.999 * wanted - 1e-12, "{far}");
-            prop_assert!(far > wanted - 1e-12 || speed > 0.499, "{far}");
+            let (distance, requested) = (moved.dot(&direction), 0.01 * speed);
+            prop_assert!((moved - distance * direction).norm() < 1e-12, "{moved:?}");
+            prop_assert!(distance < requested + 1e-12 && distance > 0.999 * requested - 1e-12, "{distance}");
+            prop_assert!(distance > requested - 1e-12 || speed > 0.499, "{distance}");
         }
     }
 

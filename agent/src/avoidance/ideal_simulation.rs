@@ -39,8 +39,9 @@ impl<V: VelocityMethod> IdealSimulation<V> {
     /// Simulates one period towards the goals at up to v_max. Returns the minimum distance of two points during
     /// it, m.
     pub fn step(&mut self) -> f64 {
-        let way = |(at, goal): (&Vec2, &Vec2)| clip((goal - at) / self.period, self.v_max);
-        let gammas: Vec<Vec2> = self.positions.iter().zip(&self.goals).map(way).collect();
+        let velocity =
+            |(position, goal): (&Vec2, &Vec2)| clip((goal - position) / self.period, self.v_max);
+        let gammas: Vec<Vec2> = self.positions.iter().zip(&self.goals).map(velocity).collect();
         self.step_with_velocities(&gammas)
     }
 
@@ -54,13 +55,13 @@ impl<V: VelocityMethod> IdealSimulation<V> {
             for j in 0..i {
                 let (z, v) = (self.positions[i] - self.positions[j], chosen[i] - chosen[j]);
                 let speed = v.norm_squared();
-                let nearest =
+                let time =
                     if speed > 0.0 { (-z.dot(&v) / speed).clamp(0.0, self.period) } else { 0.0 };
-                closest = closest.min((z + nearest * v).norm());
+                closest = closest.min((z + time * v).norm());
             }
         }
-        for (at, v) in self.positions.iter_mut().zip(&chosen) {
-            *at += self.period * v;
+        for (position, v) in self.positions.iter_mut().zip(&chosen) {
+            *position += self.period * v;
         }
         self.velocities = chosen;
         closest
@@ -70,11 +71,11 @@ impl<V: VelocityMethod> IdealSimulation<V> {
         let mut others: Vec<usize> = (0..self.positions.len()).filter(|j| *j != i).collect();
         let z = |j: usize| self.positions[i] - self.positions[j];
         others.sort_by(|a, b| z(*a).norm().total_cmp(&z(*b).norm()));
-        let away: Vec<Vec2> = others.iter().map(|j| z(*j)).collect();
+        let neighbor_vectors: Vec<Vec2> = others.iter().map(|j| z(*j)).collect();
         let velocities: Vec<Vec2> = others.iter().map(|j| self.velocities[*j]).collect();
         let sample = Sample {
             twist: twist_for_front_velocity(0.0, ELL, self.velocities[i]),
-            neighbor_vectors: &away,
+            neighbor_vectors: &neighbor_vectors,
             neighbor_velocities: &velocities,
             error: Some(self.positions[i] - self.goals[i]),
             ..Sample::default()
@@ -88,7 +89,7 @@ impl<V: VelocityMethod> IdealSimulation<V> {
 
     /// Returns the maximum distance of a point from its goal, m.
     pub fn goal_distance_max(&self) -> f64 {
-        let error = |(at, goal): (&Vec2, &Vec2)| (at - goal).norm();
+        let error = |(position, goal): (&Vec2, &Vec2)| (position - goal).norm();
         self.positions.iter().zip(&self.goals).map(error).fold(0.0, f64::max)
     }
 }
@@ -105,17 +106,17 @@ pub fn antipodal_starts_and_goals(robots: usize, radius: f64) -> [Vec<Vec2>; 2] 
 }
 
 /// Returns `robots` points uniformly distributed over a square of side `side`, with a minimum distance of
-/// `apart`.
+/// `distance_min`.
 pub fn draw_separated_points(
     random: &mut SplitMix64,
     robots: usize,
     side: f64,
-    apart: f64,
+    distance_min: f64,
 ) -> Vec<Vec2> {
     let mut points: Vec<Vec2> = Vec::new();
     while points.len() < robots {
         let point = side * Vec2::new(random.draw_unit() - 0.5, random.draw_unit() - 0.5);
-        if points.iter().all(|other| (point - other).norm() >= apart) {
+        if points.iter().all(|other| (point - other).norm() >= distance_min) {
             points.push(point);
         }
     }

@@ -138,11 +138,11 @@ pub trait Avoidance: Send {
     /// Returns the twist that answers `sample`, given the admitted gamma.
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist;
 
-    /// Returns the twist that answers `sample` if a controller requests the twist `wanted`, which gives the
+    /// Returns the twist that answers `sample` if a controller requests the twist `requested`, which gives the
     /// front point the admitted velocity gamma. The default implementation uses gamma only, for methods that
     /// choose velocities.
-    fn restrict_twist(&mut self, sample: &Sample<'_>, wanted: Twist, gamma: Vec2) -> Twist {
-        let _ = wanted;
+    fn restrict_twist(&mut self, sample: &Sample<'_>, requested: Twist, gamma: Vec2) -> Twist {
+        let _ = requested;
         self.steer(sample, gamma)
     }
 }
@@ -246,14 +246,14 @@ mod tests {
 
     #[test]
     fn neighbor_velocities_require_a_valid_sensor() {
-        let (away, velocities) = ([Vec2::new(0.1, 0.0)], [Vec2::new(0.0, 0.3)]);
+        let (neighbor_vectors, velocities) = ([Vec2::new(0.1, 0.0)], [Vec2::new(0.0, 0.3)]);
         let sample = Sample {
-            neighbor_vectors: &away,
+            neighbor_vectors: &neighbor_vectors,
             neighbor_velocities: &velocities,
             ..Sample::default()
         };
         let known = |sample: Sample<'_>| sample.neighbor_motions().map(Iterator::collect::<Vec<_>>);
-        assert_eq!(known(sample), Some(vec![(away[0], velocities[0])]));
+        assert_eq!(known(sample), Some(vec![(neighbor_vectors[0], velocities[0])]));
         assert_eq!(known(Sample { neighbor_velocities: &[], ..sample }), None);
         assert_eq!(known(Sample { proximity_valid: false, ..sample }), None);
     }

@@ -56,32 +56,34 @@ struct UpdateConstants {
 
 impl TrackedNeighbor {
     /// Creates a neighbor that is sensed for the first time.
-    fn new(z: Vec2, at: Vec2, class: u8) -> TrackedNeighbor {
+    fn new(z: Vec2, position: Vec2, class: u8) -> TrackedNeighbor {
         TrackedNeighbor {
             z,
             class,
             velocity: Vec2::zeros(),
             rest_time_s: 0.0,
-            position: at,
-            last_motion_position: at,
+            position,
+            last_motion_position: position,
         }
     }
 
     /// Returns the neighbor updated to a new position.
-    fn update_position(self, z: Vec2, at: Vec2, step: &UpdateConstants) -> TrackedNeighbor {
-        let now = (at - self.position) * step.reciprocal_dt;
-        let velocity = self.velocity + (now - self.velocity) * step.smoothing_weight;
-        let (anchor, still_s) =
-            match (at - self.last_motion_position).norm_squared() < step.rest_distance_squared {
-                true => (self.last_motion_position, self.rest_time_s + step.dt),
-                false => (at, 0.0),
-            };
+    fn update_position(self, z: Vec2, position: Vec2, step: &UpdateConstants) -> TrackedNeighbor {
+        let current_velocity = (position - self.position) * step.reciprocal_dt;
+        let velocity = self.velocity + (current_velocity - self.velocity) * step.smoothing_weight;
+        let (last_motion_position, rest_time_s) = match (position - self.last_motion_position)
+            .norm_squared()
+            < step.rest_distance_squared
+        {
+            true => (self.last_motion_position, self.rest_time_s + step.dt),
+            false => (position, 0.0),
+        };
         TrackedNeighbor {
             z,
             velocity: clip(velocity, step.v_max),
-            rest_time_s: still_s,
-            position: at,
-            last_motion_position: anchor,
+            rest_time_s,
+            position,
+            last_motion_position,
             ..self
         }
     }
@@ -100,13 +102,14 @@ pub struct NeighborTracker {
 
 impl NeighborTracker {
     /// Creates a tracker without neighbors.
-    pub fn new(at: &MethodConditions<'_>) -> NeighborTracker {
+    pub fn new(conditions: &MethodConditions<'_>) -> NeighborTracker {
         // Of a team the smallest distance: another robot may be as close to a third one.
-        let distances = at.avoidance.classes.iter().map(|class| class.distance_min_m);
-        let d = distances.reduce(f64::min).unwrap_or(at.avoidance.distance_min_m);
-        let error = at.distance_error_max_m();
-        let v_max = at.others_speed_max_m_s();
-        let (same, still) = (0.25 * d, (REST_RADIUS_FRACTION * d).max(3.0 * error));
+        let distances = conditions.avoidance.classes.iter().map(|class| class.distance_min_m);
+        let d = distances.reduce(f64::min).unwrap_or(conditions.avoidance.distance_min_m);
+        let error = conditions.distance_error_max_m();
+        let v_max = conditions.others_speed_max_m_s();
+        let (same_robot_distance, rest_distance) =
+            (0.25 * d, (REST_RADIUS_FRACTION * d).max(3.0 * error));
         NeighborTracker {
             smoothing_time_s: SMOOTHING_TIME_S_MIN
                 .max(SMOOTHING_DISTANCE_PER_ERROR * error / v_max),
@@ -116,8 +119,8 @@ impl NeighborTracker {
                 reciprocal_dt: f64::INFINITY,
                 smoothing_weight: 0.0,
                 v_max,
-                same_robot_distance_squared: same * same,
-                rest_distance_squared: still * still,
+                same_robot_distance_squared: same_robot_distance * same_robot_distance,
+                rest_distance_squared: rest_distance * rest_distance,
             },
             neighbors: Vec::new(),
             previous_neighbors: Vec::new(),
@@ -133,14 +136,14 @@ impl NeighborTracker {
         if same && self.stamp_ns == Some(sample.stamp_ns) {
             return;
         }
-        let earlier_ns = self.stamp_ns.replace(sample.stamp_ns).unwrap_or(sample.stamp_ns);
-        let dt = sample.stamp_ns.saturating_sub(earlier_ns) as f64 / 1e9;
+        let previous_ns = self.stamp_ns.replace(sample.stamp_ns).unwrap_or(sample.stamp_ns);
+        let dt = sample.stamp_ns.saturating_sub(previous_ns) as f64 / 1e9;
         if self.update_constants.dt != dt {
-            let share = dt / (dt + self.smoothing_time_s);
+            let smoothing_weight = dt / (dt + self.smoothing_time_s);
             self.update_constants = UpdateConstants {
                 dt,
                 reciprocal_dt: 1.0 / dt,
-                smoothing_weight: share,
+                smoothing_weight,
                 ..self.update_constants
             };
         }
@@ -150,19 +153,19 @@ impl NeighborTracker {
         }
         std::mem::swap(&mut self.neighbors, &mut self.previous_neighbors);
         self.neighbors.clear();
-        self.neighbors.extend(nearest.iter().enumerate().map(|(place, &z)| {
-            let at = sample.front_point - z;
+        self.neighbors.extend(nearest.iter().enumerate().map(|(index, &z)| {
+            let position = sample.front_point - z;
             let same = |neighbor: &&TrackedNeighbor| {
-                (neighbor.position - at).norm_squared() < step.same_robot_distance_squared
+                (neighbor.position - position).norm_squared() < step.same_robot_distance_squared
             };
             // The order of the list rarely changes, so the same index is tried first.
-            let known = self.previous_neighbors.get(place).filter(same);
-            let class = sample.neighbor_classes.get(place).copied().unwrap_or_default();
+            let known = self.previous_neighbors.get(index).filter(same);
+            let class = sample.neighbor_classes.get(index).copied().unwrap_or_default();
             match known.or_else(|| self.previous_neighbors.iter().find(same)) {
                 Some(neighbor) => {
-                    TrackedNeighbor { class, ..neighbor.update_position(z, at, step) }
+                    TrackedNeighbor { class, ..neighbor.update_position(z, position, step) }
                 }
-                None => TrackedNeighbor::new(z, at, class),
+                None => TrackedNeighbor::new(z, position, class),
             }
         }));
     }
@@ -190,45 +193,49 @@ mod tests {
         NeighborTracker::new(&MethodConditions::for_robot(&brief))
     }
 
-    /// Moves the robot along x at 0.1 m/s and reports others at `places`, in `map`, every 10 ms.
+    /// Moves the robot along x at 0.1 m/s and reports others at `positions`, in `map`, every 10 ms.
     fn track_moving_neighbors(
         tracker: &mut NeighborTracker,
         steps: u64,
-        places: impl Fn(u64, f64) -> Vec<Vec2>,
+        positions: impl Fn(u64, f64) -> Vec<Vec2>,
     ) {
         for step in 0..steps {
             let t_s = 0.01 * step as f64;
             let front_point = Vec2::new(0.1 * t_s, 0.0);
-            let away: Vec<Vec2> = places(step, t_s).iter().map(|at| front_point - at).collect();
-            tracker.observe(&Sample { front_point, ..sample(10_000_000 * step, 0.0, &away) });
+            let neighbor_vectors: Vec<Vec2> =
+                positions(step, t_s).iter().map(|position| front_point - position).collect();
+            tracker.observe(&Sample {
+                front_point,
+                ..sample(10_000_000 * step, 0.0, &neighbor_vectors)
+            });
         }
     }
 
     #[test]
     fn velocities_are_tracked_in_any_list_order() {
         let mut tracker = tracker(0.0);
-        let (still, goes) = (Vec2::new(1.0, 0.2), Vec2::new(0.0, -0.4));
+        let (rest_position, velocity) = (Vec2::new(1.0, 0.2), Vec2::new(0.0, -0.4));
         track_moving_neighbors(&mut tracker, 101, |step, t_s| {
-            let two = [still, Vec2::new(1.0, 0.0) + t_s * goes];
+            let two = [rest_position, Vec2::new(1.0, 0.0) + t_s * velocity];
             if step % 3 == 0 { two.to_vec() } else { vec![two[1], two[0]] }
         });
-        let [moves, stays] = tracker.neighbors() else { panic!("two are near") };
-        assert!((moves.velocity - goes).norm() < 1e-6, "{moves:?}");
-        assert!(moves.rest_time_s < 0.05, "{moves:?}");
+        let [moving, resting] = tracker.neighbors() else { panic!("two are near") };
+        assert!((moving.velocity - velocity).norm() < 1e-6, "{moving:?}");
+        assert!(moving.rest_time_s < 0.05, "{moving:?}");
         assert!(
-            stays.velocity.norm() < 1e-9 && (stays.rest_time_s - 1.0).abs() < 1e-9,
-            "{stays:?}"
+            resting.velocity.norm() < 1e-9 && (resting.rest_time_s - 1.0).abs() < 1e-9,
+            "{resting:?}"
         );
     }
 
     #[test]
     fn new_neighbor_and_long_gap_reset_the_estimates() {
         let mut tracker = tracker(0.0);
-        let one = |step: u64, t_s: f64| {
+        let positions = |step: u64, t_s: f64| {
             let first = Vec2::new(1.0, 0.3 * t_s);
             if step < 20 { vec![first] } else { vec![first, Vec2::new(0.5, 0.3 * t_s)] }
         };
-        track_moving_neighbors(&mut tracker, 21, one);
+        track_moving_neighbors(&mut tracker, 21, positions);
         let [known, new] = tracker.neighbors() else { panic!("two are near") };
         assert!(known.velocity.y > 0.2 && new.velocity == Vec2::zeros() && new.rest_time_s == 0.0);
         // At v_max a robot moves by d/4 in 100 ms: after 99 ms a neighbor is recognized, after 100 ms it is
@@ -236,9 +243,12 @@ mod tests {
         for (gap_ns, is_known) in [(99_999_999, true), (100_000_000, false)] {
             let mut tracker = super::tests::tracker(0.0);
             track_moving_neighbors(&mut tracker, 21, |_, t_s| vec![Vec2::new(1.0, 0.3 * t_s)]);
-            let away = [Vec2::new(-0.98, -0.06)];
+            let neighbor_vectors = [Vec2::new(-0.98, -0.06)];
             let front_point = Vec2::new(0.02, 0.0);
-            tracker.observe(&Sample { front_point, ..sample(200_000_000 + gap_ns, 0.0, &away) });
+            tracker.observe(&Sample {
+                front_point,
+                ..sample(200_000_000 + gap_ns, 0.0, &neighbor_vectors)
+            });
             assert_eq!(tracker.neighbors()[0].velocity != Vec2::zeros(), is_known, "{gap_ns} ns");
         }
     }
@@ -248,9 +258,9 @@ mod tests {
         let mut tracker = tracker(0.0);
         let row = |count: u32| (1..=count).map(|j| Vec2::new(0.3 * f64::from(j), 0.0)).collect();
         track_moving_neighbors(&mut tracker, 1, |_, _| row(8));
-        let watched: Vec<f64> = tracker.neighbors().iter().map(|neighbor| -neighbor.z.x).collect();
-        let nearest: Vec<f64> = row(6).iter().map(|at: &Vec2| at.x).collect();
-        assert_eq!(watched, nearest);
+        let tracked: Vec<f64> = tracker.neighbors().iter().map(|neighbor| -neighbor.z.x).collect();
+        let nearest: Vec<f64> = row(6).iter().map(|position: &Vec2| position.x).collect();
+        assert_eq!(tracked, nearest);
     }
 
     #[test]
@@ -260,7 +270,7 @@ mod tests {
             let error = if step % 2 == 0 { 0.01 } else { -0.01 };
             vec![Vec2::new(1.0 + error, 0.5)]
         });
-        let [stays] = tracker.neighbors() else { panic!("one is near") };
-        assert!(stays.velocity.norm() < 0.06 && stays.rest_time_s > 4.9, "{stays:?}");
+        let [resting] = tracker.neighbors() else { panic!("one is near") };
+        assert!(resting.velocity.norm() < 0.06 && resting.rest_time_s > 4.9, "{resting:?}");
     }
 }

@@ -45,7 +45,7 @@ impl Avoidance for NoAvoidance {
         }
     }
 
-    fn restrict_twist(&mut self, _: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
-        wanted
+    fn restrict_twist(&mut self, _: &Sample<'_>, requested: Twist, _: Vec2) -> Twist {
+        requested
     }
 }

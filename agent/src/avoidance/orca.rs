@@ -64,10 +64,11 @@ pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
 
 /// Returns the radius, m, beyond which no robot can come closer than d within tau, d + 2 v_max tau, or the
 /// corresponding radius of walls if it is larger.
-fn sensing_radius_m(at: &MethodConditions<'_>) -> f64 {
-    let way = at.speed_max_m_s() * at.avoidance.gains.get("horizon_s").copied().unwrap_or(0.0);
-    let robots = at.avoidance.distance_min_m + 2.0 * way;
-    robots.max(at.avoidance.clearance_m + way) + at.distance_error_max_m()
+fn sensing_radius_m(conditions: &MethodConditions<'_>) -> f64 {
+    let distance = conditions.speed_max_m_s()
+        * conditions.avoidance.gains.get("horizon_s").copied().unwrap_or(0.0);
+    let robots = conditions.avoidance.distance_min_m + 2.0 * distance;
+    robots.max(conditions.avoidance.clearance_m + distance) + conditions.distance_error_max_m()
 }
 
 /// ORCA method of one robot.
@@ -85,11 +86,11 @@ struct Orca {
 impl VelocityMethod for Orca {
     fn choose_velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
         let own = front_velocity(sample.heading_rad, self.ell, sample.twist);
-        let near = sample.neighbor_motions()?;
+        let neighbors = sample.neighbor_motions()?;
         let mut sides = std::mem::take(&mut self.half_planes);
         sides.clear();
         sides.extend(sample.wall_vectors.iter().map(|z| self.wall_half_plane(*z)));
-        sides.extend(near.map(|(z, other)| {
+        sides.extend(neighbors.map(|(z, other)| {
             let (u, n) = self.smallest_velocity_change(-z, own - other);
             HalfPlane { normal: n, boundary_distance: -n.dot(&(own + 0.5 * u)) }
         }));
@@ -108,17 +109,17 @@ impl Orca {
     fn smallest_velocity_change(&self, p: Vec2, v: Vec2) -> (Vec2, Vec2) {
         let (r, d) = (p.norm(), self.distance_min);
         // A robot that is already too close must leave VO within one period.
-        let within = if r > d { self.time_horizon } else { self.period };
-        let w = v - p / within;
-        let (across, ahead) = (p.x * w.y - p.y * w.x, p.dot(&w));
-        if r <= d || (ahead < 0.0 && ahead * ahead > d * d * w.norm_squared()) {
+        let time = if r > d { self.time_horizon } else { self.period };
+        let w = v - p / time;
+        let (cross, dot) = (p.x * w.y - p.y * w.x, p.dot(&w));
+        if r <= d || (dot < 0.0 && dot * dot > d * d * w.norm_squared()) {
             // The nearest part of the boundary is the truncating disc.
             let n = if w.norm() > 0.0 { w.normalize() } else { -direction(p) };
-            return ((d / within - w.norm()) * n, n);
+            return ((d / time - w.norm()) * n, n);
         }
         // The nearest part is one of the two tangents from 0 to the disc: p, turned by asin(d/r) to its side.
         let leg = (r * r - d * d).sqrt();
-        let side = if across > 0.0 { 1.0 } else { -1.0 };
+        let side = if cross > 0.0 { 1.0 } else { -1.0 };
         let tangent = (leg * p + side * d * Vec2::new(-p.y, p.x)) / (r * r);
         let n = side * Vec2::new(-tangent.y, tangent.x);
         (-n.dot(&v) * n, n)
@@ -127,8 +128,8 @@ impl Orca {
     /// Returns the half-plane that keeps the clearance from a convex part with nearest point -z for tau.
     fn wall_half_plane(&self, z: Vec2) -> HalfPlane {
         let slack = z.norm() - self.clearance;
-        let within = if slack > 0.0 { self.time_horizon } else { self.period };
-        HalfPlane { normal: direction(z), boundary_distance: slack / within }
+        let time = if slack > 0.0 { self.time_horizon } else { self.period };
+        HalfPlane { normal: direction(z), boundary_distance: slack / time }
     }
 }
 

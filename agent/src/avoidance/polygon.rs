@@ -12,7 +12,7 @@ pub struct HalfPlane {
 }
 
 /// Maximum violation of a half-plane by the result because of rounding, m/s. Over one hour it accumulates to
-/// less than the nanometer of [`ROUNDING_MARGIN_M`](super::cone::ROUNDING_M).
+/// less than the nanometer of [`ROUNDING_MARGIN_M`](super::cone::ROUNDING_MARGIN_M).
 pub const VIOLATION_TOLERANCE_M_S: f64 = 1e-13;
 /// Maximum sine of the angle between lines that are treated as parallel.
 pub const PARALLEL_SINE_MAX: f64 = 1e-12;
@@ -62,9 +62,9 @@ impl HalfPlane {
 /// `target`, on which the guard relies: `proof/Geometry.v::nearest_is_not_longer`.
 pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     let mut best = target;
-    for (done, side) in sides.iter().enumerate() {
+    for (index, side) in sides.iter().enumerate() {
         if side.violation_m_s(best) > 0.0 {
-            best = nearest_point_on_line(target, side, &sides[..done]);
+            best = nearest_point_on_line(target, side, &sides[..index]);
         }
     }
     if best == target {
@@ -94,8 +94,9 @@ fn scale_into_polygon(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
 /// nothing of the line.
 fn nearest_point_on_line(target: Vec2, side: &HalfPlane, others: &[HalfPlane]) -> Vec2 {
     let (foot, along) = side.boundary_line();
-    let whole = [f64::NEG_INFINITY, f64::INFINITY];
-    let Some([low, high]) = side.clip_boundary_line(others, whole, VIOLATION_TOLERANCE_M_S) else {
+    let unbounded = [f64::NEG_INFINITY, f64::INFINITY];
+    let Some([low, high]) = side.clip_boundary_line(others, unbounded, VIOLATION_TOLERANCE_M_S)
+    else {
         return Vec2::zeros();
     };
     foot + along * along.dot(&target).clamp(low, high)
@@ -159,11 +160,11 @@ mod tests {
             x in -2.0..2.0f64, y in -2.0..2.0f64, sides in half_planes(),
         ) {
             let point = Vec2::new(x, y);
-            let share = |side: &HalfPlane| side.boundary_distance / (-side.normal.dot(&point)).max(0.0);
-            let allowed = sides.iter().map(share).fold(1.0, f64::min);
+            let fraction = |side: &HalfPlane| side.boundary_distance / (-side.normal.dot(&point)).max(0.0);
+            let factor = sides.iter().map(fraction).fold(1.0, f64::min);
             let found = scale_into_polygon(point, &sides);
-            prop_assert!((found - allowed * point).norm() < 1e-12, "{found:?}");
-            prop_assert!(allowed < 1.0 || found == point);
+            prop_assert!((found - factor * point).norm() < 1e-12, "{found:?}");
+            prop_assert!(factor < 1.0 || found == point);
             prop_assert!(sides.iter().all(|side| side.violation_m_s(found) <= VIOLATION_TOLERANCE_M_S));
         }
 
@@ -187,8 +188,8 @@ mod tests {
             let excess = |u: &Vec2| others.iter().map(|o| o.violation_m_s(*u)).fold(f64::MIN, f64::max);
             // Candidates at the rounding limit are skipped.
             prop_assume!(candidates.iter().all(|u| !(1e-14..1e-9).contains(&excess(u))));
-            let allowed = candidates.into_iter().filter(|u| excess(u) < 1e-9);
-            let nearest = allowed.min_by(|a, b| {
+            let permitted = candidates.into_iter().filter(|u| excess(u) < 1e-9);
+            let nearest = permitted.min_by(|a, b| {
                 (a - target).norm().total_cmp(&(b - target).norm())
             });
             let found = nearest_point_on_line(target, side, others);
@@ -224,8 +225,8 @@ mod tests {
                 prop_assert!(side.violation_m_s(found) <= VIOLATION_TOLERANCE_M_S);
             }
             let reference = nearest_point_by_enumeration(target, &sides);
-            let (ours, theirs) = ((found - target).norm(), (reference - target).norm());
-            prop_assert!((ours - theirs).abs() < 1e-6, "{ours} vs {theirs}");
+            let (found_distance, reference_distance) = ((found - target).norm(), (reference - target).norm());
+            prop_assert!((found_distance - reference_distance).abs() < 1e-6, "{found_distance} vs {reference_distance}");
         }
     }
 }

@@ -30,23 +30,28 @@ pub fn nearest_permitted_velocity(
 ) -> Vec2 {
     match best_point(Objective::NearestTo(target), reach, sides) {
         Ok(found) => found,
-        Err((failed, so_far)) => {
+        Err((failed, previous_best)) => {
             let rigid = if failed < rigid { 0 } else { rigid };
-            least_violating_point(reach, sides, rigid, failed, so_far)
+            least_violating_point(reach, sides, rigid, failed, previous_best)
         }
     }
 }
 
 /// Returns the best point within `reach` of 0 that satisfies all `sides`. The error is the index of the first
 /// side that leaves nothing, and the best point for the sides before it.
-fn best_point(aim: Objective, reach: f64, sides: &[HalfPlane]) -> Result<Vec2, (usize, Vec2)> {
-    let mut best = match aim {
+fn best_point(
+    objective: Objective,
+    reach: f64,
+    sides: &[HalfPlane],
+) -> Result<Vec2, (usize, Vec2)> {
+    let mut best = match objective {
         Objective::NearestTo(target) => clip(target, reach),
         Objective::FarthestAlong(direction) => reach * direction,
     };
-    for (done, side) in sides.iter().enumerate() {
+    for (index, side) in sides.iter().enumerate() {
         if side.violation_m_s(best) > 0.0 {
-            best = best_point_on_line(aim, reach, side, &sides[..done]).ok_or((done, best))?;
+            best =
+                best_point_on_line(objective, reach, side, &sides[..index]).ok_or((index, best))?;
         }
     }
     Ok(best)
@@ -54,7 +59,7 @@ fn best_point(aim: Objective, reach: f64, sides: &[HalfPlane]) -> Result<Vec2, (
 
 /// Returns the best point on the line of `side` within `reach` of 0 that satisfies `others`, or `None`.
 fn best_point_on_line(
-    aim: Objective,
+    objective: Objective,
     reach: f64,
     side: &HalfPlane,
     others: &[HalfPlane],
@@ -65,33 +70,33 @@ fn best_point_on_line(
         return None; // the line does not reach the disc
     }
     let [low, high] = side.clip_boundary_line(others, [-half, half], 0.0)?;
-    let at = match aim {
+    let position = match objective {
         Objective::NearestTo(target) => along.dot(&target).clamp(low, high),
         Objective::FarthestAlong(direction) if along.dot(&direction) > 0.0 => high,
         Objective::FarthestAlong(_) => low,
     };
-    Some(foot + at * along)
+    Some(foot + position * along)
 }
 
 /// Returns the point within `reach` of 0 with the smallest maximum violation of `sides` that satisfies the
-/// first `rigid` ones. `so_far` is the best point for the sides before `failed`, and satisfies them.
+/// first `rigid` ones. `previous_best` is the best point for the sides before `failed`, and satisfies them.
 fn least_violating_point(
     reach: f64,
     sides: &[HalfPlane],
     rigid: usize,
     failed: usize,
-    so_far: Vec2,
+    previous_best: Vec2,
 ) -> Vec2 {
-    let (mut found, mut missed) = (so_far, 0.0);
+    let (mut found, mut violation) = (previous_best, 0.0);
     let mut program: Vec<HalfPlane> = Vec::with_capacity(sides.len());
-    for (done, side) in sides.iter().enumerate().skip(failed) {
-        if side.violation_m_s(found) <= missed {
+    for (index, side) in sides.iter().enumerate().skip(failed) {
+        if side.violation_m_s(found) <= violation {
             continue;
         }
         // This side has the maximum violation from here on.
         program.clear();
         program.extend(&sides[..rigid]);
-        for other in &sides[rigid..done] {
+        for other in &sides[rigid..index] {
             let normal = other.normal - side.normal;
             let length = normal.norm();
             if length > PARALLEL_SINE_MAX {
@@ -101,7 +106,7 @@ fn least_violating_point(
         }
         // Rounding may make the feasible set empty. The previous point is kept then.
         found = best_point(Objective::FarthestAlong(side.normal), reach, &program).unwrap_or(found);
-        missed = side.violation_m_s(found);
+        violation = side.violation_m_s(found);
     }
     found
 }
@@ -167,11 +172,11 @@ mod tests {
                 prop_assert!((found - target).norm() < nearest + 1e-6, "{found:?}, {nearest}");
             } else {
                 // No point of a fine grid of the disc has a smaller violation.
-                let least = max_violation(found, &sides);
+                let smallest = max_violation(found, &sides);
                 for k in 0..4000 {
-                    let (angle, share) = (f64::from(k) * 0.618_034 * TAU, f64::from(k) / 3999.0);
-                    let u = reach * share.sqrt() * Vec2::new(angle.cos(), angle.sin());
-                    prop_assert!(least <= max_violation(u, &sides) + 1e-9, "{found:?}: {least}, {u:?}");
+                    let (angle, fraction) = (f64::from(k) * 0.618_034 * TAU, f64::from(k) / 3999.0);
+                    let u = reach * fraction.sqrt() * Vec2::new(angle.cos(), angle.sin());
+                    prop_assert!(smallest <= max_violation(u, &sides) + 1e-9, "{found:?}: {smallest}, {u:?}");
                 }
             }
         }

@@ -51,12 +51,12 @@ pub struct ProgressMonitor {
 
 impl ProgressMonitor {
     /// Creates a monitor with d, m, v_max, m/s, and the time constant of the deficit, in d / v_max.
-    pub fn new(d: f64, v_max: f64, time: f64) -> ProgressMonitor {
+    pub fn new(d: f64, v_max: f64, smoothing_time: f64) -> ProgressMonitor {
         let attempt_s = ATTEMPT_TIME * d / v_max;
         ProgressMonitor {
             distance_min: d,
             attempt_s,
-            smoothing_time_s: time * d / v_max,
+            smoothing_time_s: smoothing_time * d / v_max,
             progress_deficit: 0.0,
             error_min_m: f64::INFINITY,
             time_without_progress_s: 0.0,
@@ -69,21 +69,23 @@ impl ProgressMonitor {
         }
     }
 
-    /// Updates the monitor with a sample, `dt` seconds after the previous one. `wants` is the requested speed
-    /// and `lacks` its missing part, both as fractions of v_max.
-    pub fn observe(&mut self, dt: f64, sample: &Sample<'_>, [wants, lacks]: [f64; 2]) {
+    /// Updates the monitor with a sample, `dt` seconds after the previous one. `requested` is the requested speed
+    /// and `missing` its missing part, both as fractions of v_max.
+    pub fn observe(&mut self, dt: f64, sample: &Sample<'_>, [requested, missing]: [f64; 2]) {
         self.progress_deficit +=
-            (lacks.clamp(0.0, 1.0) - self.progress_deficit) * (dt / (dt + self.smoothing_time_s));
+            (missing.clamp(0.0, 1.0) - self.progress_deficit) * (dt / (dt + self.smoothing_time_s));
         let error = sample.error.map_or(f64::INFINITY, |error| error.norm());
-        let nearer = error < self.error_min_m - HEADWAY_FRACTION_MIN * self.distance_min;
-        if nearer || error > self.error_min_m + NEW_SLOT_DISTANCE * self.distance_min {
+        let is_nearer = error < self.error_min_m - HEADWAY_FRACTION_MIN * self.distance_min;
+        if is_nearer || error > self.error_min_m + NEW_SLOT_DISTANCE * self.distance_min {
             self.error_min_m = error;
             (self.time_without_progress_s, self.remaining_rest_s, self.next_rest_s) =
                 (0.0, 0.0, self.attempt_s);
             (self.standoff_elapsed_s, self.next_standoff_max_s) = (0.0, self.retry_s);
         } else if self.remaining_rest_s > 0.0 {
             self.remaining_rest_s -= dt;
-        } else if wants > REQUESTED_SPEED_FRACTION_MIN && lacks > PROGRESS_DEFICIT_MAX * wants {
+        } else if requested > REQUESTED_SPEED_FRACTION_MIN
+            && missing > PROGRESS_DEFICIT_MAX * requested
+        {
             self.time_without_progress_s += dt;
             if self.time_without_progress_s > self.attempt_s {
                 (self.time_without_progress_s, self.remaining_rest_s) = (0.0, self.next_rest_s);
@@ -100,12 +102,12 @@ impl ProgressMonitor {
             return false;
         }
         self.standoff_elapsed_s += dt;
-        let stands = self.standoff_elapsed_s <= self.next_standoff_max_s;
-        if !stands {
+        let keeps_standoff = self.standoff_elapsed_s <= self.next_standoff_max_s;
+        if !keeps_standoff {
             (self.standoff_elapsed_s, self.remaining_retry_s) = (0.0, self.retry_s);
             self.next_standoff_max_s *= 2.0;
         }
-        stands
+        keeps_standoff
     }
 
     /// Returns the degree of missing progress, from 0 to 1.

@@ -86,7 +86,7 @@ pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
             ),
         ],
         // Two robots that each use up the whole slack come closer than d.
-        find_warning: |at| advise_rate(at, "approach_per_s", 0.5),
+        find_warning: |conditions| advise_rate(conditions, "approach_per_s", 0.5),
         ..HOLONOMIC_DESCRIPTION
     },
     build: |brief, gains| {
@@ -110,10 +110,10 @@ pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
 };
 
 /// Returns the distance, m, beyond which the cell of no other robot, and no wall, touches the robot's cell.
-fn sensing_radius_m(at: &MethodConditions<'_>) -> f64 {
-    let Some(r_s) = at.avoidance.gains.get("cell_radius_m") else { return 0.0 };
-    let others = (2.0 * r_s).max(r_s + at.avoidance.distance_min_m);
-    others.max(r_s + at.avoidance.clearance_m) + at.distance_error_max_m()
+fn sensing_radius_m(conditions: &MethodConditions<'_>) -> f64 {
+    let Some(r_s) = conditions.avoidance.gains.get("cell_radius_m") else { return 0.0 };
+    let others = (2.0 * r_s).max(r_s + conditions.avoidance.distance_min_m);
+    others.max(r_s + conditions.avoidance.clearance_m) + conditions.distance_error_max_m()
 }
 
 /// Returns the grid points of a disc around the robot, relative to it, m.
@@ -150,23 +150,23 @@ struct Rbl {
 impl VelocityMethod for Rbl {
     fn choose_velocity(&mut self, sample: &Sample<'_>, _: Vec2) -> Option<Vec2> {
         let goal = -sample.error.unwrap_or_default();
-        let turned = rotate(-self.goal_rotation_rad, goal);
+        let rotated_goal = rotate(-self.goal_rotation_rad, goal);
         self.collect_cell_points(sample);
         let beta = self.spread;
-        let c = centroid(&self.cell_points, turned, beta);
-        let c_0 = centroid(&self.disc_points, turned, beta);
-        let blocked = (c - c_0).norm() > CENTROIDS_APART_DISTANCE * self.distance_min
+        let c = centroid(&self.cell_points, rotated_goal, beta);
+        let c_0 = centroid(&self.disc_points, rotated_goal, beta);
+        let is_blocked = (c - c_0).norm() > CENTROIDS_APART_DISTANCE * self.distance_min
             && c.norm() < CENTROID_REACHED_DISTANCE * self.distance_min;
-        let rate = match blocked {
+        let rate = match is_blocked {
             true => -SPREAD_DECREASE_PER_S * self.distance_min, // (8)
             false => SPREAD_RETURN_PER_S * (self.nominal_spread - beta),
         };
-        let least = (SPREAD_MIN * self.distance_min).min(self.nominal_spread);
-        self.spread = (beta + self.period * rate).max(least);
-        let turn = GOAL_ROTATION_RAD_S * self.period;
-        self.goal_rotation_rad = match blocked {
-            true => (self.goal_rotation_rad + turn).min(FRAC_PI_2), // (9)
-            false => (self.goal_rotation_rad - turn).max(0.0),
+        let spread_min = (SPREAD_MIN * self.distance_min).min(self.nominal_spread);
+        self.spread = (beta + self.period * rate).max(spread_min);
+        let rotation_step_rad = GOAL_ROTATION_RAD_S * self.period;
+        self.goal_rotation_rad = match is_blocked {
+            true => (self.goal_rotation_rad + rotation_step_rad).min(FRAC_PI_2), // (9)
+            false => (self.goal_rotation_rad - rotation_step_rad).max(0.0),
         };
         if self.goal_rotation_rad == FRAC_PI_2
             && centroid(&self.cell_points, goal, beta).norm() > c.norm()
@@ -192,19 +192,21 @@ impl Rbl {
         self.half_planes.clear();
         self.half_planes.extend(others.chain(walls));
         let sides = &self.half_planes;
-        let within = |q: &&Vec2| sides.iter().all(|side| side.violation_m_s(**q) <= 0.0);
+        let is_inside = |q: &&Vec2| sides.iter().all(|side| side.violation_m_s(**q) <= 0.0);
         self.cell_points.clear();
-        self.cell_points.extend(self.disc_points.iter().filter(within));
+        self.cell_points.extend(self.disc_points.iter().filter(is_inside));
     }
 }
 
 /// Returns the mean of `points` with weights exp(-|q - goal| / spread), or 0 if there are none.
 fn centroid(points: &[Vec2], goal: Vec2, spread: f64) -> Vec2 {
-    let far = |q: &Vec2| (q - goal).norm();
-    let Some(nearest) = points.iter().map(far).reduce(f64::min) else { return Vec2::zeros() };
+    let distance_to_goal = |q: &Vec2| (q - goal).norm();
+    let Some(nearest) = points.iter().map(distance_to_goal).reduce(f64::min) else {
+        return Vec2::zeros();
+    };
     let (mut sum, mut weights) = (Vec2::zeros(), 0.0);
     for q in points {
-        let weight = portable_math::exp((nearest - far(q)) / spread);
+        let weight = portable_math::exp((nearest - distance_to_goal(q)) / spread);
         sum += weight * q;
         weights += weight;
     }

@@ -4,8 +4,8 @@
 //! moves only along its heading, so the robot turns towards the displacement and drives with the cosine of the
 //! remaining angle:
 //!
-//! - e = angle(g) - theta - w_g T/2, with the wanted velocity g and its turn rate w_g: the heading in the middle of the
-//!   period shall be the direction of g. In reverse gear the direction of -g counts.
+//! - e = angle(g) - theta - w_g T/2, with the desired velocity g and its turn rate w_g: the heading in the middle of
+//!   the period shall be the direction of g. In reverse gear the direction of -g counts.
 //! - w = k e + w_g, at most w_max. w_g is the difference of the angles of g, smoothed over 20 ms. With it e decreases
 //!   exactly like exp(-k t), for a moving target too.
 //! - v = |g| cos(heading error in the middle of the period), 0 if the robot faces the other way.
@@ -124,10 +124,10 @@ impl Steering {
 
     /// Returns the twist of an omnidirectional robot that moves by u T within one period.
     fn omnidirectional_twist(&self, heading_rad: f64, u: Vec2) -> Twist {
-        let most = self.drive.turn_rate_max_rad_s;
+        let w_max = self.drive.turn_rate_max_rad_s;
         let turn =
             |final_rad: f64| self.heading_correction_rate(wrap_angle(final_rad - heading_rad));
-        let w_rad_s = self.final_heading_rad.map_or(0.0, turn).clamp(-most, most);
+        let w_rad_s = self.final_heading_rad.map_or(0.0, turn).clamp(-w_max, w_max);
         let half_turn = 0.5 * w_rad_s * self.period_s;
         self.drive
             .twist_for_velocity(rotate(-heading_rad - half_turn, u) / sinc(half_turn), w_rad_s)
@@ -160,11 +160,11 @@ impl Steering {
             };
             return self.car_steering.steer(self.drive, sample, &desired);
         }
-        let off_rad =
+        let error_rad =
             wrap_angle(angle_rad - heading_rad - if self.is_in_reverse { PI } else { 0.0 });
         if self.drives_forward_only {
             self.is_in_reverse = false;
-        } else if off_rad.abs() > FRAC_PI_2 + GEAR_HYSTERESIS_RAD {
+        } else if error_rad.abs() > FRAC_PI_2 + GEAR_HYSTERESIS_RAD {
             self.is_in_reverse = !self.is_in_reverse;
         }
         self.twist_towards(heading_rad, u, self.direction_turn_rate_rad_s, self.is_in_reverse)
@@ -176,36 +176,36 @@ impl Steering {
         if speed == 0.0 {
             return Twist::ZERO;
         }
-        let (gear, ahead) = if reverse { (-1.0, -u) } else { (1.0, u) };
-        let off_rad = wrap_angle(portable_math::atan2(ahead.y, ahead.x) - heading_rad);
+        let (gear, direction) = if reverse { (-1.0, -u) } else { (1.0, u) };
+        let error_rad = wrap_angle(portable_math::atan2(direction.y, direction.x) - heading_rad);
         let half_s = 0.5 * self.period_s;
         let weight = if speed < self.slow_speed_m_s { speed / self.slow_speed_m_s } else { 1.0 };
-        let correction = self.heading_correction_rate(off_rad - turn_rad_s * half_s);
-        let most = self.drive.turn_rate_max_rad_s;
-        let w_rad_s = (weight * (correction + turn_rad_s)).clamp(-most, most);
-        let cos = portable_math::cos(off_rad - w_rad_s * half_s);
+        let correction = self.heading_correction_rate(error_rad - turn_rad_s * half_s);
+        let w_max = self.drive.turn_rate_max_rad_s;
+        let w_rad_s = (weight * (correction + turn_rad_s)).clamp(-w_max, w_max);
+        let cos = portable_math::cos(error_rad - w_rad_s * half_s);
         Twist::new(gear * speed * cos.max(0.0), w_rad_s)
     }
 
     /// Returns the turn rate that corrects a heading error, rad/s, from which the robot can stop turning in time.
-    fn heading_correction_rate(&self, off_rad: f64) -> f64 {
-        let turn = self.direction_gain_per_s * off_rad;
+    fn heading_correction_rate(&self, error_rad: f64) -> f64 {
+        let turn = self.direction_gain_per_s * error_rad;
         if self.turn_acceleration_max_rad_s2 == f64::INFINITY {
             return turn;
         }
-        let stoppable = (self.turn_acceleration_max_rad_s2 * off_rad.abs()).sqrt();
-        turn.clamp(-stoppable, stoppable)
+        let stoppable_rate = (self.turn_acceleration_max_rad_s2 * error_rad.abs()).sqrt();
+        turn.clamp(-stoppable_rate, stoppable_rate)
     }
 
     /// Updates the turn rate of g with its angle at a new sample.
     fn update_direction_turn_rate(&mut self, stamp_ns: u64, angle_rad: f64) {
-        let before = self.previous_direction.replace((stamp_ns, angle_rad));
-        let Some((then_ns, was_rad)) = before else {
+        let previous = self.previous_direction.replace((stamp_ns, angle_rad));
+        let Some((previous_ns, previous_rad)) = previous else {
             self.direction_turn_rate_rad_s = 0.0;
             return;
         };
-        let dt = stamp_ns.saturating_sub(then_ns) as f64 / 1e9;
-        let step_rad = wrap_angle(angle_rad - was_rad);
+        let dt = stamp_ns.saturating_sub(previous_ns) as f64 / 1e9;
+        let step_rad = wrap_angle(angle_rad - previous_rad);
         if dt > 0.0 && step_rad.abs() <= TURN_STEP_RAD_MAX {
             self.direction_turn_rate_rad_s +=
                 (step_rad / dt - self.direction_turn_rate_rad_s) * (dt / (dt + TURN_SMOOTHING_S));
@@ -215,19 +215,20 @@ impl Steering {
     /// Returns the twist that turns a robot at its goal to its final heading, or `None` if it has to drive.
     fn turn_in_place(&mut self, sample: &Sample<'_>, gamma: Vec2, u: Vec2) -> Option<Twist> {
         let final_rad = self.final_heading_rad?;
-        let off_m = sample.error?.norm();
+        let distance_m = sample.error?.norm();
         let within = if self.is_turning_in_place { ARRIVAL_HYSTERESIS_FACTOR } else { 1.0 }
             * self.arrival_distance_m;
-        let free = (u - gamma).norm() <= self.slow_speed_m_s || u.norm() <= self.slow_speed_m_s;
-        self.is_turning_in_place = off_m < within && free;
+        let is_unobstructed =
+            (u - gamma).norm() <= self.slow_speed_m_s || u.norm() <= self.slow_speed_m_s;
+        self.is_turning_in_place = distance_m < within && is_unobstructed;
         if !self.is_turning_in_place {
             return None;
         }
         self.previous_direction = None;
-        let most = self.drive.turn_rate_max_rad_s;
+        let w_max = self.drive.turn_rate_max_rad_s;
         let turn =
             self.heading_correction_rate(wrap_angle(final_rad - sample.heading_at_effect_rad));
-        Some(Twist::new(0.0, turn.clamp(-most, most)))
+        Some(Twist::new(0.0, turn.clamp(-w_max, w_max)))
     }
 }
 
@@ -260,7 +261,7 @@ mod tests {
         }
     }
 
-    /// Drives for `steps` periods with the wanted velocity `g(t, position)`. Returns the poses.
+    /// Drives for `steps` periods with the desired velocity `g(t, position)`. Returns the poses.
     fn simulate_drive(
         steering: &mut Steering,
         start: Pose,
@@ -270,9 +271,9 @@ mod tests {
         let mut pose = start;
         let mut path = vec![pose];
         for step in 0..steps {
-            let at = Vec2::new(pose.x_m, pose.y_m);
-            let u = g(step as f64 * PERIOD_S, at);
-            let twist = steering.steer(&sample(step, pose, at), u, u * PERIOD_S);
+            let position = Vec2::new(pose.x_m, pose.y_m);
+            let u = g(step as f64 * PERIOD_S, position);
+            let twist = steering.steer(&sample(step, pose, position), u, u * PERIOD_S);
             assert!(twist.w_rad_s.abs() <= 4.0 && twist.v_m_s.abs() <= u.norm() + 1e-15);
             pose = integrate_arc(pose, twist, PERIOD_S);
             path.push(pose);
@@ -287,8 +288,8 @@ mod tests {
         let rate = |t: f64| 0.3 * Vec2::new(-(0.6 * t).sin(), (0.6 * t).cos());
         let mut steering = axle_steering(|_| {});
         let start = Pose { x_m: 0.3, y_m: -0.2, heading_rad: 0.0 };
-        let path = simulate_drive(&mut steering, start, 2000, |t, at| {
-            rate(t + 0.5 * PERIOD_S) - 2.0 * (at - m(t))
+        let path = simulate_drive(&mut steering, start, 2000, |t, position| {
+            rate(t + 0.5 * PERIOD_S) - 2.0 * (position - m(t))
         });
         let error =
             |k: usize| (Vec2::new(path[k].x_m, path[k].y_m) - m(k as f64 * PERIOD_S)).norm();
@@ -300,7 +301,7 @@ mod tests {
     fn goal_behind_an_axle_is_reached_in_reverse_gear() {
         let mut steering = axle_steering(|_| {});
         let start = Pose { x_m: 0.4, y_m: 0.05, heading_rad: 0.0 };
-        let path = simulate_drive(&mut steering, start, 1000, |_, at| -at);
+        let path = simulate_drive(&mut steering, start, 1000, |_, position| -position);
         assert!(path.iter().all(|pose| pose.heading_rad.abs() < 1.0), "it does not turn around");
         let end = path.last().unwrap();
         assert!(end.x_m.hypot(end.y_m) < 1e-4, "{end:?}");
@@ -312,7 +313,7 @@ mod tests {
             };
             brief.lead = Some(lead);
         });
-        let path = simulate_drive(&mut leader, start, 1000, |_, at| -at);
+        let path = simulate_drive(&mut leader, start, 1000, |_, position| -position);
         assert!(path.iter().any(|pose| pose.heading_rad.abs() > 2.5), "a leader turns around");
     }
 
@@ -329,7 +330,7 @@ mod tests {
                 });
             });
             let start = Pose { x_m: 0.2, y_m: 0.1, heading_rad: 0.5 };
-            let path = simulate_drive(&mut steering, start, 1500, |_, at| -at);
+            let path = simulate_drive(&mut steering, start, 1500, |_, position| -position);
             let end = path.last().unwrap();
             assert!(end.x_m.hypot(end.y_m) < 2e-3, "{end:?}");
             assert!(wrap_angle(end.heading_rad + 2.0).abs() < 1e-3, "{end:?}");
@@ -362,10 +363,13 @@ mod tests {
     fn robot_that_avoids_another_does_not_turn_in_place() {
         let mut steering = axle_steering(|brief| brief.goal_heading_rad = Some(2.0));
         let pose = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 };
-        let at = sample(0, pose, Vec2::zeros());
-        let aside = Vec2::new(0.2, 0.0) * PERIOD_S;
-        assert_eq!(steering.steer(&at, Vec2::zeros(), Vec2::zeros()).v_m_s, 0.0);
-        assert!((steering.steer(&at, Vec2::zeros(), aside).v_m_s - 0.2).abs() < 1e-12);
+        let sample_at_goal = sample(0, pose, Vec2::zeros());
+        let displacement = Vec2::new(0.2, 0.0) * PERIOD_S;
+        assert_eq!(steering.steer(&sample_at_goal, Vec2::zeros(), Vec2::zeros()).v_m_s, 0.0);
+        assert!(
+            (steering.steer(&sample_at_goal, Vec2::zeros(), displacement).v_m_s - 0.2).abs()
+                < 1e-12
+        );
     }
 
     proptest! {

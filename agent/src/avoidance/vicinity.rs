@@ -44,10 +44,10 @@ pub struct VicinityParameters {
 impl VicinityParameters {
     /// Creates the parameters with the radii within which all robots, and all walls, must be known, m.
     pub fn new(
-        at: &MethodConditions<'_>,
+        conditions: &MethodConditions<'_>,
         [robots_radius, walls_radius]: [f64; 2],
     ) -> VicinityParameters {
-        let avoidance = at.avoidance;
+        let avoidance = conditions.avoidance;
         let speeds_max = avoidance.classes.iter().map(|class| class.speed_max_m_s);
         VicinityParameters {
             default_class: RobotClassBrief {
@@ -78,8 +78,8 @@ impl VicinityParameters {
         let robots = robots.filter(move |(_, z)| is_near_robot(z));
         let walls = sample.wall_vectors.iter().filter(move |z| is_near_wall(z));
         robots
-            .map(move |(place, &z)| {
-                let class = self.class_of(sample, place);
+            .map(move |(index, &z)| {
+                let class = self.class_of(sample, index);
                 NearbyObject {
                     z,
                     neighbor_speed_max: class.speed_max_m_s,
@@ -93,11 +93,11 @@ impl VicinityParameters {
     /// Returns the distance and the speed limit of the sensed robot with this index. Of an unknown class the largest
     /// are assumed.
     #[inline]
-    fn class_of(&self, sample: &Sample<'_>, place: usize) -> RobotClassBrief {
+    fn class_of(&self, sample: &Sample<'_>, index: usize) -> RobotClassBrief {
         if self.classes.is_empty() {
             return self.default_class;
         }
-        let class = sample.neighbor_classes.get(place).map(|&class| usize::from(class));
+        let class = sample.neighbor_classes.get(index).map(|&class| usize::from(class));
         class.and_then(|class| self.classes.get(class)).copied().unwrap_or(self.default_class)
     }
 
@@ -106,11 +106,15 @@ impl VicinityParameters {
     /// `proof/Walls.v::far_wall` or the latter.
     #[inline]
     pub fn lacks_neighbor_information(&self, sample: &Sample<'_>) -> bool {
-        let misses = |cut: bool, listed: &[Vec2], radius: f64| {
-            cut && listed.last().map_or(0.0, |z| z.norm()) < radius
+        let is_incomplete = |is_truncated: bool, vectors: &[Vec2], radius: f64| {
+            is_truncated && vectors.last().map_or(0.0, |z| z.norm()) < radius
         };
         !sample.proximity_valid
-            || misses(sample.neighbors_truncated, sample.neighbor_vectors, self.known_robots_radius)
-            || misses(sample.walls_truncated, sample.wall_vectors, self.known_walls_radius)
+            || is_incomplete(
+                sample.neighbors_truncated,
+                sample.neighbor_vectors,
+                self.known_robots_radius,
+            )
+            || is_incomplete(sample.walls_truncated, sample.wall_vectors, self.known_walls_radius)
     }
 }

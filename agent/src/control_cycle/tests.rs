@@ -11,6 +11,7 @@ use protocol::message::{Beacon, LatencyRow, ReceptionState};
 use super::*;
 use crate::controller::Parts;
 use crate::laws::{Law, SignalValues, Situation};
+use crate::roles;
 use crate::testing::{NS_PER_MS, START_NS, beacon, brief, odometry};
 
 /// Creates the robot of the brief with these changes.
@@ -39,29 +40,29 @@ impl ControlCycle {
         self.run_cycle_of_participant(0, at_ms, sample_ms, beacons_ms).0
     }
 
-    /// Runs the cycle of a participant since `member_since`. Also returns the number of beacons received.
+    /// Runs the cycle of a participant since `participant_since_tick`. Also returns the number of beacons received.
     fn run_cycle_of_participant(
         &mut self,
-        member_since: u64,
+        participant_since_tick: u64,
         at_ms: u64,
         sample_ms: Option<u64>,
         beacons_ms: &[u64],
     ) -> (Outbox, usize) {
-        let (taken_ns, mut count) = (START_NS + at_ms * NS_PER_MS, 0);
+        let (received_ns, mut count) = (START_NS + at_ms * NS_PER_MS, 0);
         let sample = sample_ms.map(odometry);
         let beacons = (0..).zip(beacons_ms).map(|(i, &t_ms)| {
             count += 1;
-            let beacon = Beacon { sent_ns: taken_ns - NS_PER_MS, ..beacon(t_ms) };
+            let beacon = Beacon { sent_ns: received_ns - NS_PER_MS, ..beacon(t_ms) };
             Ok::<_, Infallible>(ReceivedBeacon {
                 sender_index: 0,
                 broadcast: Broadcast::from(beacon),
-                received_ns: taken_ns + i * NS_PER_MS,
+                received_ns: received_ns + i * NS_PER_MS,
             })
         });
         let inbox = Inbox {
-            received_ns: taken_ns,
+            received_ns,
             odometry: sample.as_ref(),
-            participant_since_tick: member_since,
+            participant_since_tick,
             beacons,
             link_faults: &[],
             goal: None,
@@ -100,10 +101,10 @@ fn first_sample_has_no_beacons_and_leaves_them_queued() {
     assert_eq!(robot_1.status().1.next().unwrap().contact, ReceptionState::Fresh as u64);
 
     let mut robot_2 = control_cycle_with(set_lockstep);
-    let heard = [(0, 0), (0, 1), (2, 2), (2, 3)].map(|(since, tick)| {
+    let beacon_counts = [(0, 0), (0, 1), (2, 2), (2, 3)].map(|(since, tick)| {
         robot_2.run_cycle_of_participant(since, tick, Some(tick), &[tick.saturating_sub(1)]).1
     });
-    assert_eq!(heard, [0, 1, 0, 1], "nor does it when it goes on after a freeze");
+    assert_eq!(beacon_counts, [0, 1, 0, 1], "nor does it when it goes on after a freeze");
 }
 
 #[test]
@@ -314,9 +315,9 @@ fn link_faults_and_goals_reach_the_controller() {
         brief.goal_m = Some([9.0, 0.0]);
     });
     robot.run_cycle_at(0, Some(0), &[]);
-    let mut turn = |cut, goal, at_ms| {
-        let beacon = |place| ReceivedBeacon {
-            sender_index: place,
+    let mut run_with = |cut, goal, at_ms| {
+        let beacon = |sender_index| ReceivedBeacon {
+            sender_index,
             broadcast: Broadcast::from(beacon(at_ms)),
             received_ns: 0,
         };
@@ -324,19 +325,19 @@ fn link_faults_and_goals_reach_the_controller() {
             received_ns: START_NS + at_ms * NS_PER_MS,
             odometry: Some(&odometry(at_ms)),
             participant_since_tick: 0,
-            beacons: [0, 1].map(|place| Ok::<_, Infallible>(beacon(place))),
+            beacons: [0, 1].map(|sender_index| Ok::<_, Infallible>(beacon(sender_index))),
             // r7 is not an in-neighbor.
             link_faults: &[5, 7].map(|robot| LinkFaultByHand { robot, cut }),
             goal,
         };
         let Ok(_) = robot.run(inbox);
         let (header, neighbors) = robot.status();
-        let heard = neighbors.map(|neighbor| neighbor.contact == ReceptionState::Fresh as u64);
-        (heard.collect::<Vec<_>>(), header.goal().is_some())
+        let is_fresh = neighbors.map(|neighbor| neighbor.contact == ReceptionState::Fresh as u64);
+        (is_fresh.collect::<Vec<_>>(), header.goal().is_some())
     };
     let goal = Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 };
-    assert_eq!(turn(1, None, 10), (vec![false, true], false));
-    assert_eq!(turn(0, Some(goal), 20), (vec![true, true], true));
+    assert_eq!(run_with(1, None, 10), (vec![false, true], false));
+    assert_eq!(run_with(0, Some(goal), 20), (vec![true, true], true));
 }
 
 #[test]
@@ -439,4 +440,91 @@ fn sent_and_withheld_beacons_are_counted_without_a_status() {
         assert_eq!(header.message_hash != hash, tick % 20 == 0, "{tick}");
         hash = header.message_hash;
     }
+}
+
+/// A law that records a signal, sends a message, or both, at each sample.
+struct RecordedLaw {
+    records_signal: bool,
+    sends_message: bool,
+}
+
+impl Law for RecordedLaw {
+    fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
+        Vec2::zeros()
+    }
+
+    fn signals(&mut self) -> SignalValues {
+        let mut values = SignalValues::NONE;
+        if self.records_signal {
+            values.set(0, 1.0);
+        }
+        values
+    }
+
+    fn send_decision(&mut self) -> SendDecision {
+        match self.sends_message {
+            true => SendDecision::Message([7][..].into()),
+            false => SendDecision::Beacon,
+        }
+    }
+}
+
+#[test]
+fn status_is_due_for_each_reason_and_for_several() {
+    for (records_signal, sends_message) in [(true, false), (false, true), (true, true)] {
+        let goal = AgentBrief {
+            law: "goal-unit".into(),
+            goal_m: Some([9.0, 0.0]),
+            signals: vec!["one".into()],
+            message: Some(MessageFormat::with_bytes(1)),
+            records_messages: true,
+            pace: Pace::Realtime,
+            ..brief()
+        };
+        let law = RecordedLaw { records_signal, sends_message };
+        let parts = Parts::with_law(&goal, Box::new(law)).unwrap();
+        let controller = Controller::with_parts(&goal, 0, parts);
+        let mut robot = ControlCycle::new(goal, controller, START_NS);
+        // At 100 ms it is due by the time as well.
+        for at_ms in [10, 100, 110] {
+            let outbox = robot.run_cycle_at(at_ms, Some(at_ms), &[]);
+            assert!(outbox.status_is_due, "{records_signal} {sends_message} {at_ms}");
+            assert_eq!(outbox.recorded_message, if sends_message { &[7][..] } else { &[] });
+        }
+    }
+}
+
+#[test]
+fn caller_replaces_send_decision_and_target_of_the_law() {
+    let free = AgentBrief { withholds: true, pace: Pace::Lockstep, ..brief() };
+    let parts = Parts {
+        role: roles::find_row("free").unwrap().make(&free).unwrap(),
+        ..Parts::with_law(
+            &free,
+            Box::new(RecordedLaw { records_signal: false, sends_message: false }),
+        )
+        .unwrap()
+    };
+    let controller = Controller::with_parts(&free, 0, parts);
+    let mut robot = ControlCycle::new(free, controller, START_NS);
+    let mut run_cycle = |tick: u64, decision: SendDecision, target: Option<Target>| {
+        let sample = odometry(tick);
+        let inbox = Inbox {
+            received_ns: START_NS,
+            odometry: Some(&sample),
+            participant_since_tick: 0,
+            beacons: std::iter::empty::<Result<ReceivedBeacon, Infallible>>(),
+            link_faults: &[],
+            goal: None,
+        };
+        let Ok(()) = robot.sense(inbox);
+        let output = robot.law_output();
+        robot.set_send_decision(decision);
+        robot.set_own_target(target);
+        let answer = robot.act(output).answer.unwrap();
+        (answer.outgoing_broadcast().is_some(), robot.status().0.target_known)
+    };
+    let target = Some(Target::at_rest(Vec2::new(1.0, 2.0)));
+    assert_eq!(run_cycle(0, SendDecision::Withheld, target), (false, 1));
+    assert_eq!(run_cycle(10, SendDecision::Beacon, None), (true, 0));
 }

@@ -39,12 +39,12 @@ pub struct Ports {
 /// A received beacon in shared memory. The payload is the message of the sender's law, or empty.
 pub type BeaconSample = Sample<[u8], Beacon>;
 
-/// Returns a copy of a beacon of the sender with index `place`, received at `received_ns`.
+/// Returns a copy of a beacon of the sender `sender_index`, received at `received_ns`.
 #[inline]
-pub fn copy_beacon(place: usize, sample: &BeaconSample, received_ns: u64) -> ReceivedBeacon {
+pub fn copy_beacon(sender_index: usize, sample: &BeaconSample, received_ns: u64) -> ReceivedBeacon {
     let message = sample.payload();
     ReceivedBeacon {
-        sender_index: place,
+        sender_index,
         broadcast: Broadcast {
             beacon: *sample.user_header(),
             message: (!message.is_empty()).then(|| message.into()),
@@ -71,18 +71,13 @@ impl Ports {
     pub fn open(brief: &AgentBrief, measured: &LatencyRecorder) -> Result<Ports, Failure> {
         let node = service::create_node(&format!("agent-{}", brief.name))?;
         let own = brief.name.as_str();
-        let senders = brief.senders().enumerate().map(|(place, sender)| {
-            let is_received = place < brief.neighbors.len();
-            let port = is_received.then(|| open_beacon_port(&node, &sender.name)).transpose()?;
-            let (name, slot) = (sender.name.clone(), sender.index - 1);
+        let senders = brief.senders().enumerate().map(|(sender_index, sender)| {
+            let is_received = sender_index < brief.neighbors.len();
+            let beacon_port =
+                is_received.then(|| open_beacon_port(&node, &sender.name)).transpose()?;
+            let (name, barrier_slot) = (sender.name.clone(), sender.index - 1);
             let has_messages = sender.message.is_some();
-            Ok(Sender {
-                name,
-                barrier_slot: slot,
-                beacon_port: port,
-                has_messages,
-                opened_at_tick: None,
-            })
+            Ok(Sender { name, barrier_slot, beacon_port, has_messages, opened_at_tick: None })
         });
         let senders = senders.collect::<Result<_, ServiceError>>()?;
         Ok(Ports {
@@ -108,12 +103,12 @@ impl Ports {
 
     /// Opens the beacon ports of the spares in use, and closes the ports of all other spares.
     pub fn update_spare_ports(&mut self, neighborhood: &Neighborhood) -> Result<(), Failure> {
-        for (place, opened_at) in neighborhood.spares() {
-            let Sender { name, beacon_port: port, opened_at_tick: was, .. } =
-                &mut self.senders[place];
-            if *was != opened_at {
-                *was = opened_at;
-                *port = opened_at.map(|_| open_beacon_port(&self.node, name)).transpose()?;
+        for (sender_index, opening_tick) in neighborhood.spares() {
+            let Sender { name, beacon_port, opened_at_tick, .. } = &mut self.senders[sender_index];
+            if *opened_at_tick != opening_tick {
+                *opened_at_tick = opening_tick;
+                *beacon_port =
+                    opening_tick.map(|_| open_beacon_port(&self.node, name)).transpose()?;
             }
         }
         Ok(())
@@ -141,38 +136,39 @@ impl Ports {
         self.senders.len()
     }
 
-    /// Returns the name of the sender with index `place` in the order of the brief, and its slot in the
+    /// Returns the name of the sender `sender_index` in the order of the brief, and its slot in the
     /// barrier.
-    pub fn sender_name_and_slot(&self, place: usize) -> (&str, usize) {
-        let Sender { name, barrier_slot: slot, .. } = &self.senders[place];
-        (name, *slot)
+    pub fn sender_name_and_slot(&self, sender_index: usize) -> (&str, usize) {
+        let Sender { name, barrier_slot, .. } = &self.senders[sender_index];
+        (name, *barrier_slot)
     }
 
-    /// Returns whether the beacon that the sender with index `place` sends at this lockstep tick is in the
+    /// Returns whether the beacon that the sender `sender_index` sends at this lockstep tick is in the
     /// queue.
-    pub fn has_beacon_of_tick(&self, place: usize, tick: u64) -> bool {
-        let Sender { beacon_port: port, opened_at_tick: opened_at, .. } = &self.senders[place];
-        port.is_some() && opened_at.is_none_or(|opened_at| tick > opened_at)
+    pub fn has_beacon_of_tick(&self, sender_index: usize, tick: u64) -> bool {
+        let Sender { beacon_port, opened_at_tick, .. } = &self.senders[sender_index];
+        beacon_port.is_some() && opened_at_tick.is_none_or(|opened_at_tick| tick > opened_at_tick)
     }
 
-    /// Returns the next beacon in the queue of the sender with index `place`, with its message, or `None` if there is
+    /// Returns the next beacon in the queue of the sender `sender_index`, with its message, or `None` if there is
     /// none or the port is closed.
-    pub fn receive_beacon(&self, place: usize) -> Result<Option<BeaconSample>, Failure> {
-        let Some(port) = &self.senders[place].beacon_port else { return Ok(None) };
+    pub fn receive_beacon(&self, sender_index: usize) -> Result<Option<BeaconSample>, Failure> {
+        let Some(port) = &self.senders[sender_index].beacon_port else { return Ok(None) };
         port.receive().map_err(|cause| port_error("receive beacon", cause))
     }
 
     /// Returns the newest beacon of each sender (real time only), and the queued ones before it if they may carry
     /// messages. Each one is received when the iterator reaches it.
     pub fn receive_newest_beacons(&self) -> impl Iterator<Item = Result<ReceivedBeacon, Failure>> {
-        (0..self.senders.len()).flat_map(move |place| {
-            let next = move || self.receive_beacon(place).transpose();
-            let behind = std::iter::from_fn(move || {
-                let has_messages = self.senders[place].has_messages;
+        (0..self.senders.len()).flat_map(move |sender_index| {
+            let next = move || self.receive_beacon(sender_index).transpose();
+            let queued = std::iter::from_fn(move || {
+                let has_messages = self.senders[sender_index].has_messages;
                 if has_messages { next() } else { None }
             });
-            let copy = move |sample: BeaconSample| copy_beacon(place, &sample, clock::now_ns());
-            next().into_iter().chain(behind).map(move |sample| sample.map(copy))
+            let copy =
+                move |sample: BeaconSample| copy_beacon(sender_index, &sample, clock::now_ns());
+            next().into_iter().chain(queued).map(move |sample| sample.map(copy))
         })
     }
 

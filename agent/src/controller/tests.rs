@@ -26,14 +26,14 @@ fn beacon_age_is_one_period_in_lockstep_two_in_real_time() {
 fn delayed_odometry_is_answered_once_and_in_order() {
     let kind = LinkFaultKind::Delay { delay_ns: 15 * NS_PER_MS, jitter_ns: 0 };
     let span = Span { from_ns: 0, until_ns: 50 * NS_PER_MS };
-    let mut late = brief();
-    late.odometry_faults = vec![LinkFault { span, kind, seed: 1 }];
-    let mut controller = Controller::new(&late, 0).unwrap();
-    let mut said = Vec::new();
+    let mut delayed = brief();
+    delayed.odometry_faults = vec![LinkFault { span, kind, seed: 1 }];
+    let mut controller = Controller::new(&delayed, 0).unwrap();
+    let mut stamps_ms = Vec::new();
     for t_ms in (0..=90).step_by(10) {
         let odometry = odometry(t_ms);
         let answer = controller.answer(&odometry, odometry.stamp_ns);
-        said.push(answer.map(|answer| {
+        stamps_ms.push(answer.map(|answer| {
             assert_eq!((answer.command.tick, answer.beacon.tick), (t_ms, t_ms));
             assert_eq!(answer.command.stamp_ns, answer.beacon.stamp_ns);
             (answer.command.stamp_ns - START_NS) / NS_PER_MS
@@ -42,7 +42,7 @@ fn delayed_odometry_is_answered_once_and_in_order() {
     // From 50 ms on there is no delay, and older samples are not answered any more.
     let expected = [None, None, Some(0), Some(10), Some(20)];
     let in_time = [50, 60, 70, 80, 90].map(Some);
-    assert_eq!(said, [&expected[..], &in_time].concat());
+    assert_eq!(stamps_ms, [&expected[..], &in_time].concat());
 }
 
 #[test]
@@ -69,14 +69,14 @@ fn heading_of_effect_is_predicted_by_the_turn_rate() {
             Twist::ZERO
         }
     }
-    let told = Arc::new(Mutex::new([0.0; 2]));
+    let recorded = Arc::new(Mutex::new([0.0; 2]));
     let brief = brief();
-    let avoidance = Box::new(RecordingAvoidance(told.clone()));
+    let avoidance = Box::new(RecordingAvoidance(recorded.clone()));
     let parts = Parts { avoidance, ..Parts::from_brief(&brief).unwrap() };
     let mut controller = Controller::with_parts(&brief, 0, parts);
     let odometry = odometry(10);
     controller.answer(&odometry, odometry.stamp_ns + 5 * NS_PER_MS);
-    let [heading_rad, effect_rad] = *told.lock().unwrap();
+    let [heading_rad, effect_rad] = *recorded.lock().unwrap();
     assert_eq!(heading_rad, 0.3);
     assert!((effect_rad - 0.31).abs() < 1e-12, "{effect_rad}");
 }
@@ -96,18 +96,18 @@ fn twist_of_a_controller_is_bounded_and_published() {
     let mut brief = brief();
     brief.avoidance.kind = "guard".into();
     (brief.avoidance.speed_max_m_s, brief.avoidance.sensing_radius_m) = (0.5, 5.0);
-    let alone = |near: &[[f64; 2]]| {
+    let answer_near = |neighbors: &[[f64; 2]]| {
         let parts = Parts { law: Box::new(FixedTwistLaw), ..Parts::from_brief(&brief).unwrap() };
         let mut controller = Controller::with_parts(&brief, 0, parts);
         let mut sample = odometry(10);
         controller.answer(&sample, sample.stamp_ns);
         assert_eq!(controller.receive_beacon(0, &beacon(10), sample.stamp_ns), Ok(()));
         sample = odometry(20);
-        sample.proximity_count = near.len() as u32;
-        sample.near[..near.len()].copy_from_slice(near);
+        sample.proximity_count = neighbors.len() as u32;
+        sample.near[..neighbors.len()].copy_from_slice(neighbors);
         controller.answer(&sample, sample.stamp_ns).expect("it knows where it is")
     };
-    let free = alone(&[]);
+    let free = answer_near(&[]);
     let twist = |answer: &Answer| [answer.command.v_m_s, answer.command.w_rad_s];
     assert_eq!(twist(&free), [WANTED_TWIST.v_m_s, WANTED_TWIST.w_rad_s]);
     let velocity = front_velocity(0.3, brief.front_point_m, WANTED_TWIST);
@@ -115,84 +115,89 @@ fn twist_of_a_controller_is_bounded_and_published() {
     // Another robot is right ahead of the front point, at d. Only the command to the plant is restricted.
     let ahead = formation::front_point::front_point(odometry(20).pose(), brief.front_point_m)
         + brief.avoidance.distance_min_m * velocity / velocity.norm();
-    let blocked = alone(&[ahead.into()]);
+    let blocked = answer_near(&[ahead.into()]);
     assert!(twist(&blocked)[0].abs() < 1e-6, "{:?}", twist(&blocked));
     assert_eq!(blocked.beacon.velocity(), velocity);
 }
 
 #[test]
 fn separate_steps_equal_answer_and_no_target_means_stop() {
-    let [mut whole, mut apart] = [(); 2].map(|()| Controller::new(&brief(), 0).unwrap());
-    let wanted = Vec2::new(0.1, 0.2);
+    let [mut one_step, mut two_steps] = [(); 2].map(|()| Controller::new(&brief(), 0).unwrap());
+    let velocity = Vec2::new(0.1, 0.2);
     assert!(
-        apart.situation().is_none() && apart.act(LawOutput::Velocity(wanted), START_NS).is_none()
+        two_steps.situation().is_none()
+            && two_steps.act(LawOutput::Velocity(velocity), START_NS).is_none()
     );
     // No robot has been received.
-    answer_at(&mut whole, 0);
-    apart.sense(&odometry(0));
-    assert!(apart.situation().is_none());
-    let answer = apart.act(LawOutput::Velocity(wanted), START_NS).expect("it knows where it is");
+    answer_at(&mut one_step, 0);
+    two_steps.sense(&odometry(0));
+    assert!(two_steps.situation().is_none());
+    let answer =
+        two_steps.act(LawOutput::Velocity(velocity), START_NS).expect("it knows where it is");
     assert_eq!((answer.command.twist(), answer.beacon.velocity()), (Twist::ZERO, Vec2::zeros()));
 
     let now_ns = START_NS + 10 * NS_PER_MS;
-    assert_eq!(whole.receive_beacon(0, &beacon(0), now_ns), Ok(()));
-    assert_eq!(apart.receive_beacon(0, &beacon(0), now_ns), Ok(()));
-    let answer = whole.answer(&odometry(10), now_ns).expect("it knows where it is");
-    apart.sense(&odometry(10));
+    assert_eq!(one_step.receive_beacon(0, &beacon(0), now_ns), Ok(()));
+    assert_eq!(two_steps.receive_beacon(0, &beacon(0), now_ns), Ok(()));
+    let answer = one_step.answer(&odometry(10), now_ns).expect("it knows where it is");
+    two_steps.sense(&odometry(10));
     // r5 is at x = 3 m, and the front point 0.1 m ahead of x = 1.01 m.
-    let error = apart.situation().expect("r5 was heard").error;
+    let error = two_steps.situation().expect("r5 was heard").error;
     assert!((error.x - (1.01 + 0.1 * 0.3f64.cos() - 3.0)).abs() < 1e-12, "{error:?}");
-    let output = apart.law_output();
-    let same = apart.act(output, now_ns);
+    let output = two_steps.law_output();
+    let same = two_steps.act(output, now_ns);
     assert_eq!(format!("{same:?}"), format!("{:?}", Some(&answer)));
-    assert_ne!(answer.beacon.velocity(), wanted);
+    assert_ne!(answer.beacon.velocity(), velocity);
 
-    apart.sense(&odometry(20));
-    let other = apart
-        .act(LawOutput::Velocity(wanted), START_NS + 20 * NS_PER_MS)
+    two_steps.sense(&odometry(20));
+    let other = two_steps
+        .act(LawOutput::Velocity(velocity), START_NS + 20 * NS_PER_MS)
         .expect("it knows where it is");
-    assert_eq!(other.beacon.velocity(), wanted, "no method bounds it");
-    apart.sense(&Odometry { pose_valid: 0, ..odometry(30) });
+    assert_eq!(other.beacon.velocity(), velocity, "no method bounds it");
+    two_steps.sense(&Odometry { pose_valid: 0, ..odometry(30) });
     assert!(
-        apart.situation().is_none() && apart.act(LawOutput::Velocity(wanted), now_ns).is_none()
+        two_steps.situation().is_none()
+            && two_steps.act(LawOutput::Velocity(velocity), now_ns).is_none()
     );
 }
 
 #[test]
 fn goal_robot_uses_a_newer_goal_from_the_next_sample() {
     let goal = |stamp_ns, x_m| Goal { stamp_ns, x_m, y_m: 2.0 };
-    let sent_to = |controller: &Controller| controller.status().0.goal();
-    let to_goal = AgentBrief {
+    let goal_in_force = |controller: &Controller| controller.status().0.goal();
+    let goal_brief = AgentBrief {
         law: "goal-unit".into(),
         goal_m: Some([9.0, 0.0]),
         neighbors: Vec::new(),
         ..brief()
     };
-    let mut controller = Controller::new(&to_goal, 0).unwrap();
+    let mut controller = Controller::new(&goal_brief, 0).unwrap();
     // At 0 ms the front point is at 1 m + 0.1 cos 0.3 m, and the goal ahead.
-    assert!(answer_at(&mut controller, 0).beacon.vx_m_s > 0.0 && sent_to(&controller).is_none());
+    assert!(
+        answer_at(&mut controller, 0).beacon.vx_m_s > 0.0 && goal_in_force(&controller).is_none()
+    );
     controller.take_status_change();
     for implausible in [f64::NAN, f64::INFINITY, 1e300] {
         controller.request_goal(&goal(5, implausible));
     }
     answer_at(&mut controller, 10);
-    assert!(!controller.take_status_change() && sent_to(&controller).is_none());
+    assert!(!controller.take_status_change() && goal_in_force(&controller).is_none());
     // Of two goals before the same sample, the newer one counts.
     controller.request_goal(&goal(7, -5.0));
     controller.request_goal(&goal(6, 5.0));
     assert!(answer_at(&mut controller, 20).beacon.vx_m_s < 0.0, "it turns back");
-    assert_eq!(sent_to(&controller), Some((20 * NS_PER_MS, [-5.0, 2.0])));
+    assert_eq!(goal_in_force(&controller), Some((20 * NS_PER_MS, [-5.0, 2.0])));
     assert_eq!((controller.take_status_change(), controller.take_status_change()), (true, false));
     // A repeated goal has no effect.
     controller.request_goal(&goal(7, -5.0));
     assert!(answer_at(&mut controller, 30).beacon.vx_m_s < 0.0);
     assert_eq!(
-        (controller.take_status_change(), sent_to(&controller)),
+        (controller.take_status_change(), goal_in_force(&controller)),
         (false, Some((20 * NS_PER_MS, [-5.0, 2.0])))
     );
     controller.request_goal(&goal(8, 5.0));
     assert!(answer_at(&mut controller, 40).beacon.vx_m_s > 0.0);
-    assert_eq!(sent_to(&controller), Some((40 * NS_PER_MS, [5.0, 2.0])));
+    assert_eq!(goal_in_force(&controller), Some((40 * NS_PER_MS, [5.0, 2.0])));
 }
 
 #[test]
@@ -207,7 +212,7 @@ fn role_without_a_goal_ignores_goals() {
 
 #[test]
 fn follower_error_is_scaled_during_repair() {
-    let mut contained = AgentBrief {
+    let mut brief_of_follower = AgentBrief {
         law: "containment-tanh".into(),
         gains: [("k_c_m_s".into(), 2.0)].into(),
         rank: YieldPriority::Contained,
@@ -215,12 +220,14 @@ fn follower_error_is_scaled_during_repair() {
         ..brief()
     };
     // r2 counts twice, in place of r5.
-    contained.neighbors[1].replaces = vec![5];
-    let mut controller = Controller::new(&contained, 0).unwrap();
+    brief_of_follower.neighbors[1].replaces = vec![5];
+    let mut controller = Controller::new(&brief_of_follower, 0).unwrap();
     controller.sense(&odometry(0));
-    let seen = [0, 40, 90, 140, 190].map(|t_ms| {
-        for place in usize::from(t_ms > 0)..2 {
-            controller.receive_beacon(place, &beacon(t_ms), START_NS + t_ms * NS_PER_MS).unwrap();
+    let ratios = [0, 40, 90, 140, 190].map(|t_ms| {
+        for sender_index in usize::from(t_ms > 0)..2 {
+            controller
+                .receive_beacon(sender_index, &beacon(t_ms), START_NS + t_ms * NS_PER_MS)
+                .unwrap();
         }
         let odometry = odometry(t_ms);
         controller.sense(&odometry);
@@ -228,12 +235,12 @@ fn follower_error_is_scaled_during_repair() {
         controller.situation().unwrap().error.norm() / error.norm()
     });
     // r5 is lost at 140 ms and declared failed at 190 ms.
-    for (seen, expected) in seen.iter().zip([1.0, 1.0, 1.0, 1.0, REPAIR_SPEED_FACTOR]) {
-        assert!((seen - expected).abs() < 1e-9, "{seen:?}");
+    for (ratios, expected) in ratios.iter().zip([1.0, 1.0, 1.0, 1.0, REPAIR_SPEED_FACTOR]) {
+        assert!((ratios - expected).abs() < 1e-9, "{ratios:?}");
     }
 }
 
-/// A law that wants to be 2 m ahead in x, and moves there.
+/// A law whose target is 2 m ahead in x.
 struct TargetAheadLaw(Option<Target>, bool);
 
 impl Law for TargetAheadLaw {
@@ -265,12 +272,12 @@ fn law_of_a_free_robot_is_asked_at_once_and_names_the_target() {
     let mut controller = Controller::with_parts(&brief(), 0, parts);
     assert_eq!(answer_at(&mut controller, 0).beacon.velocity(), Vec2::new(0.1, 0.0));
     let target = controller.status().0.target().expect("the law names one");
-    let wanted = controller.cycle_state.front_point + Vec2::new(2.0, 0.0);
-    assert_eq!((target.position, target.velocity), (wanted, Vec2::new(0.0, 0.5)));
-    // The avoidance method goes by it.
+    let expected = controller.cycle_state.front_point + Vec2::new(2.0, 0.0);
+    assert_eq!((target.position, target.velocity), (expected, Vec2::new(0.0, 0.5)));
+    // The avoidance method uses it.
     let error = controller.cycle_state.error.unwrap();
     assert!((error + Vec2::new(2.0, 0.0)).norm() < 1e-12, "{error:?}");
     assert!(controller.take_status_change(), "the supervisor is told");
-    // At the next sample the law sees its error relative to that target.
+    // At the next sample the law receives its error relative to that target.
     answer_at(&mut controller, 10);
 }

@@ -34,8 +34,8 @@ pub trait Law: Send {
         LawOutput::Velocity(self.gamma(situation))
     }
 
-    /// Returns where the law of a free robot wants to be at this sample, and how fast it moves there; `None` if it has
-    /// no such place. Called once after each [`Law::output`]; other roles ignore it.
+    /// Returns the target of a free robot at this sample: desired position and velocity; `None` if it has
+    /// no target. Called once after each [`Law::output`]; other roles ignore it.
     fn target(&mut self) -> Option<Target> {
         None
     }

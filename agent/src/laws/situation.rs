@@ -27,9 +27,9 @@ pub struct Situation<'a> {
     pub twist: Twist,
     /// Own front point - front point of each neighbor in range, m, nearest first.
     pub neighbor_vectors: &'a [Vec2],
-    /// Whether the proximity sensor works; otherwise `away` is empty.
+    /// Whether the proximity sensor works; otherwise `neighbor_vectors` is empty.
     pub proximity_valid: bool,
-    /// Whether more robots were in range than `away` holds: the nearest ones.
+    /// Whether more robots were in range than `neighbor_vectors` contains, which are the nearest ones.
     pub neighbors_truncated: bool,
     /// The in-neighbors received at least once, in the order of the brief, including the lost ones.
     pub neighbor_estimates: &'a [NeighborEstimate],

@@ -39,31 +39,31 @@ impl ReceivedFrames {
         rank: u64,
         stamp_ns: u64,
         frame: LeaderFrame,
-        heard_ns: u64,
+        received_ns: u64,
     ) {
         if rank >= self.ignored_from_rank {
             return;
         }
-        let new = ReceivedFrame { rank, stamp_ns, frame, received_ns: heard_ns };
-        match self.received_frames.binary_search_by_key(&rank, |heard| heard.rank) {
-            Ok(place) if stamp_ns > self.received_frames[place].stamp_ns => {
-                self.received_frames[place] = new
+        let new_frame = ReceivedFrame { rank, stamp_ns, frame, received_ns };
+        match self.received_frames.binary_search_by_key(&rank, |frame| frame.rank) {
+            Ok(index) if stamp_ns > self.received_frames[index].stamp_ns => {
+                self.received_frames[index] = new_frame
             }
             Ok(_) => {}
-            Err(place) => self.received_frames.insert(place, new),
+            Err(index) => self.received_frames.insert(index, new_frame),
         }
     }
 
     /// Returns the newest frame of the main leader.
     pub(super) fn main_leader_frame(&self) -> Option<&ReceivedFrame> {
-        self.received_frames.first().filter(|heard| heard.rank == 0)
+        self.received_frames.first().filter(|frame| frame.rank == 0)
     }
 
     /// Returns the frame of the best rank that is not lost at `stamp_ns`, or the last received if all are lost.
     pub(super) fn frame_in_force(&self, stamp_ns: u64) -> Option<&ReceivedFrame> {
-        let silent_ns = |heard: &ReceivedFrame| stamp_ns.saturating_sub(heard.received_ns);
-        let living =
-            self.received_frames.iter().find(|heard| silent_ns(heard) <= self.lost_after_ns);
-        living.or_else(|| self.received_frames.iter().min_by_key(|heard| silent_ns(heard)))
+        let silent_ns = |frame: &ReceivedFrame| stamp_ns.saturating_sub(frame.received_ns);
+        let alive =
+            self.received_frames.iter().find(|frame| silent_ns(frame) <= self.lost_after_ns);
+        alive.or_else(|| self.received_frames.iter().min_by_key(|frame| silent_ns(frame)))
     }
 }

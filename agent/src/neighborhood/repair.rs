@@ -13,16 +13,16 @@ use super::Neighbor;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct FailureDeclaration {
     is_lost: bool,
-    /// Run time of the last change of `lost`, ns.
+    /// Run time of the last change of `is_lost`, ns.
     last_change_t_ns: u64,
     pub(super) is_declared_failed: bool,
 }
 
 impl FailureDeclaration {
-    fn update_declaration(&mut self, contact: ReceptionState, after_ns: u64, t_ns: u64) {
-        let lost = contact == ReceptionState::Lost;
-        if lost != self.is_lost {
-            (self.is_lost, self.last_change_t_ns) = (lost, t_ns);
+    fn update_declaration(&mut self, reception_state: ReceptionState, after_ns: u64, t_ns: u64) {
+        let is_lost = reception_state == ReceptionState::Lost;
+        if is_lost != self.is_lost {
+            (self.is_lost, self.last_change_t_ns) = (is_lost, t_ns);
         }
         if t_ns.saturating_sub(self.last_change_t_ns) >= after_ns {
             self.is_declared_failed = self.is_lost;
@@ -39,12 +39,12 @@ pub(super) struct ReferenceUse {
 }
 
 impl ReferenceUse {
-    fn set_used(&mut self, yes: bool, since_t_ns: u64) -> bool {
-        let turned = yes != self.is_used;
-        if turned {
-            *self = ReferenceUse { is_used: yes, last_change_t_ns: since_t_ns };
+    fn set_used(&mut self, is_used: bool, t_ns: u64) -> bool {
+        let changed = is_used != self.is_used;
+        if changed {
+            *self = ReferenceUse { is_used, last_change_t_ns: t_ns };
         }
-        turned
+        changed
     }
 }
 
@@ -57,7 +57,8 @@ pub(super) struct SpareOpeningTime {
 
 /// Returns the robot of the brief with its senders, by scenario index from 1, and its plans for their failures.
 pub(super) fn receiver_from_brief(brief: &AgentBrief) -> Receiver {
-    let for_slot = |robot| brief.successions.iter().any(|one| one.by.contains(&robot));
+    let keeps_slot =
+        |robot| brief.successions.iter().any(|succession| succession.by.contains(&robot));
     let substitutes = brief.senders().flat_map(|sender| {
         let entry = |&lost| PlannedReplacement {
             robot: brief.index,
@@ -66,14 +67,14 @@ pub(super) fn receiver_from_brief(brief: &AgentBrief) -> Receiver {
         };
         sender.replaces.iter().map(entry)
     });
-    let successions = brief.successions.iter().map(|one| {
-        let SuccessionBrief { leader, deputies, by: _ } = one.clone();
+    let successions = brief.successions.iter().map(|succession| {
+        let SuccessionBrief { leader, deputies, by: _ } = succession.clone();
         Succession { leader, deputies }
     });
     Receiver::new(
         brief.index,
         brief.neighbors.iter().map(|sender| sender.index),
-        brief.spares.iter().map(|spare| (spare.index, for_slot(spare.index))),
+        brief.spares.iter().map(|spare| (spare.index, keeps_slot(spare.index))),
         substitutes.collect(),
         successions.collect(),
     )
@@ -92,20 +93,20 @@ pub(super) fn update_spares_and_references(
     for sender in &mut *neighbors {
         sender.failure_declaration.update_declaration(sender.reception.state, after_ns, t_ns);
     }
-    let state = |place: usize| SenderState {
-        has_failed: neighbors[place].failure_declaration.is_declared_failed,
-        is_received: neighbors[place].is_received(),
+    let state = |index: usize| SenderState {
+        has_failed: neighbors[index].failure_declaration.is_declared_failed,
+        is_received: neighbors[index].is_received(),
     };
     receiver.update_references(state, references);
     let mut changed = false;
-    for (place, sender) in neighbors.iter_mut().enumerate() {
-        let is_in_neighbor = receiver.senders()[place].purpose == SenderPurpose::InNeighbor;
-        match (references.is_sender_open[place], sender.opening_time) {
+    for (index, sender) in neighbors.iter_mut().enumerate() {
+        let is_in_neighbor = receiver.senders()[index].purpose == SenderPurpose::InNeighbor;
+        match (references.is_sender_open[index], sender.opening_time) {
             (true, None) if !is_in_neighbor => sender.opening_time = Some(now),
             (false, Some(_)) => sender.reset(),
             _ => {}
         }
-        changed |= sender.reference_use.set_used(references.uses_sender(place), t_ns);
+        changed |= sender.reference_use.set_used(references.uses_sender(index), t_ns);
     }
     changed
 }

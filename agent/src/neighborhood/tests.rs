@@ -13,14 +13,22 @@ fn in_neighbor_brief(index: usize) -> NeighborBrief {
 }
 
 /// Creates the neighborhood of a robot that receives from r1 and r2.
-fn neighborhood(policy: SilencePolicy) -> Neighborhood {
-    neighborhood_with(&[1, 2], &[], SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy })
+fn new_neighborhood(policy: SilencePolicy) -> Neighborhood {
+    new_neighborhood_with(
+        &[1, 2],
+        &[],
+        SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy },
+    )
 }
 
 /// Creates a neighborhood with these in-neighbors and spares. Spares are opened after 50 ns.
-fn neighborhood_with(heard: &[usize], spares: &[usize], silence: SilenceBrief) -> Neighborhood {
+fn new_neighborhood_with(
+    in_neighbors: &[usize],
+    spares: &[usize],
+    silence: SilenceBrief,
+) -> Neighborhood {
     let senders = |robots: &[usize]| robots.iter().copied().map(in_neighbor_brief).collect();
-    let (neighbors, spares) = (senders(heard), senders(spares));
+    let (neighbors, spares) = (senders(in_neighbors), senders(spares));
     let brief = AgentBrief { neighbors, spares, silence, repair_after_ns: 50, ..brief() };
     Neighborhood::new(&brief, 0)
 }
@@ -29,65 +37,66 @@ fn beacon(incarnation: u64, stamp_ns: u64, x_m: f64) -> Beacon {
     Beacon { stamp_ns, incarnation, x_m, vx_m_s: 1e6, ..Beacon::default() }
 }
 
-fn desired_target_at(hood: &Neighborhood, stamp_ns: u64) -> Option<Target> {
-    let mut heard = Vec::new();
-    hood.estimate_neighbors(stamp_ns, Target::at_rest, &mut heard);
-    hood.desired_target(&heard)
+fn desired_target_at(neighborhood: &Neighborhood, stamp_ns: u64) -> Option<Target> {
+    let mut estimates = Vec::new();
+    neighborhood.estimate_neighbors(stamp_ns, Target::at_rest, &mut estimates);
+    neighborhood.desired_target(&estimates)
 }
 
 #[test]
 fn silent_neighbor_becomes_stale_then_lost_and_can_return() {
-    let mut hood = neighborhood(SilencePolicy::Ignore);
-    let contacts =
-        |hood: &Neighborhood| -> Vec<u64> { hood.status().map(|status| status.contact).collect() };
-    hood.receive_beacon(0, &beacon(0, 100, 1.0), 100).unwrap();
-    for (stamp, contact) in [(100, 1), (130, 1), (131, 2), (300, 2), (301, 3)] {
-        hood.update_reception_states(stamp, stamp, stamp);
+    let mut neighborhood = new_neighborhood(SilencePolicy::Ignore);
+    let states = |neighborhood: &Neighborhood| -> Vec<u64> {
+        neighborhood.status().map(|status| status.contact).collect()
+    };
+    neighborhood.receive_beacon(0, &beacon(0, 100, 1.0), 100).unwrap();
+    for (stamp, state) in [(100, 1), (130, 1), (131, 2), (300, 2), (301, 3)] {
+        neighborhood.update_reception_states(stamp, stamp, stamp);
         // r2 was never received, and is lost as soon as if it had fallen silent at the start.
-        let never =
+        let never_received =
             if stamp > 300 { ReceptionState::Lost } else { ReceptionState::NothingReceived };
-        assert_eq!(contacts(&hood), [contact, never as u64], "at {stamp}");
+        assert_eq!(states(&neighborhood), [state, never_received as u64], "at {stamp}");
         let age = (stamp <= 300).then_some((1, stamp - 100));
-        assert_eq!(hood.beacon_ages_ns(stamp).collect::<Vec<_>>(), Vec::from_iter(age));
+        assert_eq!(neighborhood.beacon_ages_ns(stamp).collect::<Vec<_>>(), Vec::from_iter(age));
     }
-    hood.receive_beacon(0, &beacon(1, 290, 1.0), 301).unwrap();
-    assert!(hood.update_reception_states(302, 302, 302));
-    assert_eq!(contacts(&hood), [1, 3]);
+    neighborhood.receive_beacon(0, &beacon(1, 290, 1.0), 301).unwrap();
+    assert!(neighborhood.update_reception_states(302, 302, 302));
+    assert_eq!(states(&neighborhood), [1, 3]);
 }
 
 #[test]
 fn implausible_or_outdated_beacons_change_nothing() {
-    let mut hood = neighborhood(SilencePolicy::Ignore);
-    hood.receive_beacon(0, &beacon(1, 100, 1.0), 100).unwrap();
-    let before = desired_target_at(&hood, 100);
+    let mut neighborhood = new_neighborhood(SilencePolicy::Ignore);
+    neighborhood.receive_beacon(0, &beacon(1, 100, 1.0), 100).unwrap();
+    let before = desired_target_at(&neighborhood, 100);
     let fast = Beacon { vy_m_s: 1e300, ..beacon(1, 105, 2.0) };
-    let turned = Beacon { frame_heading_rad: -1e300, ..beacon(1, 105, 2.0) };
-    let ahead = beacon(1, 105, 1.0).with_leader_frame(Some((111, LeaderFrame::IDENTITY)));
+    let rotated = Beacon { frame_heading_rad: -1e300, ..beacon(1, 105, 2.0) };
+    let from_future = beacon(1, 105, 1.0).with_leader_frame(Some((111, LeaderFrame::IDENTITY)));
     for (beacon, why) in [
         (beacon(1, 100, 2.0), BeaconRefusal::NotNewer),
         (beacon(1, 99, 2.0), BeaconRefusal::NotNewer),
         (beacon(0, 101, 2.0), BeaconRefusal::NotNewer),
         (beacon(1, 111, 2.0), BeaconRefusal::FromFuture),
-        (ahead, BeaconRefusal::FromFuture),
+        (from_future, BeaconRefusal::FromFuture),
         (beacon(1, 105, f64::NAN), BeaconRefusal::NotFinite),
         (beacon(1, 105, f64::INFINITY), BeaconRefusal::NotFinite),
         (beacon(1, 105, 1e300), BeaconRefusal::NotPlausible),
         (beacon(1, 105, -1.001e9), BeaconRefusal::NotPlausible),
         (fast, BeaconRefusal::NotPlausible),
-        (turned, BeaconRefusal::NotPlausible),
+        (rotated, BeaconRefusal::NotPlausible),
         // It would be newer than every honest beacon of the rest of the run.
         (beacon(u64::MAX, 105, 2.0), BeaconRefusal::NotPlausible),
     ] {
-        assert_eq!(hood.receive_beacon(0, &beacon, 110), Err(why));
+        assert_eq!(neighborhood.receive_beacon(0, &beacon, 110), Err(why));
     }
-    assert_eq!(desired_target_at(&hood, 100), before);
-    assert_eq!(hood.receive_beacon(0, &beacon(1, 110, 2.0), 110), Ok(()));
+    assert_eq!(desired_target_at(&neighborhood, 100), before);
+    assert_eq!(neighborhood.receive_beacon(0, &beacon(1, 110, 2.0), 110), Ok(()));
 }
 
 #[test]
 fn lost_neighbors_are_treated_by_the_silence_policy() {
     use SilencePolicy::{Ignore, Keep, Last, Stop};
-    assert_eq!(desired_target_at(&neighborhood(Ignore), 0), None, "no robot was received");
+    assert_eq!(desired_target_at(&new_neighborhood(Ignore), 0), None, "no robot was received");
     // r1 is lost at 301: 1 m + 200 ns of 1e6 m/s. r2 is at 5 m, and at 5.2 m once it is lost. Offsets are (0,
     // 1).
     for (policy, one_lost_m, all_lost_m) in [
@@ -96,12 +105,12 @@ fn lost_neighbors_are_treated_by_the_silence_policy() {
         (Keep, Some(3.1), Some(3.2)),
         (Stop, None, None),
     ] {
-        let mut hood = neighborhood(policy);
-        hood.receive_beacon(0, &beacon(0, 100, 1.0), 100).unwrap();
-        hood.receive_beacon(1, &beacon(0, 400, 5.0), 400).unwrap();
+        let mut neighborhood = new_neighborhood(policy);
+        neighborhood.receive_beacon(0, &beacon(0, 100, 1.0), 100).unwrap();
+        neighborhood.receive_beacon(1, &beacon(0, 400, 5.0), 400).unwrap();
         for (stamp_ns, x_m) in [(400, one_lost_m), (900, all_lost_m)] {
-            hood.update_reception_states(stamp_ns, stamp_ns, stamp_ns);
-            let target = desired_target_at(&hood, stamp_ns);
+            neighborhood.update_reception_states(stamp_ns, stamp_ns, stamp_ns);
+            let target = desired_target_at(&neighborhood, stamp_ns);
             assert_eq!(target.is_some(), x_m.is_some(), "{policy:?} at {stamp_ns}");
             let Some((target, x_m)) = target.zip(x_m) else { continue };
             assert!(
@@ -115,56 +124,62 @@ fn lost_neighbors_are_treated_by_the_silence_policy() {
 
 #[test]
 fn recalled_neighbors_are_extrapolated_with_their_age() {
-    let mut hood = neighborhood(SilencePolicy::Ignore);
-    assert_eq!([1, 2, 3].map(|robot| hood.sender_index(robot)), [Some(0), Some(1), None]);
-    hood.receive_beacon(0, &beacon(0, 100, 1.0), 100).unwrap();
-    let mut heard = Vec::new();
-    let turned = Target { position: Vec2::new(-1.0, 0.0), velocity: Vec2::new(0.0, 2.0) };
+    let mut neighborhood = new_neighborhood(SilencePolicy::Ignore);
+    assert_eq!([1, 2, 3].map(|robot| neighborhood.sender_index(robot)), [Some(0), Some(1), None]);
+    neighborhood.receive_beacon(0, &beacon(0, 100, 1.0), 100).unwrap();
+    let mut estimates = Vec::new();
+    let rotated_offset = Target { position: Vec2::new(-1.0, 0.0), velocity: Vec2::new(0.0, 2.0) };
     let offset = |c_ji| {
         assert_eq!(c_ji, Vec2::new(0.0, 1.0));
-        turned
+        rotated_offset
     };
-    for (stamp_ns, x_m, vx_m_s, contact) in [
+    for (stamp_ns, x_m, vx_m_s, state) in [
         (120, 1.02, 1e6, ReceptionState::Fresh),
         (200, 1.1, 1e6, ReceptionState::Stale),
         (900, 1.2, 0.0, ReceptionState::Lost), // declared lost 200 ns after reception
     ] {
-        hood.update_reception_states(stamp_ns, stamp_ns, stamp_ns);
-        hood.estimate_neighbors(stamp_ns, offset, &mut heard);
-        let [one] = &heard[..] else { panic!("r2 was never heard: {heard:?}") };
-        assert!((one.position - Vec2::new(x_m, 0.0)).norm() < 1e-12, "{one:?}");
+        neighborhood.update_reception_states(stamp_ns, stamp_ns, stamp_ns);
+        neighborhood.estimate_neighbors(stamp_ns, offset, &mut estimates);
+        let [estimate] = &estimates[..] else { panic!("r2 was never heard: {estimates:?}") };
+        assert!((estimate.position - Vec2::new(x_m, 0.0)).norm() < 1e-12, "{estimate:?}");
         assert_eq!(
-            (one.index, one.velocity, one.reception_state),
-            (1, Vec2::new(vx_m_s, 0.0), contact)
+            (estimate.index, estimate.velocity, estimate.reception_state),
+            (1, Vec2::new(vx_m_s, 0.0), state)
         );
-        assert_eq!((one.offset, one.age_s), (turned, (stamp_ns - 100) as f64 / 1e9));
+        assert_eq!(
+            (estimate.offset, estimate.age_s),
+            (rotated_offset, (stamp_ns - 100) as f64 / 1e9)
+        );
     }
 }
 
 #[test]
 fn newest_frame_is_used_and_frozen_once_lost() {
-    let mut hood = neighborhood(SilencePolicy::Ignore);
+    let mut neighborhood = new_neighborhood(SilencePolicy::Ignore);
     let frame =
         |heading_rad| LeaderFrame { heading_rad, turn_rate_rad_s: 1e7, ..LeaderFrame::IDENTITY };
-    assert_eq!(hood.frame_at(0), None);
-    hood.receive_beacon(0, &beacon(0, 100, 1.0).with_leader_frame(Some((90, frame(0.5)))), 100)
+    assert_eq!(neighborhood.frame_at(0), None);
+    neighborhood
+        .receive_beacon(0, &beacon(0, 100, 1.0).with_leader_frame(Some((90, frame(0.5)))), 100)
         .unwrap();
-    hood.receive_beacon(1, &beacon(0, 100, 1.0).with_leader_frame(Some((80, frame(9.0)))), 100)
+    neighborhood
+        .receive_beacon(1, &beacon(0, 100, 1.0).with_leader_frame(Some((80, frame(9.0)))), 100)
         .unwrap();
     // The same frame relayed by another robot is not newer.
-    hood.receive_beacon(1, &beacon(0, 125, 1.0).with_leader_frame(Some((90, frame(0.5)))), 125)
+    neighborhood
+        .receive_beacon(1, &beacon(0, 125, 1.0).with_leader_frame(Some((90, frame(0.5)))), 125)
         .unwrap();
     // Received at 100 ns, valid for the timeout of 200 ns. Then it is frozen 200 ns after it was sent.
-    for (stamp_ns, heading_rad, rate_rad_s, contact) in [
+    for (stamp_ns, heading_rad, rate_rad_s, state) in [
         (130, 0.9, 1e7, ReceptionState::Fresh),
         (131, 0.91, 1e7, ReceptionState::Stale),
         (300, 2.6, 1e7, ReceptionState::Stale),
         (301, 2.5, 0.0, ReceptionState::Lost),
         (1000, 2.5, 0.0, ReceptionState::Lost),
     ] {
-        hood.update_reception_states(stamp_ns, stamp_ns, stamp_ns);
-        assert_eq!(hood.leader_frame_reception().state, contact, "at {stamp_ns} ns");
-        let known = hood.frame_at(stamp_ns).unwrap();
+        neighborhood.update_reception_states(stamp_ns, stamp_ns, stamp_ns);
+        assert_eq!(neighborhood.leader_frame_reception().state, state, "at {stamp_ns} ns");
+        let known = neighborhood.frame_at(stamp_ns).unwrap();
         assert!((known.heading_rad - heading_rad).abs() < 1e-9, "at {stamp_ns} ns: {known:?}");
         assert_eq!(known.turn_rate_rad_s, rate_rad_s, "at {stamp_ns} ns");
     }
@@ -174,69 +189,70 @@ fn newest_frame_is_used_and_frozen_once_lost() {
 fn frame_of_the_best_live_rank_is_used_and_relayed() {
     let silence =
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Last };
-    let mut hood = neighborhood_with(&[1, 2], &[], silence);
+    let mut neighborhood = new_neighborhood_with(&[1, 2], &[], silence);
     let frame = |heading_rad| Some((0, LeaderFrame { heading_rad, ..LeaderFrame::IDENTITY }));
-    let said = |place, now_ns, heading_rad, frame_rank, hood: &mut Neighborhood| {
-        let frame = frame(heading_rad).map(|(_, frame)| (now_ns, frame));
-        let beacon = Beacon { frame_rank, ..beacon(0, now_ns, 1.0) }.with_leader_frame(frame);
-        hood.receive_beacon(place, &beacon, now_ns).unwrap();
+    let receive_frame =
+        |sender_index, now_ns, heading_rad, frame_rank, neighborhood: &mut Neighborhood| {
+            let frame = frame(heading_rad).map(|(_, frame)| (now_ns, frame));
+            let beacon = Beacon { frame_rank, ..beacon(0, now_ns, 1.0) }.with_leader_frame(frame);
+            neighborhood.receive_beacon(sender_index, &beacon, now_ns).unwrap();
+        };
+    let in_force = |neighborhood: &Neighborhood, stamp_ns| {
+        let received = neighborhood.frame_in_force(stamp_ns).unwrap();
+        (received.rank, neighborhood.frame_at(stamp_ns).unwrap().heading_rad)
     };
-    let in_force = |hood: &Neighborhood, stamp_ns| {
-        let heard = hood.frame_in_force(stamp_ns).unwrap();
-        (heard.rank, hood.frame_at(stamp_ns).unwrap().heading_rad)
-    };
-    said(0, 100, 0.5, 2, &mut hood);
-    assert_eq!(in_force(&hood, 100), (2, 0.5));
-    said(1, 110, 0.25, 0, &mut hood);
-    assert_eq!(in_force(&hood, 110), (0, 0.25));
+    receive_frame(0, 100, 0.5, 2, &mut neighborhood);
+    assert_eq!(in_force(&neighborhood, 100), (2, 0.5));
+    receive_frame(1, 110, 0.25, 0, &mut neighborhood);
+    assert_eq!(in_force(&neighborhood, 110), (0, 0.25));
     for now_ns in [200, 300, 310] {
-        said(0, now_ns, 0.75, 2, &mut hood);
+        receive_frame(0, now_ns, 0.75, 2, &mut neighborhood);
     }
-    assert_eq!(in_force(&hood, 310), (0, 0.25));
-    assert_eq!(in_force(&hood, 311), (2, 0.75));
+    assert_eq!(in_force(&neighborhood, 310), (0, 0.25));
+    assert_eq!(in_force(&neighborhood, 311), (2, 0.75));
     // All are lost: the last received is used.
-    assert_eq!(in_force(&hood, 900), (2, 0.75));
-    hood.update_reception_states(900, 900, 900);
-    assert_eq!(hood.leader_frame_reception().state, ReceptionState::Lost);
-    said(1, 900, 0.125, 0, &mut hood);
-    assert_eq!(in_force(&hood, 900), (0, 0.125));
+    assert_eq!(in_force(&neighborhood, 900), (2, 0.75));
+    neighborhood.update_reception_states(900, 900, 900);
+    assert_eq!(neighborhood.leader_frame_reception().state, ReceptionState::Lost);
+    receive_frame(1, 900, 0.125, 0, &mut neighborhood);
+    assert_eq!(in_force(&neighborhood, 900), (0, 0.125));
 }
 
 #[test]
 fn old_but_regularly_received_frame_is_not_lost() {
-    let mut hood = neighborhood(SilencePolicy::Ignore);
+    let mut neighborhood = new_neighborhood(SilencePolicy::Ignore);
     let frame = LeaderFrame { turn_rate_rad_s: 1e7, ..LeaderFrame::IDENTITY };
     for now_ns in 1000..1100 {
-        let heard = beacon(0, now_ns, 1.0).with_leader_frame(Some((now_ns - 500, frame)));
-        hood.receive_beacon(0, &heard, now_ns).unwrap();
-        hood.update_reception_states(now_ns, now_ns, now_ns);
-        assert_eq!(hood.leader_frame_reception().state, ReceptionState::Fresh);
-        let known = hood.frame_at(now_ns).unwrap();
+        let received = beacon(0, now_ns, 1.0).with_leader_frame(Some((now_ns - 500, frame)));
+        neighborhood.receive_beacon(0, &received, now_ns).unwrap();
+        neighborhood.update_reception_states(now_ns, now_ns, now_ns);
+        assert_eq!(neighborhood.leader_frame_reception().state, ReceptionState::Fresh);
+        let known = neighborhood.frame_at(now_ns).unwrap();
         assert!((known.heading_rad - 5.0).abs() < 1e-9 && known.turn_rate_rad_s == 1e7);
     }
 }
 
 #[test]
 fn information_age_is_accumulated_for_silent_neighbors() {
-    let mut hood = neighborhood(SilencePolicy::Ignore);
-    hood.receive_beacon(1, &beacon(0, 100, 1.0), 110).unwrap();
-    let sums: Vec<(usize, AgeSums)> = hood.take_information_ages(150).collect();
+    let mut neighborhood = new_neighborhood(SilencePolicy::Ignore);
+    neighborhood.receive_beacon(1, &beacon(0, 100, 1.0), 110).unwrap();
+    let sums: Vec<(usize, AgeSums)> = neighborhood.take_information_ages(150).collect();
     // The age rises from 10 to 50 ns in 40 ns: the mean is 30 ns.
     assert_eq!(sums[0], (1, AgeSums::default()));
-    let (robot, AgeSums { sample_count: heard, duration_ns: over_ns, peak_ns, .. }) = sums[1];
-    assert_eq!((sums.len(), robot, heard, over_ns, peak_ns), (2, 2, 1, 40, 50));
+    let (robot, AgeSums { sample_count, duration_ns, peak_ns, .. }) = sums[1];
+    assert_eq!((sums.len(), robot, sample_count, duration_ns, peak_ns), (2, 2, 1, 40, 50));
     assert!((sums[1].1.mean_ns().unwrap() - 30.0).abs() < 1e-9);
     let again: Vec<u64> =
-        hood.take_information_ages(160).map(|(_, sums)| sums.duration_ns).collect();
+        neighborhood.take_information_ages(160).map(|(_, sums)| sums.duration_ns).collect();
     assert_eq!(again, [0, 10]);
 }
 
 /// Returns the in-neighbors and backup neighbors that a robot uses as references, by scenario index, and for each
 /// backup neighbor whether the robot receives its beacons.
-fn used_references(hood: &Neighborhood) -> (Vec<u64>, Vec<bool>) {
+fn used_references(neighborhood: &Neighborhood) -> (Vec<u64>, Vec<bool>) {
     let used_references =
-        hood.status().filter(|status| status.goes_by == 1).map(|status| status.robot);
-    (used_references.collect(), hood.spares().map(|(_, opened)| opened.is_some()).collect())
+        neighborhood.status().filter(|status| status.goes_by == 1).map(|status| status.robot);
+    (used_references.collect(), neighborhood.spares().map(|(_, opened)| opened.is_some()).collect())
 }
 
 /// Time (ns), senders received at that time, resulting references, open spares, and desired position (m).
@@ -248,11 +264,11 @@ fn spare_replaces_a_failed_neighbor_until_it_has_recovered() {
     use SilencePolicy::{Ignore, Keep, Last, Stop};
     for policy in [Ignore, Keep, Last, Stop] {
         let silence = SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy };
-        let mut hood = neighborhood_with(&[2, 3], &[7, 8], silence);
-        let hear = |hood: &mut Neighborhood, place: usize, t: u64| {
-            assert!(hood.needs_beacon_of_tick(place, t));
-            let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 3.0, 9.0][place]) };
-            hood.receive_beacon(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
+        let mut neighborhood = new_neighborhood_with(&[2, 3], &[7, 8], silence);
+        let receive = |neighborhood: &mut Neighborhood, sender_index: usize, t: u64| {
+            assert!(neighborhood.needs_beacon_of_tick(sender_index, t));
+            let sent = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 3.0, 9.0][sender_index]) };
+            neighborhood.receive_beacon(sender_index, &Beacon { vx_m_s: 0.0, ..sent }, t).unwrap();
         };
         let rows: [RepairStep; 14] = [
             (100, &[0, 1], &[2, 3], [false; 2], 3.0),
@@ -270,12 +286,16 @@ fn spare_replaces_a_failed_neighbor_until_it_has_recovered() {
             (799, &[0, 1, 2], &[3, 7], [true, false], 4.0),
             (800, &[0, 1, 2], &[2, 3], [false; 2], 3.0),
         ];
-        for (t, heard, by, open, x_m) in rows {
-            heard.iter().for_each(|&place| hear(&mut hood, place, t));
-            hood.update_reception_states(t, t, t);
-            assert_eq!(used_references(&hood), (by.to_vec(), open.to_vec()), "{policy:?} at {t}");
+        for (t, senders, references, open_spares, x_m) in rows {
+            senders.iter().for_each(|&sender_index| receive(&mut neighborhood, sender_index, t));
+            neighborhood.update_reception_states(t, t, t);
+            assert_eq!(
+                used_references(&neighborhood),
+                (references.to_vec(), open_spares.to_vec()),
+                "{policy:?} at {t}"
+            );
             // While r2 is not replaced, the policy determines the result.
-            let target = desired_target_at(&hood, t);
+            let target = desired_target_at(&neighborhood, t);
             let x_m = match (x_m.is_nan(), policy) {
                 (false, _) => Some(x_m),
                 (true, Stop) => None,
@@ -284,9 +304,9 @@ fn spare_replaces_a_failed_neighbor_until_it_has_recovered() {
             };
             assert_eq!(target.map(|target| target.position.x), x_m, "{policy:?} at {t}");
         }
-        let said: Vec<(u64, u64)> =
-            hood.status().map(|status| (status.robot, status.goes_by_since_t_ns)).collect();
-        assert_eq!(said, [(2, 800), (3, 0), (7, 800), (8, 740)]);
+        let sent: Vec<(u64, u64)> =
+            neighborhood.status().map(|status| (status.robot, status.goes_by_since_t_ns)).collect();
+        assert_eq!(sent, [(2, 800), (3, 0), (7, 800), (8, 740)]);
     }
 }
 
@@ -303,7 +323,7 @@ fn replacement_counts_as_often_as_planned() {
     let neighbors = vec![sender(2, &[]), sender(3, &[2])];
     let spares = vec![sender(7, &[2, 2]), sender(8, &[3])];
     let brief = AgentBrief { neighbors, spares, silence, repair_after_ns: 50, ..brief() };
-    let mut hood = Neighborhood::new(&brief, 0);
+    let mut neighborhood = Neighborhood::new(&brief, 0);
     let rows: [RepairStep; 7] = [
         (100, &[0, 1], &[2, 3], [false; 2], 3.0),
         (300, &[1], &[2, 3], [false; 2], 3.0),
@@ -313,25 +333,29 @@ fn replacement_counts_as_often_as_planned() {
         (500, &[0, 1, 2], &[3, 7], [true, false], 7.0),
         (560, &[0, 1, 2], &[2, 3], [false; 2], 3.0),
     ];
-    check_repair_steps(&mut hood, &rows, |_| false);
+    check_repair_steps(&mut neighborhood, &rows, |_| false);
 }
 
 /// Checks the references, the open spares, the succession and the desired position at each instant of `rows`.
 #[track_caller]
 fn check_repair_steps(
-    hood: &mut Neighborhood,
+    neighborhood: &mut Neighborhood,
     rows: &[RepairStep],
     takes_place: impl Fn(&[u64]) -> bool,
 ) {
-    for &(t, heard, by, open, x_m) in rows {
-        for &place in heard {
-            let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 9.0, 13.0][place]) };
-            hood.receive_beacon(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
+    for &(t, senders, references, open_spares, x_m) in rows {
+        for &sender_index in senders {
+            let sent = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 9.0, 13.0][sender_index]) };
+            neighborhood.receive_beacon(sender_index, &Beacon { vx_m_s: 0.0, ..sent }, t).unwrap();
         }
-        hood.update_reception_states(t, t, t);
-        assert_eq!(used_references(hood), (by.to_vec(), open.to_vec()), "at {t}");
-        assert_eq!(hood.keeps_leader_slot(), takes_place(by), "at {t}");
-        assert_eq!(desired_target_at(hood, t).unwrap().position.x, x_m, "at {t}");
+        neighborhood.update_reception_states(t, t, t);
+        assert_eq!(
+            used_references(neighborhood),
+            (references.to_vec(), open_spares.to_vec()),
+            "at {t}"
+        );
+        assert_eq!(neighborhood.keeps_leader_slot(), takes_place(references), "at {t}");
+        assert_eq!(desired_target_at(neighborhood, t).unwrap().position.x, x_m, "at {t}");
     }
 }
 
@@ -345,7 +369,7 @@ fn first_live_deputy_succeeds_the_leader_then_the_robot() {
     let successions = vec![SuccessionBrief { leader: 2, deputies: vec![7, 1], by: vec![8] }];
     let brief =
         AgentBrief { neighbors, spares, successions, silence, repair_after_ns: 50, ..brief() };
-    let mut hood = Neighborhood::new(&brief, 0);
+    let mut neighborhood = Neighborhood::new(&brief, 0);
     let rows: [RepairStep; 14] = [
         (100, &[0, 1], &[2, 3], [false; 2], 3.0),
         (300, &[1], &[2, 3], [false; 2], 3.0),
@@ -362,20 +386,20 @@ fn first_live_deputy_succeeds_the_leader_then_the_robot() {
         (800, &[0, 1, 2], &[2, 3], [false; 2], 3.0),
         (850, &[0, 1], &[2, 3], [false; 2], 3.0),
     ];
-    check_repair_steps(&mut hood, &rows, |by| by == [8]);
+    check_repair_steps(&mut neighborhood, &rows, |references| references == [8]);
 }
 
 #[test]
 fn beacons_of_a_spare_before_its_opening_do_not_count() {
     let silence =
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Last };
-    let mut hood = neighborhood_with(&[2], &[7], silence);
+    let mut neighborhood = new_neighborhood_with(&[2], &[7], silence);
     for t in [0, 201, 251] {
-        assert!(!hood.needs_beacon_of_tick(1, t));
-        hood.update_reception_states(t, t, t);
+        assert!(!neighborhood.needs_beacon_of_tick(1, t));
+        neighborhood.update_reception_states(t, t, t);
     }
-    assert_eq!(used_references(&hood), (vec![2], vec![true]));
-    assert_eq!([251, 252].map(|tick| hood.needs_beacon_of_tick(1, tick)), [false, true]);
+    assert_eq!(used_references(&neighborhood), (vec![2], vec![true]));
+    assert_eq!([251, 252].map(|tick| neighborhood.needs_beacon_of_tick(1, tick)), [false, true]);
 }
 
 fn frames() -> impl Strategy<Value = LeaderFrame> {
@@ -408,17 +432,17 @@ proptest! {
         let after_ns = 100 * period_ns;
         let policy = SilencePolicy::Ignore;
         let silence = SilenceBrief { stale_after_ns: after_ns, lost_after_ns: after_ns, policy };
-        let hood = |&parent: &usize| neighborhood_with(&[parent + 1], &[], silence.clone());
-        let mut hoods: Vec<Neighborhood> = parents.iter().map(hood).collect();
+        let neighborhood = |&parent: &usize| new_neighborhood_with(&[parent + 1], &[], silence.clone());
+        let mut neighborhoods: Vec<Neighborhood> = parents.iter().map(neighborhood).collect();
         let mut beacons: Vec<Beacon> = Vec::new();
         for tick in 0..20 {
             let stamp_ns = tick * period_ns;
             let truth = start.extrapolate(stamp_ns as f64 / 1e9);
-            for (i, hood) in hoods.iter_mut().enumerate() {
+            for (i, neighborhood) in neighborhoods.iter_mut().enumerate() {
                 if let Some(beacon) = beacons.get(parents[i]) {
-                    hood.receive_beacon(0, beacon, stamp_ns).unwrap();
+                    neighborhood.receive_beacon(0, beacon, stamp_ns).unwrap();
                 }
-                let known = hood.frame_at(stamp_ns);
+                let known = neighborhood.frame_at(stamp_ns);
                 prop_assert_eq!(known.is_some(), tick >= depth[i + 1]);
                 let Some(known) = known else { continue };
                 for (known, truth) in [
@@ -429,8 +453,8 @@ proptest! {
                     prop_assert!((known - truth).abs() <= 1e-12, "{known} {truth}");
                 }
             }
-            let frames = hoods.iter().map(|hood| {
-                hood.frame_in_force(stamp_ns).map(|heard| (heard.stamp_ns, heard.frame))
+            let frames = neighborhoods.iter().map(|neighborhood| {
+                neighborhood.frame_in_force(stamp_ns).map(|received| (received.stamp_ns, received.frame))
             });
             let frames = std::iter::once(Some((stamp_ns, truth))).chain(frames);
             beacons = frames.map(|frame| beacon(0, stamp_ns, 0.0).with_leader_frame(frame)).collect();
@@ -450,39 +474,44 @@ fn neighborhood_with_byzantine_bound() -> Neighborhood {
 
 #[test]
 fn leader_is_kept_and_the_farthest_other_is_discarded() {
-    let mut hood = neighborhood_with_byzantine_bound();
-    for (place, x_m) in [(0, 0.0), (1, 5.0), (2, 9.0)] {
-        hood.receive_beacon(place, &Beacon { stamp_ns: 100, x_m, ..Beacon::default() }, 100)
+    let mut neighborhood = neighborhood_with_byzantine_bound();
+    for (sender_index, x_m) in [(0, 0.0), (1, 5.0), (2, 9.0)] {
+        neighborhood
+            .receive_beacon(sender_index, &Beacon { stamp_ns: 100, x_m, ..Beacon::default() }, 100)
             .unwrap();
     }
-    hood.update_reception_states(100, 100, 100);
-    let mut heard = Vec::new();
-    hood.estimate_neighbors(100, |_| Target::at_rest(Vec2::zeros()), &mut heard);
+    neighborhood.update_reception_states(100, 100, 100);
+    let mut estimates = Vec::new();
+    neighborhood.estimate_neighbors(100, |_| Target::at_rest(Vec2::zeros()), &mut estimates);
     let own = |x| Target::at_rest(Vec2::new(x, 0.0));
-    let desired_x = |x| hood.resilient_desired_target(&heard, own(x)).unwrap().position.x;
+    let desired_x =
+        |x| neighborhood.resilient_desired_target(&estimates, own(x)).unwrap().position.x;
     assert_eq!([5.0, 4.0, 10.0].map(desired_x), [2.5, 2.5, 4.5]);
 }
 
 #[test]
 fn frame_is_the_leaders_or_agreed_by_f_plus_1() {
-    let told = |stamp_ns, heading_rad| {
+    let beacon_with_frame = |stamp_ns, heading_rad| {
         let frame = LeaderFrame { heading_rad, ..LeaderFrame::IDENTITY };
         Beacon { stamp_ns, ..Beacon::default() }.with_leader_frame(Some((stamp_ns, frame)))
     };
-    let heading = |hood: &Neighborhood| hood.frame_at(100).map(|frame| frame.heading_rad);
-    let mut hood = neighborhood_with_byzantine_bound();
-    for (place, heading_rad) in [(1, 0.5), (2, 3.0)] {
-        hood.receive_beacon(place, &told(100, heading_rad), 100).unwrap();
+    let heading =
+        |neighborhood: &Neighborhood| neighborhood.frame_at(100).map(|frame| frame.heading_rad);
+    let mut neighborhood = neighborhood_with_byzantine_bound();
+    for (sender_index, heading_rad) in [(1, 0.5), (2, 3.0)] {
+        neighborhood
+            .receive_beacon(sender_index, &beacon_with_frame(100, heading_rad), 100)
+            .unwrap();
     }
-    hood.update_reception_states(100, 100, 100);
-    assert_eq!(heading(&hood), None, "two frames cannot reveal the liar");
-    hood.receive_beacon(0, &told(90, 0.25), 100).unwrap();
-    hood.update_reception_states(100, 100, 100);
-    assert_eq!(heading(&hood), Some(0.25));
+    neighborhood.update_reception_states(100, 100, 100);
+    assert_eq!(heading(&neighborhood), None, "two frames cannot reveal the liar");
+    neighborhood.receive_beacon(0, &beacon_with_frame(90, 0.25), 100).unwrap();
+    neighborhood.update_reception_states(100, 100, 100);
+    assert_eq!(heading(&neighborhood), Some(0.25));
     let mut others = neighborhood_with_byzantine_bound();
-    others.neighbors.iter_mut().for_each(|one| one.is_trusted = false);
-    for (place, heading_rad) in [(0, 0.5), (1, 3.0), (2, 0.5)] {
-        others.receive_beacon(place, &told(100, heading_rad), 100).unwrap();
+    others.neighbors.iter_mut().for_each(|neighbor| neighbor.is_trusted = false);
+    for (sender_index, heading_rad) in [(0, 0.5), (1, 3.0), (2, 0.5)] {
+        others.receive_beacon(sender_index, &beacon_with_frame(100, heading_rad), 100).unwrap();
     }
     others.update_reception_states(100, 100, 100);
     assert_eq!(heading(&others), Some(0.5));
@@ -492,23 +521,31 @@ fn frame_is_the_leaders_or_agreed_by_f_plus_1() {
 fn message_stays_until_a_newer_one_or_another_incarnation() {
     let format = MessageFormat::with_bytes(2);
     let sender = NeighborBrief { message: Some(format), ..in_neighbor_brief(5) };
-    let mut hood = Neighborhood::new(&AgentBrief { neighbors: vec![sender], ..brief() }, 0);
-    let mut heard = Vec::new();
-    let mut seen = |hood: &mut Neighborhood, told: (Beacon, Option<&[u8]>)| {
-        let message = told.1.map(Into::into);
-        let received = hood.receive_broadcast(0, &Broadcast { beacon: told.0, message }, 500);
-        hood.estimate_neighbors(500, |_| Target::at_rest(Vec2::zeros()), &mut heard);
-        let message = heard[0].message.as_ref();
+    let mut neighborhood = Neighborhood::new(&AgentBrief { neighbors: vec![sender], ..brief() }, 0);
+    let mut estimates = Vec::new();
+    let mut receive = |neighborhood: &mut Neighborhood, sent: (Beacon, Option<&[u8]>)| {
+        let message = sent.1.map(Into::into);
+        let received =
+            neighborhood.receive_broadcast(0, &Broadcast { beacon: sent.0, message }, 500);
+        neighborhood.estimate_neighbors(500, |_| Target::at_rest(Vec2::zeros()), &mut estimates);
+        let message = estimates[0].message.as_ref();
         let message = message.map(|message| (message.bytes.to_vec(), (1e9 * message.age_s) as u64));
-        (received, heard[0].incarnation, message)
+        (received, estimates[0].incarnation, message)
     };
-    assert_eq!(seen(&mut hood, (beacon(0, 100, 1.0), None)), (Ok(()), 0, None));
+    assert_eq!(receive(&mut neighborhood, (beacon(0, 100, 1.0), None)), (Ok(()), 0, None));
     let first = Some((vec![7], 300));
-    assert_eq!(seen(&mut hood, (beacon(0, 200, 1.0), Some(&[7]))), (Ok(()), 0, first.clone()));
-    assert_eq!(seen(&mut hood, (beacon(0, 300, 1.0), None)), (Ok(()), 0, first.clone()));
+    assert_eq!(
+        receive(&mut neighborhood, (beacon(0, 200, 1.0), Some(&[7]))),
+        (Ok(()), 0, first.clone())
+    );
+    assert_eq!(receive(&mut neighborhood, (beacon(0, 300, 1.0), None)), (Ok(()), 0, first.clone()));
     let refused = (Err(BeaconRefusal::WrongMessageFormat), 0, first);
-    assert_eq!(seen(&mut hood, (beacon(0, 400, 1.0), Some(&[1, 2, 3]))), refused);
-    assert_eq!(seen(&mut hood, (beacon(1, 450, 1.0), None)), (Ok(()), 1, None), "restarted");
+    assert_eq!(receive(&mut neighborhood, (beacon(0, 400, 1.0), Some(&[1, 2, 3]))), refused);
+    assert_eq!(
+        receive(&mut neighborhood, (beacon(1, 450, 1.0), None)),
+        (Ok(()), 1, None),
+        "restarted"
+    );
 }
 
 const SILENCE: SilenceBrief =
@@ -518,54 +555,56 @@ const SILENCE: SilenceBrief =
 fn range_has_hysteresis_and_a_neighbor_beyond_it_is_unknown() {
     let range = Some(RangeBrief { radius_m: 1.0, hysteresis_m: 0.1 });
     let neighbors = vec![NeighborBrief { range, ..in_neighbor_brief(1) }, in_neighbor_brief(2)];
-    let mut hood = Neighborhood::new(&AgentBrief { neighbors, silence: SILENCE, ..brief() }, 0);
-    let mut heard = Vec::new();
-    let mut contacts = Vec::new();
+    let mut neighborhood =
+        Neighborhood::new(&AgentBrief { neighbors, silence: SILENCE, ..brief() }, 0);
+    let mut estimates = Vec::new();
+    let mut states = Vec::new();
     // Between 1 m and 1.1 m the state stays as it was.
     let distances_m = [1.05, 1.0, 1.09, 1.11, 1.05, 1.11, 0.99, 1.05];
     for (i, r_m) in distances_m.into_iter().enumerate() {
         let now_ns = 10 * i as u64;
-        if hood.update_range(0, Some(r_m), now_ns) {
-            hood.receive_beacon(0, &beacon(0, now_ns, r_m), now_ns).unwrap();
+        if neighborhood.update_range(0, Some(r_m), now_ns) {
+            neighborhood.receive_beacon(0, &beacon(0, now_ns, r_m), now_ns).unwrap();
         }
-        hood.update_reception_states(now_ns, now_ns, now_ns);
-        hood.estimate_neighbors(now_ns, Target::at_rest, &mut heard);
-        let contact = hood.status().next().unwrap();
-        contacts.push((contact.contact, contact.since_t_ns, heard.len()));
+        neighborhood.update_reception_states(now_ns, now_ns, now_ns);
+        neighborhood.estimate_neighbors(now_ns, Target::at_rest, &mut estimates);
+        let status = neighborhood.status().next().unwrap();
+        states.push((status.contact, status.since_t_ns, estimates.len()));
     }
-    let [unheard, fresh, apart] =
+    let [nothing_received, fresh, out_of_range] =
         [ReceptionState::NothingReceived, ReceptionState::Fresh, ReceptionState::Apart]
-            .map(|contact| contact as u64);
+            .map(|status| status as u64);
     let expected = [
-        (unheard, 0, 0),
+        (nothing_received, 0, 0),
         (fresh, 10, 1),
         (fresh, 10, 1),
-        (apart, 30, 0),
-        (apart, 30, 0),
-        (apart, 30, 0),
+        (out_of_range, 30, 0),
+        (out_of_range, 30, 0),
+        (out_of_range, 30, 0),
         (fresh, 60, 1),
         (fresh, 60, 1),
     ];
-    assert_eq!(contacts, expected);
-    assert!(hood.update_range(1, Some(100.0), 0), "received at any distance");
+    assert_eq!(states, expected);
+    assert!(neighborhood.update_range(1, Some(100.0), 0), "received at any distance");
 }
 
 #[test]
 fn silent_neighbor_in_range_times_out() {
     let range = Some(RangeBrief { radius_m: 1.0, hysteresis_m: 0.0 });
     let neighbors = vec![NeighborBrief { range, ..in_neighbor_brief(1) }];
-    let mut hood = Neighborhood::new(&AgentBrief { neighbors, silence: SILENCE, ..brief() }, 0);
-    hood.update_reception_states(5000, 5000, 5000);
-    let contact = hood.status().next().unwrap().contact;
-    assert_eq!(contact, ReceptionState::NothingReceived as u64, "out of range for long");
+    let mut neighborhood =
+        Neighborhood::new(&AgentBrief { neighbors, silence: SILENCE, ..brief() }, 0);
+    neighborhood.update_reception_states(5000, 5000, 5000);
+    let status = neighborhood.status().next().unwrap().contact;
+    assert_eq!(status, ReceptionState::NothingReceived as u64, "out of range for long");
     // In range from 5,000 ns on, but a link fault loses its beacons.
-    assert!(hood.update_range(0, Some(0.5), 5000));
-    let mut contact_at = |t_ns: u64| {
-        hood.update_reception_states(t_ns, t_ns, t_ns);
-        ReceptionState::from_number(hood.status().next().unwrap().contact).unwrap()
+    assert!(neighborhood.update_range(0, Some(0.5), 5000));
+    let mut state_at = |t_ns: u64| {
+        neighborhood.update_reception_states(t_ns, t_ns, t_ns);
+        ReceptionState::from_number(neighborhood.status().next().unwrap().contact).unwrap()
     };
-    assert_eq!(contact_at(5001), ReceptionState::NothingReceived);
-    assert_eq!(contact_at(6000), ReceptionState::Lost);
+    assert_eq!(state_at(5001), ReceptionState::NothingReceived);
+    assert_eq!(state_at(6000), ReceptionState::Lost);
 }
 
 #[test]
@@ -573,22 +612,26 @@ fn queue_keeps_the_newest_messages_and_counts_the_others() {
     let sender =
         NeighborBrief { message: Some(MessageFormat::with_bytes(2)), ..in_neighbor_brief(5) };
     let brief = AgentBrief { neighbors: vec![sender], message_queue: 2, ..brief() };
-    let mut hood = Neighborhood::new(&brief, 0);
-    let receive = |hood: &mut Neighborhood, incarnation: u64, stamp_ns: u64, byte: u8| {
+    let mut neighborhood = Neighborhood::new(&brief, 0);
+    let receive = |neighborhood: &mut Neighborhood, incarnation: u64, stamp_ns: u64, byte: u8| {
         let message = Some([byte][..].into());
         let broadcast = Broadcast { beacon: beacon(incarnation, stamp_ns, 1.0), message };
-        hood.receive_broadcast(0, &broadcast, 500).unwrap();
+        neighborhood.receive_broadcast(0, &broadcast, 500).unwrap();
     };
-    let queued = |hood: &Neighborhood| {
-        let mut heard = Vec::new();
-        hood.estimate_neighbors(500, |_| Target::at_rest(Vec2::zeros()), &mut heard);
-        heard[0].queued_messages.iter().map(|message| message.bytes[0]).collect::<Vec<_>>()
+    let queued = |neighborhood: &Neighborhood| {
+        let mut estimates = Vec::new();
+        neighborhood.estimate_neighbors(500, |_| Target::at_rest(Vec2::zeros()), &mut estimates);
+        estimates[0].queued_messages.iter().map(|message| message.bytes[0]).collect::<Vec<_>>()
     };
-    (1..=4).for_each(|byte| receive(&mut hood, 0, 100 + u64::from(byte), byte));
-    assert_eq!((queued(&hood), hood.messages_dropped()), (vec![3, 4], 2));
-    hood.discard_queued_messages();
-    assert_eq!((queued(&hood), hood.messages_dropped()), (vec![], 2), "the law has seen them");
-    receive(&mut hood, 0, 200, 5);
-    receive(&mut hood, 1, 300, 6);
-    assert_eq!(queued(&hood), [6], "those of another incarnation are discarded");
+    (1..=4).for_each(|byte| receive(&mut neighborhood, 0, 100 + u64::from(byte), byte));
+    assert_eq!((queued(&neighborhood), neighborhood.messages_dropped()), (vec![3, 4], 2));
+    neighborhood.discard_queued_messages();
+    assert_eq!(
+        (queued(&neighborhood), neighborhood.messages_dropped()),
+        (vec![], 2),
+        "the law has seen them"
+    );
+    receive(&mut neighborhood, 0, 200, 5);
+    receive(&mut neighborhood, 1, 300, 6);
+    assert_eq!(queued(&neighborhood), [6], "those of another incarnation are discarded");
 }

@@ -24,17 +24,17 @@ struct ContainedRole {
 impl Role for ContainedRole {
     fn target(
         &mut self,
-        moment: &RoleInput<'_>,
-        heard: &mut Vec<NeighborEstimate>,
+        input: &RoleInput<'_>,
+        estimates: &mut Vec<NeighborEstimate>,
     ) -> Option<Target> {
-        let RoleInput { stamp_ns, neighborhood, .. } = *moment;
+        let RoleInput { stamp_ns, neighborhood, .. } = *input;
         if neighborhood.keeps_leader_slot() {
             let frame = neighborhood.frame_at(stamp_ns)?;
             let later = frame.extrapolate(0.5 * self.period_s);
-            neighborhood.estimate_neighbors(stamp_ns, offset_function(frame, later), heard);
+            neighborhood.estimate_neighbors(stamp_ns, offset_function(frame, later), estimates);
         } else {
-            moment.estimate_without_offsets(heard);
+            input.estimate_without_offsets(estimates);
         }
-        neighborhood.desired_target(heard)
+        neighborhood.desired_target(estimates)
     }
 }

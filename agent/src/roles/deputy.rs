@@ -44,7 +44,7 @@ impl Deputy {
     pub(super) fn from_brief(brief: &AgentBrief) -> Result<Option<Deputy>, UnfitBrief> {
         let Some(deputy) = &brief.deputy else { return Ok(None) };
         let &DeputyBrief { place_m, ref lead, .. } = deputy;
-        let leaders = AgentBrief {
+        let leader_brief = AgentBrief {
             front_point_m: deputy.front_point_m,
             drive_kind: deputy.drive_kind,
             turn_rate_max_rad_s: deputy.turn_rate_max_rad_s,
@@ -56,28 +56,28 @@ impl Deputy {
             lead_brief: lead.clone(),
             slot_offset: place_m.into(),
             period_s: brief.period_ns as f64 / 1e9,
-            leader_drive: leaders.drive(),
-            leader_avoidance: avoidance::build(&leaders)?,
+            leader_drive: leader_brief.drive(),
+            leader_avoidance: avoidance::build(&leader_brief)?,
             own_frame: None,
         }))
     }
 
     /// Returns the target (alpha*) while this robot leads: the robot's slot relative to m(t). Returns `None` while a
     /// frame of a better rank is received, or if none ever was.
-    pub(super) fn target(&self, moment: &RoleInput<'_>) -> Option<Target> {
-        let TimedFrame { t_s, frame } = self.newest_known_frame(moment)?;
-        let (now, half_s) = (frame.extrapolate(moment.t_s - t_s), 0.5 * self.period_s);
+    pub(super) fn target(&self, input: &RoleInput<'_>) -> Option<Target> {
+        let TimedFrame { t_s, frame } = self.newest_known_frame(input)?;
+        let (now, half_s) = (frame.extrapolate(input.t_s - t_s), 0.5 * self.period_s);
         let LeadBrief { trajectory, .. } = &self.lead_brief;
-        let position = trajectory.target_at(moment.t_s).position
+        let position = trajectory.target_at(input.t_s).position
             + now.transform_offset(self.slot_offset).position;
-        let velocity = trajectory.target_at(moment.t_s + half_s).velocity
+        let velocity = trajectory.target_at(input.t_s + half_s).velocity
             + now.extrapolate(half_s).transform_offset(self.slot_offset).velocity;
         Some(Target { position, velocity })
     }
 
     /// Returns the frame that this robot sends to others while it leads.
-    pub(super) fn frame_while_leading(&mut self, moment: &RoleInput<'_>) -> Option<LeaderFrame> {
-        let Some(known) = self.newest_known_frame(moment) else {
+    pub(super) fn frame_while_leading(&mut self, input: &RoleInput<'_>) -> Option<LeaderFrame> {
+        let Some(known) = self.newest_known_frame(input) else {
             self.own_frame = None;
             return None;
         };
@@ -94,19 +94,19 @@ impl Deputy {
         });
         let heading_rad = known.frame.heading_rad;
         let frame =
-            nominal.advance(moment.t_s, heading_rad, &self.lead_brief, &*self.leader_avoidance);
-        self.own_frame = Some((nominal, TimedFrame { t_s: moment.t_s, frame }));
+            nominal.advance(input.t_s, heading_rad, &self.lead_brief, &*self.leader_avoidance);
+        self.own_frame = Some((nominal, TimedFrame { t_s: input.t_s, frame }));
         Some(frame)
     }
 
     /// Returns the newest known frame while it leads: its own, or the last received of a better rank.
-    fn newest_known_frame(&self, moment: &RoleInput<'_>) -> Option<TimedFrame> {
-        if moment.neighborhood.leader_frame_reception().state != ReceptionState::Lost {
+    fn newest_known_frame(&self, input: &RoleInput<'_>) -> Option<TimedFrame> {
+        if input.neighborhood.leader_frame_reception().state != ReceptionState::Lost {
             return None;
         }
         self.own_frame.as_ref().map(|(_, known)| *known).or_else(|| {
-            let heard = moment.neighborhood.frame_in_force(moment.stamp_ns)?;
-            Some(TimedFrame { t_s: moment.run_time_s(heard.stamp_ns), frame: heard.frame })
+            let received = input.neighborhood.frame_in_force(input.stamp_ns)?;
+            Some(TimedFrame { t_s: input.run_time_s(received.stamp_ns), frame: received.frame })
         })
     }
 }

@@ -53,17 +53,17 @@ struct WMsrFilter {
 impl Role for FormationRole {
     fn target(
         &mut self,
-        moment: &RoleInput<'_>,
-        heard: &mut Vec<NeighborEstimate>,
+        input: &RoleInput<'_>,
+        estimates: &mut Vec<NeighborEstimate>,
     ) -> Option<Target> {
-        if let Some(target) = self.deputy.as_ref().and_then(|deputy| deputy.target(moment)) {
-            moment.estimate_without_offsets(heard);
+        if let Some(target) = self.deputy.as_ref().and_then(|deputy| deputy.target(input)) {
+            input.estimate_without_offsets(estimates);
             return Some(target);
         }
-        let (now_s, later_s) = (moment.t_s, moment.t_s + 0.5 * self.period_s);
+        let (now_s, later_s) = (input.t_s, input.t_s + 0.5 * self.period_s);
         let (frame, later) = match (self.has_leader, &self.scale) {
             (true, _) => {
-                let frame = moment.neighborhood.frame_at(moment.stamp_ns)?;
+                let frame = input.neighborhood.frame_at(input.stamp_ns)?;
                 (frame, frame.extrapolate(0.5 * self.period_s))
             }
             (false, Some(scale)) => (
@@ -72,28 +72,24 @@ impl Role for FormationRole {
             ),
             (false, None) => (LeaderFrame::IDENTITY, LeaderFrame::IDENTITY),
         };
-        moment.neighborhood.estimate_neighbors(
-            moment.stamp_ns,
+        input.neighborhood.estimate_neighbors(
+            input.stamp_ns,
             offset_function(frame, later),
-            heard,
+            estimates,
         );
         let Some(filter) = &mut self.w_msr else {
-            return moment.neighborhood.desired_target(heard);
+            return input.neighborhood.desired_target(estimates);
         };
         let own = Target {
-            position: front_point(moment.pose, filter.front_point_m),
+            position: front_point(input.pose, filter.front_point_m),
             velocity: filter.desired_velocity,
         };
-        let target = moment.neighborhood.resilient_desired_target(heard, own);
+        let target = input.neighborhood.resilient_desired_target(estimates, own);
         filter.desired_velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
         target
     }
 
-    fn formation_frame(
-        &mut self,
-        moment: &RoleInput<'_>,
-        _: &dyn Avoidance,
-    ) -> Option<LeaderFrame> {
-        self.deputy.as_mut()?.frame_while_leading(moment)
+    fn formation_frame(&mut self, input: &RoleInput<'_>, _: &dyn Avoidance) -> Option<LeaderFrame> {
+        self.deputy.as_mut()?.frame_while_leading(input)
     }
 }

@@ -1,5 +1,5 @@
-//! Free robot: its control law alone decides where it goes. The law may name a target at each sample, by which the
-//! robot is judged and avoidance knows that it has arrived.
+//! Free robot: its control law alone decides where it goes. The law may name a target at each sample, from which
+//! the metrics and the avoidance method derive whether the robot has arrived.
 
 use formation::Vec2;
 use formation::desired::Target;
@@ -20,16 +20,16 @@ struct FreeRole {
 }
 
 impl Role for FreeRole {
-    /// Returns the robot's own front point, so that the law is asked at every sample, and sees no error until it has
+    /// Returns the robot's own front point, so that the law is called at every sample, and its error is 0 until it has
     /// named a target.
     fn target(
         &mut self,
-        moment: &RoleInput<'_>,
-        heard: &mut Vec<NeighborEstimate>,
+        input: &RoleInput<'_>,
+        estimates: &mut Vec<NeighborEstimate>,
     ) -> Option<Target> {
         let offset = |c_ji: Vec2| Target::at_rest(c_ji);
-        moment.neighborhood.estimate_neighbors(moment.stamp_ns, offset, heard);
-        Some(Target::at_rest(front_point(moment.pose, self.front_point_m)))
+        input.neighborhood.estimate_neighbors(input.stamp_ns, offset, estimates);
+        Some(Target::at_rest(front_point(input.pose, self.front_point_m)))
     }
 
     fn asks_law_for_target(&self) -> bool {

@@ -27,15 +27,15 @@ struct GoalRole {
 impl Role for GoalRole {
     fn target(
         &mut self,
-        moment: &RoleInput<'_>,
-        heard: &mut Vec<NeighborEstimate>,
+        input: &RoleInput<'_>,
+        estimates: &mut Vec<NeighborEstimate>,
     ) -> Option<Target> {
-        moment.estimate_without_offsets(heard);
+        input.estimate_without_offsets(estimates);
         Some(Target::at_rest(self.goal))
     }
 
-    fn set_goal(&mut self, place: Vec2) -> bool {
-        self.goal = place;
+    fn set_goal(&mut self, goal: Vec2) -> bool {
+        self.goal = goal;
         true
     }
 }

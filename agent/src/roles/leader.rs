@@ -43,36 +43,40 @@ struct LeaderRole {
 impl Role for LeaderRole {
     fn target(
         &mut self,
-        moment: &RoleInput<'_>,
-        heard: &mut Vec<NeighborEstimate>,
+        input: &RoleInput<'_>,
+        estimates: &mut Vec<NeighborEstimate>,
     ) -> Option<Target> {
-        moment.estimate_without_offsets(heard);
-        let Target { position, .. } = self.lead_brief.trajectory.target_at(moment.t_s);
+        input.estimate_without_offsets(estimates);
+        let Target { position, .. } = self.lead_brief.trajectory.target_at(input.t_s);
         let Target { velocity, .. } =
-            self.lead_brief.trajectory.target_at(moment.t_s + 0.5 * self.period_s);
+            self.lead_brief.trajectory.target_at(input.t_s + 0.5 * self.period_s);
         Some(Target { position, velocity })
     }
 
     fn formation_frame(
         &mut self,
-        moment: &RoleInput<'_>,
+        input: &RoleInput<'_>,
         avoidance: &dyn Avoidance,
     ) -> Option<LeaderFrame> {
-        if moment.neighborhood.is_resuming_lead() {
+        if input.neighborhood.is_resuming_lead() {
             return None;
         }
         // A restarted leader continues the frame of its deputies.
         if self.has_deputies
             && !self.frame_generator.has_begun()
-            && let Some(heard) = moment.neighborhood.frame_in_force(moment.stamp_ns)
+            && let Some(received) = input.neighborhood.frame_in_force(input.stamp_ns)
         {
-            let t_s = moment.run_time_s(heard.stamp_ns);
-            self.frame_generator =
-                NominalFrameGenerator::continue_from(self.period_s, self.drive, t_s, heard.frame);
+            let t_s = input.run_time_s(received.stamp_ns);
+            self.frame_generator = NominalFrameGenerator::continue_from(
+                self.period_s,
+                self.drive,
+                t_s,
+                received.frame,
+            );
         }
         Some(self.frame_generator.advance(
-            moment.t_s,
-            moment.pose.heading_rad,
+            input.t_s,
+            input.pose.heading_rad,
             &self.lead_brief,
             avoidance,
         ))

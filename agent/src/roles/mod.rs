@@ -40,12 +40,12 @@ pub struct RoleInput<'a> {
 }
 
 impl RoleInput<'_> {
-    /// Fills `heard` for the control law of a role that uses no offsets.
-    fn estimate_without_offsets(&self, heard: &mut Vec<NeighborEstimate>) {
+    /// Fills `estimates` for the control law of a role that uses no offsets.
+    fn estimate_without_offsets(&self, estimates: &mut Vec<NeighborEstimate>) {
         self.neighborhood.estimate_neighbors(
             self.stamp_ns,
             |_| Target::at_rest(Vec2::zeros()),
-            heard,
+            estimates,
         );
     }
 
@@ -69,17 +69,17 @@ fn offset_function(frame: LeaderFrame, later: LeaderFrame) -> impl Fn(Vec2) -> T
 pub trait Role: Send {
     /// Returns alpha* at the sample, and alpha*' half a period later, because the answer acts for one period
     /// and the velocity at its middle is the best constant approximation. Returns `None` if the robot has no
-    /// desired position and has to stop. `heard` is filled for the control law, see
+    /// desired position and has to stop. `estimates` is filled for the control law, see
     /// [`Neighborhood::estimate_neighbors`].
     fn target(
         &mut self,
-        moment: &RoleInput<'_>,
-        heard: &mut Vec<NeighborEstimate>,
+        input: &RoleInput<'_>,
+        estimates: &mut Vec<NeighborEstimate>,
     ) -> Option<Target>;
 
-    /// Sends the robot to `place`, m, from now on. Returns whether it goes there. Only the goal role does.
-    fn set_goal(&mut self, place: Vec2) -> bool {
-        let _ = place;
+    /// Sends the robot to `goal`, m, from now on. Returns whether it goes there. Only the goal role does.
+    fn set_goal(&mut self, goal: Vec2) -> bool {
+        let _ = goal;
         false
     }
 
@@ -92,10 +92,10 @@ pub trait Role: Send {
     /// Otherwise the robot relays the frame that it receives.
     fn formation_frame(
         &mut self,
-        moment: &RoleInput<'_>,
+        input: &RoleInput<'_>,
         avoidance: &dyn Avoidance,
     ) -> Option<LeaderFrame> {
-        let _ = (moment, avoidance);
+        let _ = (input, avoidance);
         None
     }
 }

@@ -102,53 +102,55 @@ impl NominalFrameGenerator {
             return self.advance_at_axle(t_s, heading_rad, lead);
         }
         let (period_s, LeadBrief { trajectory, scale, keep_heading }) = (self.period_s, lead);
-        let held = |t_s: f64, heading_rad: f64| {
+        let turn_rate_at = |t_s: f64, heading_rad: f64| {
             let velocity = trajectory.target_at(t_s + 0.5 * period_s).velocity;
-            let drawing =
+            let towing =
                 towing_velocity(heading_rad, avoidance.admit_velocity(velocity), *keep_heading);
-            avoidance.velocity_to_twist(heading_rad, drawing).w_rad_s
+            avoidance.velocity_to_twist(heading_rad, towing).w_rad_s
         };
-        let begun =
-            self.nominal_leader.filter(|was| t_s - was.t_s <= SAMPLE_GAP_PERIODS_MAX * period_s);
-        let mut now = begun.unwrap_or_else(|| NominalLeader {
+        let nominal = self
+            .nominal_leader
+            .filter(|leader| t_s - leader.t_s <= SAMPLE_GAP_PERIODS_MAX * period_s);
+        let mut leader = nominal.unwrap_or_else(|| NominalLeader {
             t_s,
             heading_rad,
-            turn_rate_rad_s: held(t_s, heading_rad),
+            turn_rate_rad_s: turn_rate_at(t_s, heading_rad),
             turn_acceleration_rad_s2: 0.0,
         });
         // Rounded to an integer number of periods, so that timer jitter has no effect.
-        let periods = ((t_s - now.t_s) / period_s).round();
+        let periods = ((t_s - leader.t_s) / period_s).round();
         for period in 1..=periods as u32 {
-            let from_s = begun.unwrap_or(now).t_s;
-            let heading_rad = wrap_angle(now.heading_rad + now.turn_rate_rad_s * period_s);
+            let from_s = nominal.unwrap_or(leader).t_s;
+            let heading_rad = wrap_angle(leader.heading_rad + leader.turn_rate_rad_s * period_s);
             let t_s = from_s + f64::from(period) * period_s;
-            let held_rad_s = held(t_s, heading_rad);
-            let acceleration_rad_s2 = (held_rad_s - now.turn_rate_rad_s) / period_s;
-            now = NominalLeader {
+            let held_rad_s = turn_rate_at(t_s, heading_rad);
+            let acceleration_rad_s2 = (held_rad_s - leader.turn_rate_rad_s) / period_s;
+            leader = NominalLeader {
                 t_s,
                 heading_rad,
                 turn_rate_rad_s: held_rad_s,
                 turn_acceleration_rad_s2: acceleration_rad_s2,
             };
         }
-        self.nominal_leader = Some(now);
+        self.nominal_leader = Some(leader);
         let (scale, scale_rate_per_s) = scale.value_and_rate_at(t_s);
         let frame = LeaderFrame {
-            heading_rad: now.heading_rad,
+            heading_rad: leader.heading_rad,
             // The turn rate held for a period is the rate at its middle.
-            turn_rate_rad_s: now.turn_rate_rad_s - 0.5 * period_s * now.turn_acceleration_rad_s2,
-            turn_acceleration_rad_s2: now.turn_acceleration_rad_s2,
+            turn_rate_rad_s: leader.turn_rate_rad_s
+                - 0.5 * period_s * leader.turn_acceleration_rad_s2,
+            turn_acceleration_rad_s2: leader.turn_acceleration_rad_s2,
             scale,
             scale_rate_per_s: 0.0,
         };
-        LeaderFrame { scale_rate_per_s, ..frame.extrapolate(t_s - now.t_s) }
+        LeaderFrame { scale_rate_per_s, ..frame.extrapolate(t_s - leader.t_s) }
     }
 
     /// Returns the frame at `t_s` of a leader whose heading is that of m'(t). `heading_rad` counts only where m(t) is
     /// at rest, or chooses the gear, before the first frame.
     fn advance_at_axle(&mut self, t_s: f64, heading_rad: f64, lead: &LeadBrief) -> LeaderFrame {
         let LeadBrief { trajectory, scale, keep_heading } = lead;
-        let heading_rad = self.nominal_leader.map_or(heading_rad, |was| was.heading_rad);
+        let heading_rad = self.nominal_leader.map_or(heading_rad, |leader| leader.heading_rad);
         let Direction { heading_rad, turn_rate_rad_s, turn_acceleration_rad_s2 } =
             trajectory.direction_at(t_s, self.period_s, heading_rad, *keep_heading);
         let held_rad_s = turn_rate_rad_s + 0.5 * self.period_s * turn_acceleration_rad_s2;
@@ -218,14 +220,14 @@ mod tests {
     }
 
     fn frame_at(
-        frame: &mut NominalFrameGenerator,
+        generator: &mut NominalFrameGenerator,
         t_s: f64,
         heading_rad: f64,
         radius_m: f64,
     ) -> LeaderFrame {
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         let lead = LeadBrief { scale, trajectory: circle(radius_m), keep_heading: false };
-        frame.advance(t_s, heading_rad, &lead, &ExactAvoidance)
+        generator.advance(t_s, heading_rad, &lead, &ExactAvoidance)
     }
 
     fn tick_time_s(k: u32) -> f64 {
@@ -234,12 +236,12 @@ mod tests {
 
     #[test]
     fn nominal_frame_turns_like_an_undisturbed_leader() {
-        let mut frame = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
+        let mut generator = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
         let mut body = Pose { x_m: 1.0, y_m: 0.0, heading_rad: 0.3 };
         for k in 0..500 {
-            let told = frame_at(&mut frame, tick_time_s(k), body.heading_rad, 1.0);
+            let frame = frame_at(&mut generator, tick_time_s(k), body.heading_rad, 1.0);
             assert!(
-                wrap_angle(told.heading_rad - body.heading_rad).abs() < FRAME_TOLERANCE,
+                wrap_angle(frame.heading_rad - body.heading_rad).abs() < FRAME_TOLERANCE,
                 "tick {k}"
             );
             let velocity = circle(1.0).target_at(tick_time_s(k) + 0.5 * PERIOD_S).velocity;
@@ -254,19 +256,19 @@ mod tests {
 
     #[test]
     fn frame_at_the_axle_has_the_direction_of_the_path() {
-        let mut frame = NominalFrameGenerator::new(PERIOD_S, AXLE_DRIVE);
+        let mut generator = NominalFrameGenerator::new(PERIOD_S, AXLE_DRIVE);
         for k in 0..300 {
-            let told = frame_at(&mut frame, tick_time_s(k), -2.0, 1.0);
+            let frame = frame_at(&mut generator, tick_time_s(k), -2.0, 1.0);
             let course = 0.2 * PI * tick_time_s(k) + 0.5 * PI;
-            assert!(wrap_angle(told.heading_rad - course).abs() < FRAME_TOLERANCE, "tick {k}");
-            assert!((told.turn_rate_rad_s - 0.2 * PI).abs() < 1e-6, "tick {k}");
+            assert!(wrap_angle(frame.heading_rad - course).abs() < FRAME_TOLERANCE, "tick {k}");
+            assert!((frame.turn_rate_rad_s - 0.2 * PI).abs() < 1e-6, "tick {k}");
         }
     }
 
     #[test]
     fn heading_is_kept_at_a_cusp_only_with_keep_heading() {
-        // To and fro along the line y = x, from its middle: it reverses after 2.5 s and 7.5 s.
-        let to_and_fro = |keep_heading| LeadBrief {
+        // Back and forth along the line y = x, from its middle: it reverses after 2.5 s and 7.5 s.
+        let back_and_forth = |keep_heading| LeadBrief {
             scale: Scale::CONSTANT_ONE,
             trajectory: Trajectory::Lissajous {
                 center_m: [0.0, 0.0],
@@ -278,18 +280,18 @@ mod tests {
             keep_heading,
         };
         let heading_at_7_s = |keep_heading| {
-            let mut frame = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
+            let mut generator = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
             let heading = |k| {
-                frame
-                    .advance(tick_time_s(k), 0.9, &to_and_fro(keep_heading), &ExactAvoidance)
+                generator
+                    .advance(tick_time_s(k), 0.9, &back_and_forth(keep_heading), &ExactAvoidance)
                     .heading_rad
             };
             (0..=700).map(heading).last().unwrap()
         };
         // Without `keep_heading` the heading is unstable behind the cusp, and has turned by pi some 4 s later.
-        let (turned, kept) = (heading_at_7_s(false), heading_at_7_s(true));
-        assert!(wrap_angle(kept - 0.25 * PI).abs() < 1e-3, "{kept}");
-        assert!(wrap_angle(turned + 0.75 * PI).abs() < 0.05, "{turned}");
+        let (reversed, unchanged) = (heading_at_7_s(false), heading_at_7_s(true));
+        assert!(wrap_angle(unchanged - 0.25 * PI).abs() < 1e-3, "{unchanged}");
+        assert!(wrap_angle(reversed + 0.75 * PI).abs() < 0.05, "{reversed}");
     }
 
     #[test]
@@ -299,10 +301,10 @@ mod tests {
             NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE),
         );
         for k in 0..300 {
-            let pushed = if k == 0 { 0.3 } else { 0.3 + f64::from(k).sin() };
+            let heading_rad = if k == 0 { 0.3 } else { 0.3 + f64::from(k).sin() };
             let (a, b) = (
                 frame_at(&mut one, tick_time_s(k), 0.3, 1.0),
-                frame_at(&mut other, tick_time_s(k), pushed, 1.0),
+                frame_at(&mut other, tick_time_s(k), heading_rad, 1.0),
             );
             assert_eq!(a, b, "tick {k}");
         }
@@ -310,10 +312,10 @@ mod tests {
 
     #[test]
     fn turn_rate_and_acceleration_are_heading_derivatives() {
-        let mut frame = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
-        let told: Vec<LeaderFrame> =
-            (0..200).map(|k| frame_at(&mut frame, tick_time_s(k), 2.0, 1.0)).collect();
-        for (k, three) in told.windows(3).enumerate() {
+        let mut generator = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
+        let frames: Vec<LeaderFrame> =
+            (0..200).map(|k| frame_at(&mut generator, tick_time_s(k), 2.0, 1.0)).collect();
+        for (k, three) in frames.windows(3).enumerate() {
             let [before, now, after] = [0, 1, 2].map(|i| three[i].heading_rad);
             let slope = wrap_angle(after - before) / (2.0 * PERIOD_S);
             let bend = (wrap_angle(after - now) - wrap_angle(now - before)) / (PERIOD_S * PERIOD_S);
@@ -322,42 +324,42 @@ mod tests {
             assert!((slope - rate).abs() < 1e-6, "tick {k}: {slope}, {rate}");
             assert!((bend - acceleration).abs() < 1e-6, "tick {k}: {bend}, {acceleration}");
         }
-        assert!(told[1].turn_rate_rad_s.abs() > 0.5, "it turns");
+        assert!(frames[1].turn_rate_rad_s.abs() > 0.5, "it turns");
     }
 
     #[test]
     fn jitter_and_gaps_keep_the_frame_and_a_long_gap_restarts_it() {
         let mut regular = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
-        let told: Vec<LeaderFrame> =
+        let frames: Vec<LeaderFrame> =
             (0..2000).map(|k| frame_at(&mut regular, tick_time_s(k), 0.3, 1.0)).collect();
         let mut late = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
         frame_at(&mut late, 0.0, 0.3, 1.0);
         // Timer jitter of up to 0.4 T, and 3 s without a sample.
         for k in (1..400).chain(700..900) {
-            let off_s = 0.4 * PERIOD_S * f64::from(k).sin();
+            let jitter_s = 0.4 * PERIOD_S * f64::from(k).sin();
             let (found, expected) = (
-                frame_at(&mut late, tick_time_s(k) + off_s, 9.9, 1.0),
-                told[k as usize].extrapolate(off_s),
+                frame_at(&mut late, tick_time_s(k) + jitter_s, 9.9, 1.0),
+                frames[k as usize].extrapolate(jitter_s),
             );
-            let off_rad = wrap_angle(found.heading_rad - expected.heading_rad);
-            assert!(off_rad.abs() < FRAME_TOLERANCE, "tick {k}: off by {off_rad}");
+            let error_rad = wrap_angle(found.heading_rad - expected.heading_rad);
+            assert!(error_rad.abs() < FRAME_TOLERANCE, "tick {k}: off by {error_rad}");
             assert!((found.scale - expected.scale).abs() < 1e-6, "the scale is that of now");
         }
         let long_s = 9.0 + (SAMPLE_GAP_PERIODS_MAX + 2.0) * PERIOD_S;
-        let anew = frame_at(&mut late, long_s, 9.9, 1.0);
-        assert_eq!((anew.heading_rad, anew.turn_acceleration_rad_s2), (9.9, 0.0));
+        let restarted = frame_at(&mut late, long_s, 9.9, 1.0);
+        assert_eq!((restarted.heading_rad, restarted.turn_acceleration_rad_s2), (9.9, 0.0));
     }
 
     #[test]
     fn scale_and_its_rate_match_the_instant() {
-        let mut frame = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
+        let mut generator = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         for k in 0..100 {
             let t_s = tick_time_s(k) + 0.3 * PERIOD_S * f64::from(k).sin();
-            let told = frame_at(&mut frame, t_s, 0.3, 1.0);
-            let off = told.scale - scale.value_and_rate_at(t_s).0;
+            let frame = frame_at(&mut generator, t_s, 0.3, 1.0);
+            let error = frame.scale - scale.value_and_rate_at(t_s).0;
             assert!(
-                off.abs() < 1e-6 && told.scale_rate_per_s == scale.value_and_rate_at(t_s).1,
+                error.abs() < 1e-6 && frame.scale_rate_per_s == scale.value_and_rate_at(t_s).1,
                 "tick {k}"
             );
         }
@@ -367,12 +369,12 @@ mod tests {
     fn path_above_the_admitted_speed_limits_the_turn_rate() {
         // The path needs 2 pi 5 m in 10 s, 3.1 m/s, of which 1 m/s is admitted. A velocity perpendicular to the
         // heading turns the body at u / ell.
-        let mut frame = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
-        frame_at(&mut frame, 0.0, 0.0, 5.0);
-        let told = frame_at(&mut frame, PERIOD_S, 0.0, 5.0);
+        let mut generator = NominalFrameGenerator::new(PERIOD_S, FRONT_POINT_DRIVE);
+        frame_at(&mut generator, 0.0, 0.0, 5.0);
+        let frame = frame_at(&mut generator, PERIOD_S, 0.0, 5.0);
         assert!(
-            told.heading_rad < 1.01 * PERIOD_S / ELL && told.heading_rad > 0.9 * PERIOD_S / ELL
+            frame.heading_rad < 1.01 * PERIOD_S / ELL && frame.heading_rad > 0.9 * PERIOD_S / ELL
         );
-        assert!(told.heading_rad < PI);
+        assert!(frame.heading_rad < PI);
     }
 }

@@ -30,16 +30,16 @@ impl RoundTripStamps {
     /// Returns the round-trip time without the time at the remote host, ns; `None` if the stamps are
     /// inconsistent.
     pub fn round_trip_ns(&self) -> Option<u64> {
-        let there_ns = self.remote_sent_ns.checked_sub(self.remote_received_ns)?;
-        self.received_ns.checked_sub(self.sent_ns)?.checked_sub(there_ns)
+        let remote_hold_ns = self.remote_sent_ns.checked_sub(self.remote_received_ns)?;
+        self.received_ns.checked_sub(self.sent_ns)?.checked_sub(remote_hold_ns)
     }
 
     /// Returns the minimum and maximum offset (remote minus local) that these stamps allow, ns.
     fn offset_bounds_ns(&self) -> [i128; 2] {
-        let [sent, there_taken, there_sent, taken] =
+        let [sent, remote_received, remote_sent, received] =
             [self.sent_ns, self.remote_received_ns, self.remote_sent_ns, self.received_ns]
                 .map(i128::from);
-        [there_sent - taken, there_taken - sent]
+        [remote_sent - received, remote_received - sent]
     }
 }
 
@@ -103,26 +103,26 @@ impl OffsetBounds {
     /// Offset of a host from itself.
     pub const SAME_CLOCK: OffsetBounds = OffsetBounds { low_ns: 0, high_ns: 0 };
 
-    /// Returns the earliest local time that a remote stamp may mean, ns. With it no sample is taken for newer
+    /// Returns the earliest local time that a remote stamp may mean, ns. With it, no sample is considered newer
     /// than it is.
-    pub fn earliest_local_ns(&self, there_ns: u64) -> u64 {
-        clamp_ns(i128::from(there_ns) - self.high_ns)
+    pub fn earliest_local_ns(&self, remote_ns: u64) -> u64 {
+        clamp_ns(i128::from(remote_ns) - self.high_ns)
     }
 
     /// Returns the local time of a remote stamp at the middle of the bounds, ns. Its error is at most
     /// [`OffsetBounds::uncertainty_ns`].
-    pub fn middle_local_ns(&self, there_ns: u64) -> u64 {
-        clamp_ns(i128::from(there_ns) - self.middle_offset_ns())
+    pub fn middle_local_ns(&self, remote_ns: u64) -> u64 {
+        clamp_ns(i128::from(remote_ns) - self.middle_offset_ns())
     }
 
     /// Returns the earliest remote time that a local stamp may mean, ns.
-    pub fn earliest_remote_ns(&self, here_ns: u64) -> u64 {
-        clamp_ns(i128::from(here_ns) + self.low_ns)
+    pub fn earliest_remote_ns(&self, local_ns: u64) -> u64 {
+        clamp_ns(i128::from(local_ns) + self.low_ns)
     }
 
     /// Returns the remote time of a local stamp at the middle of the bounds, ns.
-    pub fn middle_remote_ns(&self, here_ns: u64) -> u64 {
-        clamp_ns(i128::from(here_ns) + self.middle_offset_ns())
+    pub fn middle_remote_ns(&self, local_ns: u64) -> u64 {
+        clamp_ns(i128::from(local_ns) + self.middle_offset_ns())
     }
 
     /// Returns half the width of the bounds, ns: half of the shortest round-trip time, plus drift.
@@ -145,16 +145,11 @@ mod tests {
     use proptest::prelude::*;
 
     /// Returns four stamps of two clocks, where the remote one is ahead by `offset_ns`.
-    fn stamps(sent_ns: u64, offset_ns: u64, way_ns: [u64; 2], there_ns: u64) -> RoundTripStamps {
-        let there_taken_ns = sent_ns + way_ns[0] + offset_ns;
-        let there_sent_ns = there_taken_ns + there_ns;
-        let taken_ns = there_sent_ns + way_ns[1] - offset_ns;
-        RoundTripStamps {
-            sent_ns,
-            remote_received_ns: there_taken_ns,
-            remote_sent_ns: there_sent_ns,
-            received_ns: taken_ns,
-        }
+    fn stamps(sent_ns: u64, offset_ns: u64, travel_ns: [u64; 2], hold_ns: u64) -> RoundTripStamps {
+        let remote_received_ns = sent_ns + travel_ns[0] + offset_ns;
+        let remote_sent_ns = remote_received_ns + hold_ns;
+        let received_ns = remote_sent_ns + travel_ns[1] - offset_ns;
+        RoundTripStamps { sent_ns, remote_received_ns, remote_sent_ns, received_ns }
     }
 
     #[test]
@@ -175,13 +170,13 @@ mod tests {
     #[test]
     fn inconsistent_stamps_are_refused() {
         let mut offset = ClockOffsetEstimator::default();
-        let back = RoundTripStamps {
+        let inconsistent = RoundTripStamps {
             sent_ns: 10,
             remote_received_ns: 5,
             remote_sent_ns: 5,
             received_ns: 9,
         };
-        assert!(!offset.add_measurement(&back) && offset.bounds_at(100).is_none());
+        assert!(!offset.add_measurement(&inconsistent) && offset.bounds_at(100).is_none());
     }
 
     #[test]
@@ -198,32 +193,32 @@ mod tests {
         #[test]
         fn sample_age_is_never_underestimated(
             offset_ns in 0u64..1_000_000_000_000,
-            ways in proptest::collection::vec((0u64..50_000_000, 0u64..50_000_000, 0u64..1_000_000), 1..20),
+            delays in proptest::collection::vec((0u64..50_000_000, 0u64..50_000_000, 0u64..1_000_000), 1..20),
             drift_ppm in -90i64..90,
             later_ns in 0u64..60_000_000_000,
         ) {
             // The remote clock runs faster or slower; local time is exact.
-            let there = |here: u64| {
-                offset_ns + (i128::from(here) + i128::from(here) * i128::from(drift_ppm) / 1_000_000) as u64
+            let remote_time = |local_ns: u64| {
+                offset_ns + (i128::from(local_ns) + i128::from(local_ns) * i128::from(drift_ppm) / 1_000_000) as u64
             };
             let mut offset = ClockOffsetEstimator::default();
             let mut now = 1_000_000_000;
-            for (out, back, wait) in ways {
-                let (taken, sent_back) = (now + out, now + out + wait);
-                let arrived = sent_back + back;
+            for (outgoing, returning, hold) in delays {
+                let (remote_arrival, sent_back) = (now + outgoing, now + outgoing + hold);
+                let received = sent_back + returning;
                 offset.add_measurement(&RoundTripStamps {
                     sent_ns: now,
-                    remote_received_ns: there(taken),
-                    remote_sent_ns: there(sent_back),
-                    received_ns: arrived,
+                    remote_received_ns: remote_time(remote_arrival),
+                    remote_sent_ns: remote_time(sent_back),
+                    received_ns: received,
                 });
-                now = arrived + 100_000_000;
+                now = received + 100_000_000;
             }
             let now = now + later_ns;
             let bounds = offset.bounds_at(now).unwrap();
-            prop_assert!(bounds.earliest_local_ns(there(now)) <= now + 1);
-            prop_assert!(bounds.earliest_remote_ns(now) <= there(now) + 1);
-            prop_assert!(bounds.middle_local_ns(there(now)).abs_diff(now) <= bounds.uncertainty_ns() + 1);
+            prop_assert!(bounds.earliest_local_ns(remote_time(now)) <= now + 1);
+            prop_assert!(bounds.earliest_remote_ns(now) <= remote_time(now) + 1);
+            prop_assert!(bounds.middle_local_ns(remote_time(now)).abs_diff(now) <= bounds.uncertainty_ns() + 1);
         }
     }
 }

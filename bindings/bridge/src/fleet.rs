@@ -148,8 +148,8 @@ fn parse_host(table: &TableReader<'_, keys::Host>, before: &[Host]) -> Result<Ho
     table.check_keys()?;
     let name = table.required_value(keys::Host::name)?;
     let text = name.text("expected a string")?;
-    let sound = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
-    if text.is_empty() || !text.chars().all(sound) {
+    let is_allowed = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
+    if text.is_empty() || !text.chars().all(is_allowed) {
         let expected =
             "expected letters, digits, `-` and `_`, because the name is part of keys on the wire";
         return Err(name.error_about_key(format!("is \"{text}\""), expected));
@@ -158,18 +158,19 @@ fn parse_host(table: &TableReader<'_, keys::Host>, before: &[Host]) -> Result<Ho
         return Err(name.error_about_key(format!("is \"{text}\" again"), "expected another name"));
     }
     let address = table.required_value(keys::Host::address)?;
-    let place = address.text(EXPECTED_ADDRESS)?;
-    split_address(place)
-        .ok_or_else(|| address.error_about_key(format!("is \"{place}\""), EXPECTED_ADDRESS))?;
-    if let Some(other) = before.iter().find(|host| host.address == place) {
-        let message = format!("is \"{place}\", that of {}", other.name);
+    let address_text = address.text(EXPECTED_ADDRESS)?;
+    split_address(address_text).ok_or_else(|| {
+        address.error_about_key(format!("is \"{address_text}\""), EXPECTED_ADDRESS)
+    })?;
+    if let Some(other) = before.iter().find(|host| host.address == address_text) {
+        let message = format!("is \"{address_text}\", that of {}", other.name);
         return Err(address.error_about_key(message, "expected another address or port"));
     }
     let robots = match table.get(keys::Host::robots) {
         Some(robots) => parse_robot_names(&robots, before)?,
         None => Vec::new(),
     };
-    Ok(Host { name: text.to_owned(), address: place.to_owned(), robots })
+    Ok(Host { name: text.to_owned(), address: address_text.to_owned(), robots })
 }
 
 const EXPECTED_ADDRESS: &str = "expected an address and a port, such as \"192.168.1.10:7447\"";
@@ -199,12 +200,12 @@ fn parse_robot_names(
 /// Splits an address into host and port; `None` if it has another form.
 fn split_address(address: &str) -> Option<(&str, u16)> {
     let (host, port) = address.rsplit_once(':')?;
-    let sound = |c: char| c.is_ascii_alphanumeric() || "-._:[]".contains(c);
+    let is_allowed = |c: char| c.is_ascii_alphanumeric() || "-._:[]".contains(c);
     let bare = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
-    let known = !bare.is_empty() && host.chars().all(sound);
+    let has_valid_host = !bare.is_empty() && host.chars().all(is_allowed);
     // Without brackets, the last group of an IPv6 address would be taken for a port.
     let is_clear = !bare.contains(':') || bare.len() < host.len();
-    (known && is_clear).then_some((bare, port.parse().ok().filter(|&port| port > 0)?))
+    (has_valid_host && is_clear).then_some((bare, port.parse().ok().filter(|&port| port > 0)?))
 }
 
 /// Returns whether only this machine can reach an address.
@@ -216,8 +217,8 @@ fn is_loopback(address: &str) -> bool {
 impl Fleet {
     /// Returns the index of the host with a name.
     pub fn find_host(&self, name: &str) -> Result<usize, FleetError> {
-        let place = self.hosts.iter().position(|host| host.name == name);
-        place.ok_or_else(|| FleetError::UnknownHost(name.to_owned(), self.host_names()))
+        let index = self.hosts.iter().position(|host| host.name == name);
+        index.ok_or_else(|| FleetError::UnknownHost(name.to_owned(), self.host_names()))
     }
 
     fn host_names(&self) -> Vec<String> {
@@ -226,8 +227,8 @@ impl Fleet {
 
     /// Checks that hosts reachable by other machines have certificates.
     pub fn check_certificates_configured(&self) -> Result<(), FleetError> {
-        let reached = |host: &&Host| !is_loopback(&host.address);
-        match self.hosts.iter().find(reached) {
+        let is_public = |host: &&Host| !is_loopback(&host.address);
+        match self.hosts.iter().find(is_public) {
             Some(host) if self.certificates.is_none() => {
                 Err(FleetError::InsecureHost(host.name.clone(), host.address.clone()))
             }
@@ -244,15 +245,15 @@ impl Fleet {
                 return Err(FleetError::UnknownRobot(host.name.clone(), robot.clone(), example));
             }
         }
-        let home = |name: &str| {
+        let host_of = |name: &str| {
             self.hosts.iter().position(|host| host.robots.iter().any(|robot| robot == name))
         };
         let names = scenario.robots.iter().map(|robot| robot.name.as_str());
-        let homeless: Vec<String> =
-            names.clone().filter(|name| home(name).is_none()).map(str::to_owned).collect();
-        match homeless.is_empty() {
-            true => Ok(names.filter_map(home).collect()),
-            false => Err(FleetError::RobotsWithoutHost(homeless)),
+        let without_host: Vec<String> =
+            names.clone().filter(|name| host_of(name).is_none()).map(str::to_owned).collect();
+        match without_host.is_empty() {
+            true => Ok(names.filter_map(host_of).collect()),
+            false => Err(FleetError::RobotsWithoutHost(without_host)),
         }
     }
 
@@ -264,19 +265,20 @@ impl Fleet {
         scenario: &Scenario,
         effective: &str,
     ) -> Result<BridgeBrief, FleetError> {
-        let homes = self.hosts_of_robots(scenario)?;
+        let host_of_robot = self.hosts_of_robots(scenario)?;
         let graph = scenario.graph_of_receivers();
         let robots = scenario.robots.iter().enumerate().map(|(i, robot)| {
-            let heard = graph.outgoing_edges(i).map(|edge| homes[edge.to]);
-            let mut heard_on: Vec<usize> = heard.filter(|&host| host != homes[i]).collect();
+            let receiver_hosts = graph.outgoing_edges(i).map(|edge| host_of_robot[edge.to]);
+            let mut heard_on: Vec<usize> =
+                receiver_hosts.filter(|&host| host != host_of_robot[i]).collect();
             heard_on.sort_unstable();
             heard_on.dedup();
-            let hears = graph.incoming_edges(i).count();
+            let in_neighbor_count = graph.incoming_edges(i).count();
             BridgedRobotBrief {
                 name: robot.name.clone(),
-                host: homes[i],
+                host: host_of_robot[i],
                 heard_on,
-                hears,
+                hears: in_neighbor_count,
                 message_bytes_max: scenario.message_format(i).map_or(0, |format| format.bytes_max),
             }
         });
@@ -317,11 +319,11 @@ impl Fleet {
         let mut partitions = Vec::new();
         for fault in &scenario.faults {
             let FaultKind::Partition { hosts } = &fault.kind else { continue };
-            let place = |name: &String| {
+            let host_index = |name: &String| {
                 let unknown = |_| FleetError::UnknownPartitionHost(name.clone(), self.host_names());
                 self.find_host(name).map_err(unknown)
             };
-            let mut side: Vec<usize> = hosts.iter().map(place).collect::<Result<_, _>>()?;
+            let mut side: Vec<usize> = hosts.iter().map(host_index).collect::<Result<_, _>>()?;
             side.sort_unstable();
             side.dedup();
             if side.len() == self.hosts.len() {

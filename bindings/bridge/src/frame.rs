@@ -57,10 +57,10 @@ impl FrameHeader {
         let (header, content) = frame.split_first_chunk::<HEADER_BYTES>()?;
         let rest = header.strip_prefix(&FRAME_MAGIC)?;
         let (small, large) = rest.split_at(4);
-        let small = |place: usize| u16::from_le_bytes([small[place], small[place + 1]]);
+        let small = |offset: usize| u16::from_le_bytes([small[offset], small[offset + 1]]);
         let (large, _) = large.as_chunks();
         let [layout, experiment, boot, sequence, source_ns] =
-            std::array::from_fn(|place| u64::from_le_bytes(large[place]));
+            std::array::from_fn(|i| u64::from_le_bytes(large[i]));
         let (version, host) = (small(0), small(2));
         let header = FrameHeader {
             version,

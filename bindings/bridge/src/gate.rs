@@ -69,14 +69,14 @@ impl FrameFilter {
             (header.layout_hash == self.layout_hash, DropReason::Layout),
             (header.experiment_hash == self.experiment_hash, DropReason::OtherExperiment),
         ];
-        if let Some(&(_, why)) = expected.iter().find(|(holds, _)| !holds) {
-            return Err(why);
+        if let Some(&(_, reason)) = expected.iter().find(|(holds, _)| !holds) {
+            return Err(reason);
         }
-        let goes_on = match self.newest_boot_and_sequence {
+        let is_newer = match self.newest_boot_and_sequence {
             Some((boot, sequence)) if boot == header.boot_id => header.sequence > sequence,
             _ => true,
         };
-        if !boots.accept_boot(header.boot_id) || !goes_on {
+        if !boots.accept_boot(header.boot_id) || !is_newer {
             return Err(DropReason::Replayed);
         }
         self.newest_boot_and_sequence = Some((header.boot_id, header.sequence));
@@ -116,7 +116,7 @@ mod tests {
     fn unexpected_frame_is_dropped_for_one_reason() {
         let mut gate = filter_and_boots();
         assert_eq!(accept_header(&mut gate, VALID_HEADER), Ok(10));
-        for (wrong, why) in [
+        for (wrong, reason) in [
             (FrameHeader { version: WIRE_FORMAT_VERSION + 1, ..VALID_HEADER }, DropReason::Version),
             (FrameHeader { host: 2, ..VALID_HEADER }, DropReason::WrongSender),
             (FrameHeader { layout_hash: 78, ..VALID_HEADER }, DropReason::Layout),
@@ -124,7 +124,7 @@ mod tests {
             (VALID_HEADER, DropReason::Replayed),
             (FrameHeader { sequence: 9, ..VALID_HEADER }, DropReason::Replayed),
         ] {
-            assert_eq!(accept_header(&mut gate, wrong), Err(why), "{wrong:?}");
+            assert_eq!(accept_header(&mut gate, wrong), Err(reason), "{wrong:?}");
         }
         assert_eq!(gate.0.accept_frame(b"garbage", &mut gate.1), Err(DropReason::Garbage));
         assert_eq!(

@@ -59,9 +59,9 @@ pub struct Route {
 pub fn routes(brief: &BridgeBrief) -> Vec<Route> {
     let plant = brief.plant;
     let mut routes = Vec::new();
-    let mut route = |topic, from: usize, to: Vec<usize>, about: &str, word: &str| {
+    let mut route = |topic, from: usize, to: Vec<usize>, subject: &str, name_on_wire: &str| {
         if !to.is_empty() {
-            let key = format!("{KEY_PREFIX}/{}/{about}/{word}", brief.hosts[from].name);
+            let key = format!("{KEY_PREFIX}/{}/{subject}/{name_on_wire}", brief.hosts[from].name);
             routes.push(Route { topic, sending_host: from, receiving_hosts: to, key });
         }
     };
@@ -73,23 +73,23 @@ pub fn routes(brief: &BridgeBrief) -> Vec<Route> {
             route(Topic::Command(i), home, vec![plant], name, "command");
         }
     }
-    for (host, told) in brief.hosts.iter().enumerate() {
+    for (host, receiver) in brief.hosts.iter().enumerate() {
         if host != plant {
-            let of = |word: &str| format!("{word}/{}", told.name);
-            route(Topic::Orders(host), plant, vec![host], HOST_TOPICS_KEY_PART, &of("orders"));
+            let key_of = |name_on_wire: &str| format!("{name_on_wire}/{}", receiver.name);
+            route(Topic::Orders(host), plant, vec![host], HOST_TOPICS_KEY_PART, &key_of("orders"));
             route(
                 Topic::Acknowledgment(host),
                 plant,
                 vec![host],
                 HOST_TOPICS_KEY_PART,
-                &of("confirmed"),
+                &key_of("confirmed"),
             );
             route(
                 Topic::ClockResponse(host),
                 plant,
                 vec![host],
                 HOST_TOPICS_KEY_PART,
-                &of("answer"),
+                &key_of("answer"),
             );
             route(Topic::Report(host), host, vec![plant], HOST_TOPICS_KEY_PART, "report");
             route(Topic::BridgeStatus(host), host, vec![plant], HOST_TOPICS_KEY_PART, "bridge");
@@ -120,8 +120,8 @@ mod tests {
     use protocol::brief::{HostBrief, PartitionBrief};
     use protocol::fault::Span;
 
-    /// Returns a fleet: r0 on a, which has the plant; r1 and r2 on b; r3 on c. r0 hears r1, r1 hears r2, r3 hears
-    /// r0 and r1.
+    /// Returns a fleet: r0 on a, which has the plant; r1 and r2 on b; r3 on c. r0 receives from r1, r1 from r2, r3
+    /// from r0 and r1.
     fn brief() -> BridgeBrief {
         let host = |name: &str| HostBrief { name: name.into(), address: "127.0.0.1:1".into() };
         let robots = [

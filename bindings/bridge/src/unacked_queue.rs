@@ -125,19 +125,19 @@ impl RecordReceiver {
         let (first, mut rest) = split_number(rest)?;
         let mut records = Vec::new();
         while !rest.is_empty() {
-            let (kind, after) = split_number(rest)?;
-            let (robot, after) = split_number(after)?;
-            let (length, after) = split_number(after)?;
-            let (content, after) = after.split_at_checked(usize::try_from(length).ok()?)?;
+            let (kind, remaining) = split_number(rest)?;
+            let (robot, remaining) = split_number(remaining)?;
+            let (length, remaining) = split_number(remaining)?;
+            let (content, remaining) = remaining.split_at_checked(usize::try_from(length).ok()?)?;
             let kind = [RecordKind::Status, RecordKind::Latency]
                 .into_iter()
                 .find(|&k| k as u64 == kind)?;
             let (robot, content) = (usize::try_from(robot).ok()?, content.to_vec());
             records.push(StatusRecord { kind, robot, content });
-            rest = after;
+            rest = remaining;
         }
         let next = match self.expected_boot_and_sequence {
-            Some((known, next)) if known == boot => next,
+            Some((known_boot, next)) if known_boot == boot => next,
             // A batch of a new bridge, or the first one that this bridge receives.
             _ => oldest,
         };
@@ -182,12 +182,12 @@ mod tests {
             each in 1usize..30,
         ) {
             let (mut queue, mut receiver) = (UnackedQueue::default(), RecordReceiver::default());
-            let (mut told, mut arrived, mut now_ns) = (0, Vec::new(), 0);
+            let (mut pushed, mut arrived, mut now_ns) = (0, Vec::new(), 0);
             for [batch_lost, confirmation_lost] in lost.into_iter().chain([[false; 2]; 60]) {
                 now_ns += 50_000_000;
-                if told < 40 * each {
-                    (told..told + each).for_each(|n| queue.push(record(n)));
-                    told += each;
+                if pushed < 40 * each {
+                    (pushed..pushed + each).for_each(|n| queue.push(record(n)));
+                    pushed += each;
                 }
                 if let Some(batch) = queue.next_batch(now_ns).filter(|_| !batch_lost) {
                     arrived.extend(receiver.receive_batch(9, &batch).unwrap());
@@ -198,7 +198,7 @@ mod tests {
                 }
             }
             prop_assert_eq!(queue.unacked_count(), 0);
-            prop_assert_eq!(arrived, (0..told).map(record).collect::<Vec<_>>());
+            prop_assert_eq!(arrived, (0..pushed).map(record).collect::<Vec<_>>());
         }
 
         #[test]
@@ -239,12 +239,15 @@ mod tests {
 
     #[test]
     fn restarted_sender_is_received_from_its_first_record() {
-        let (mut old, mut new, mut receiver) =
+        let (mut old_queue, mut new_queue, mut receiver) =
             (UnackedQueue::default(), UnackedQueue::default(), RecordReceiver::default());
-        (0..5).for_each(|n| old.push(record(n)));
-        assert_eq!(receiver.receive_batch(1, &old.next_batch(0).unwrap()).unwrap().len(), 5);
-        new.push(record(7));
-        assert_eq!(receiver.receive_batch(2, &new.next_batch(0).unwrap()).unwrap(), [record(7)]);
+        (0..5).for_each(|n| old_queue.push(record(n)));
+        assert_eq!(receiver.receive_batch(1, &old_queue.next_batch(0).unwrap()).unwrap().len(), 5);
+        new_queue.push(record(7));
+        assert_eq!(
+            receiver.receive_batch(2, &new_queue.next_batch(0).unwrap()).unwrap(),
+            [record(7)]
+        );
         assert_eq!(receiver.acknowledgment(), Some([2, 1]));
     }
 }

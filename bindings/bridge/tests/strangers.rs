@@ -63,7 +63,7 @@ struct ListeningHost {
 
 impl ListeningHost {
     fn new() -> ListeningHost {
-        let alone = SERIAL_LOCK.lock().unwrap_or_else(PoisonError::into_inner);
+        let serial_guard = SERIAL_LOCK.lock().unwrap_or_else(PoisonError::into_inner);
         // Fails for all tests but the first, because the subscriber is installed once.
         let _ = tracing_subscriber::registry().with(refusals::RefusalCounter::layer()).try_init();
         let folder = tempfile::tempdir().unwrap();
@@ -96,31 +96,32 @@ impl ListeningHost {
                 false,
             );
         }
-        let wire = PeerSessions::open(&brief, &routes, &inbox).unwrap();
-        let refused = REFUSAL_REASONS.map(refusals::refusal_count);
+        let sessions = PeerSessions::open(&brief, &routes, &inbox).unwrap();
+        let refusals_before = REFUSAL_REASONS.map(refusals::refusal_count);
         ListeningHost {
             folder,
             authority,
             hosts,
             inbox,
-            sessions: wire,
-            refusals_before: refused,
-            _serial_guard: alone,
+            sessions,
+            refusals_before,
+            _serial_guard: serial_guard,
         }
     }
 
     /// Checks that refusals were counted for this reason and no other.
     fn assert_only_refusal(&self, expected: DropReason) {
-        let began = Instant::now();
+        let start = Instant::now();
         loop {
-            let now = REFUSAL_REASONS.map(refusals::refusal_count);
-            let counted = (0..now.len())
-                .map(|why| (REFUSAL_REASONS[why], now[why] - self.refusals_before[why]));
-            let counted: Vec<_> = counted.filter(|&(_, count)| count > 0).collect();
-            match &counted[..] {
-                [(why, _)] if *why == expected => return,
-                [] if began.elapsed() < TIMEOUT => std::thread::sleep(Duration::from_millis(20)),
-                _ => panic!("{counted:?} instead of {expected:?}"),
+            let current_counts = REFUSAL_REASONS.map(refusals::refusal_count);
+            let increments = (0..current_counts.len()).map(|reason| {
+                (REFUSAL_REASONS[reason], current_counts[reason] - self.refusals_before[reason])
+            });
+            let increments: Vec<_> = increments.filter(|&(_, count)| count > 0).collect();
+            match &increments[..] {
+                [(reason, _)] if *reason == expected => return,
+                [] if start.elapsed() < TIMEOUT => std::thread::sleep(Duration::from_millis(20)),
+                _ => panic!("{increments:?} instead of {expected:?}"),
             }
         }
     }
@@ -159,7 +160,7 @@ impl ListeningHost {
 
     /// Sends messages as b until one arrives. Panics if another message arrives first.
     fn assert_receives_from_b(&self, session: &zenoh::Session, first: u64) {
-        let (began, mut sequence) = (Instant::now(), first);
+        let (start, mut sequence) = (Instant::now(), first);
         let key = self.route(BEACON_TOPIC).key;
         loop {
             session.put(&key, encode_frame(sequence, b"good")).wait().unwrap();
@@ -169,14 +170,14 @@ impl ListeningHost {
             if !arrived.is_empty() {
                 return;
             }
-            assert!(began.elapsed() < TIMEOUT, "b is not heard");
+            assert!(start.elapsed() < TIMEOUT, "b is not heard");
         }
     }
 
     /// Returns a counter of the orders of a that this session receives.
     fn count_received_orders(&self, session: &zenoh::Session) -> Arc<AtomicU64> {
-        let overheard = Arc::new(AtomicU64::new(0));
-        let count = overheard.clone();
+        let orders_received = Arc::new(AtomicU64::new(0));
+        let count = orders_received.clone();
         let listener =
             session.declare_subscriber(self.route(Topic::Orders(1)).key).callback(move |sample| {
                 if sample.payload().to_bytes().ends_with(ORDERS_CONTENT) {
@@ -184,16 +185,16 @@ impl ListeningHost {
                 }
             });
         listener.background().wait().unwrap();
-        overheard
+        orders_received
     }
 
     /// Checks that a stranger with these certificates is neither received nor sent anything, with one counted
     /// reason, and that b is both afterwards.
-    fn assert_stranger_refused(&self, certificates: CertificatesBrief, why: DropReason) {
+    fn assert_stranger_refused(&self, certificates: CertificatesBrief, reason: DropReason) {
         let stranger = self.connect(certificates);
-        let overheard = self.count_received_orders(&stranger);
-        let (began, key, mut sequence) = (Instant::now(), self.route(BEACON_TOPIC).key, 1);
-        while began.elapsed() < ATTEMPT_DURATION {
+        let orders_received = self.count_received_orders(&stranger);
+        let (start, key, mut sequence) = (Instant::now(), self.route(BEACON_TOPIC).key, 1);
+        while start.elapsed() < ATTEMPT_DURATION {
             stranger.put(&key, encode_frame(sequence, b"forged")).wait().unwrap();
             self.send_order(sequence);
             sequence += 1;
@@ -202,16 +203,16 @@ impl ListeningHost {
                 "a stranger is heard"
             );
         }
-        assert_eq!(overheard.load(Ordering::Relaxed), 0, "a stranger hears");
+        assert_eq!(orders_received.load(Ordering::Relaxed), 0, "a stranger hears");
         stranger.close().wait().unwrap();
-        self.assert_only_refusal(why);
+        self.assert_only_refusal(reason);
         let b = self.connect_as("b");
-        let told = self.count_received_orders(&b);
+        let orders_received_by_b = self.count_received_orders(&b);
         self.assert_receives_from_b(&b, 1);
-        let began = Instant::now();
-        while told.load(Ordering::Relaxed) == 0 {
+        let start = Instant::now();
+        while orders_received_by_b.load(Ordering::Relaxed) == 0 {
             self.send_order(sequence);
-            assert!(began.elapsed() < TIMEOUT, "b is told nothing");
+            assert!(start.elapsed() < TIMEOUT, "b is told nothing");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -301,11 +302,11 @@ fn expired_certificate_is_refused() {
 fn host_cannot_write_keys_of_another_host() {
     let a = ListeningHost::new();
     let c = a.connect_as("c");
-    let (began, mut sequence) = (Instant::now(), 1);
+    let (start, mut sequence) = (Instant::now(), 1);
     let (keys, own) = (a.route(BEACON_TOPIC).key, a.route(Topic::Beacon(2)).key);
-    let mut heard_c = false;
+    let mut has_received_c = false;
     // Messages of c are received, which shows that it is connected; for this duration no others are.
-    while !heard_c || began.elapsed() < ATTEMPT_DURATION {
+    while !has_received_c || start.elapsed() < ATTEMPT_DURATION {
         c.put(&keys, encode_frame(sequence, b"forged")).wait().unwrap();
         let header =
             FrameHeader { host: 2, ..FrameHeader::decode(&encode_frame(sequence, b"")).unwrap().0 };
@@ -313,8 +314,8 @@ fn host_cannot_write_keys_of_another_host() {
         sequence += 1;
         let arrived = a.inbox.wait_for_frames(clock::now_ns() + 20_000_000);
         assert!(arrived.iter().all(|arrived| arrived.content == b"own"), "{arrived:?}");
-        heard_c |= !arrived.is_empty();
-        assert!(began.elapsed() < TIMEOUT, "c is not heard");
+        has_received_c |= !arrived.is_empty();
+        assert!(start.elapsed() < TIMEOUT, "c is not heard");
     }
     a.assert_receives_from_b(&a.connect_as("b"), 1);
     a.assert_only_refusal(DropReason::Denied);
@@ -325,20 +326,20 @@ fn replayed_or_foreign_frames_are_dropped_and_counted() {
     let a = ListeningHost::new();
     let b = a.connect_as("b");
     a.assert_receives_from_b(&b, 1);
-    let (key, before) = (a.route(BEACON_TOPIC).key, 1_000_000);
-    a.assert_receives_from_b(&b, before);
+    let (key, sequence_before) = (a.route(BEACON_TOPIC).key, 1_000_000);
+    a.assert_receives_from_b(&b, sequence_before);
     let replayed = a.inbox.dropped_count(DropReason::Replayed);
     // Sent on one connection, so they arrive in order.
     let header = FrameHeader {
         layout_hash: LAYOUT_HASH + 1,
-        ..FrameHeader::decode(&encode_frame(before * 2, b"")).unwrap().0
+        ..FrameHeader::decode(&encode_frame(sequence_before * 2, b"")).unwrap().0
     };
     for bytes in
         [encode_frame(1, b"old"), header.encode_frame(&[b"another build"]), b"garbage".to_vec()]
     {
         b.put(&key, bytes).congestion_control(CongestionControl::Block).wait().unwrap();
     }
-    a.assert_receives_from_b(&b, before * 3);
+    a.assert_receives_from_b(&b, sequence_before * 3);
     assert_eq!(a.inbox.dropped_count(DropReason::Replayed), replayed + 1);
     assert_eq!(a.inbox.dropped_count(DropReason::Layout), 1);
     assert_eq!(a.inbox.dropped_count(DropReason::Garbage), 1);

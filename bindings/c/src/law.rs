@@ -43,18 +43,18 @@ impl CLaw {
     ///
     /// # Safety
     ///
-    /// `function` may be called with `user` while this value lives.
-    pub unsafe fn new(function: UserFunction, user: *mut c_void, brief: &AgentBrief) -> CLaw {
+    /// `function` may be called with `user_data` while this value lives.
+    pub unsafe fn new(function: UserFunction, user_data: *mut c_void, brief: &AgentBrief) -> CLaw {
         let neighbors = brief.senders();
         let name = |name: &str| CString::new(name).expect("a robot's name has letters and digits");
-        let level = match function {
+        let answer_kind = match function {
             UserFunction::Law(_) => AnswerKind::FrontPointVelocity,
             UserFunction::Controller(_) => AnswerKind::twist_kind_for_drive(brief.drive_kind),
         };
         CLaw {
             function,
-            answer_kind: level,
-            user_data: user,
+            answer_kind,
+            user_data,
             name: brief.law.clone(),
             neighbor_names: neighbors
                 .map(|neighbor| (neighbor.index, name(&neighbor.name)))
@@ -70,31 +70,37 @@ impl CLaw {
     fn c_situation(&mut self, situation: &laws::Situation<'_>) -> Situation {
         let alpha = situation.front_point;
         self.sensed_front_points.clear();
-        self.sensed_front_points
-            .extend(situation.neighbor_vectors.iter().map(|away| to_c_vector(alpha - away)));
+        self.sensed_front_points.extend(
+            situation.neighbor_vectors.iter().map(|to_neighbor| to_c_vector(alpha - to_neighbor)),
+        );
         self.neighbors.clear();
         self.messages.clear();
         let messages =
-            situation.neighbor_estimates.iter().filter_map(|heard| heard.message.clone());
+            situation.neighbor_estimates.iter().filter_map(|estimate| estimate.message.clone());
         self.messages.extend(messages.map(Message));
         let mut messages = self.messages.iter();
-        let named = |index| {
-            &self.neighbor_names.iter().find(|(place, _)| *place == index).expect("heard").1
+        let name_of = |index| {
+            &self
+                .neighbor_names
+                .iter()
+                .find(|(neighbor_index, _)| *neighbor_index == index)
+                .expect("heard")
+                .1
         };
-        self.neighbors.extend(situation.neighbor_estimates.iter().map(|heard| Neighbor {
-            name: named(heard.index).as_ptr(),
-            position: to_c_vector(heard.position),
-            velocity: to_c_vector(heard.velocity),
-            offset: to_c_vector(heard.offset.position),
-            offset_velocity: to_c_vector(heard.offset.velocity),
-            age_s: heard.age_s,
-            contact: heard.reception_state as u32,
-            incarnation: heard.incarnation,
-            message: match &heard.message {
+        self.neighbors.extend(situation.neighbor_estimates.iter().map(|estimate| Neighbor {
+            name: name_of(estimate.index).as_ptr(),
+            position: to_c_vector(estimate.position),
+            velocity: to_c_vector(estimate.velocity),
+            offset: to_c_vector(estimate.offset.position),
+            offset_velocity: to_c_vector(estimate.offset.velocity),
+            age_s: estimate.age_s,
+            contact: estimate.reception_state as u32,
+            incarnation: estimate.incarnation,
+            message: match &estimate.message {
                 Some(_) => messages.next().expect("one for each"),
                 None => std::ptr::null(),
             },
-            message_age_s: heard.message.as_ref().map_or(f64::NAN, |message| message.age_s),
+            message_age_s: estimate.message.as_ref().map_or(f64::NAN, |message| message.age_s),
         }));
         let pose = situation.pose;
         Situation {
@@ -121,18 +127,18 @@ impl CLaw {
 
 impl ForeignLaw for CLaw {
     fn evaluate(&mut self, situation: &laws::Situation<'_>) -> Result<LawOutput, String> {
-        let seen = self.c_situation(situation);
-        // SAFETY: the caller of `CLaw::new` guarantees that the function may be called with `user`; `seen` and
+        let input = self.c_situation(situation);
+        // SAFETY: the caller of `CLaw::new` guarantees that the function may be called with `user_data`; `input` and
         // the memory it points to live until it returns.
         let (code, numbers, count): (_, _, usize) = unsafe {
             match self.function {
                 UserFunction::Law(gamma) => {
                     let mut out = Vector { x: f64::NAN, y: f64::NAN };
-                    (gamma(&seen, &mut out, self.user_data), [out.x, out.y, 0.0], 2)
+                    (gamma(&input, &mut out, self.user_data), [out.x, out.y, 0.0], 2)
                 }
                 UserFunction::Controller(steer) => {
                     let mut out = Twist { v_m_s: f64::NAN, w_rad_s: f64::NAN, side_m_s: 0.0 };
-                    let code = steer(&seen, &mut out, self.user_data);
+                    let code = steer(&input, &mut out, self.user_data);
                     let Twist { v_m_s, w_rad_s, side_m_s } = out;
                     match (self.answer_kind, side_m_s == 0.0) {
                         // A lateral speed of a robot that has none is a third number, and so an error.
@@ -142,7 +148,7 @@ impl ForeignLaw for CLaw {
                 }
             }
         };
-        let at = || {
+        let call_description = || {
             let (method, t_s) = (self.answer_kind.method_name(), situation.t_s);
             format!("the law {:?}: {method} at t = {t_s:.3} s returned", self.name)
         };
@@ -155,9 +161,9 @@ impl ForeignLaw for CLaw {
             0 => self.answer_kind.parse_law_output(answer).ok_or_else(|| {
                 let numbers: Vec<String> = answer.iter().map(f64::to_string).collect();
                 let expected = self.answer_kind.expected_answer();
-                format!("{} ({}), expected {expected}", at(), numbers.join(", "))
+                format!("{} ({}), expected {expected}", call_description(), numbers.join(", "))
             }),
-            code => Err(format!("{} {code}, expected 0", at())),
+            code => Err(format!("{} {code}, expected 0", call_description())),
         }
     }
 

@@ -88,7 +88,7 @@ impl LawCalls {
                     "the signal `{name}` is {value}, expected a finite number"
                 ));
             }
-            Some(place) => self.signals.set(place, value),
+            Some(index) => self.signals.set(index, value),
         }
     }
 
@@ -100,7 +100,7 @@ impl LawCalls {
     pub fn finish(&mut self) -> Result<(), String> {
         if !self.arrays.is_empty() {
             let arrays = std::mem::take(&mut self.arrays);
-            let given: Vec<(&str, &[f64])> =
+            let named_arrays: Vec<(&str, &[f64])> =
                 arrays.iter().map(|(name, numbers)| (name.as_str(), &numbers[..])).collect();
             match &self.format {
                 None => self.record_flaw(MessageFlaw::UndeclaredMessage.to_string()),
@@ -108,7 +108,7 @@ impl LawCalls {
                     let expected = format.describe();
                     self.record_flaw(format!("phalanx_publish was called, expected {expected}"));
                 }
-                Some(format) => match format.encode(&given) {
+                Some(format) => match format.encode(&named_arrays) {
                     Ok(bytes) => self.set_send_decision(SendDecision::Message(bytes)),
                     Err(flaw) => self.record_flaw(flaw.to_string()),
                 },

@@ -36,7 +36,7 @@ struct EpisodeState {
     distance_min_m: f64,
     walls: Vec<Obstacle>,
     seed: u64,
-    level: AnswerKind,
+    answer_kind: AnswerKind,
 }
 
 /// Pose of a robot as [`Episode::bodies`] returns it: name, x in m, y in m, heading in rad, ell in m, whether its
@@ -69,8 +69,10 @@ impl Episode {
         let overrides = Overrides { assignments: set, faults, seed };
         let (scenario, ..) = read(&scenario, &overrides, &agent::catalog())
             .map_err(|diagnostic| PyValueError::new_err(diagnostic.render(false)))?;
-        let level = if twists { AnswerKind::BodyTwist } else { AnswerKind::FrontPointVelocity };
-        let inner = EpisodeState::new(scenario, robots, level).map_err(PyValueError::new_err)?;
+        let answer_kind =
+            if twists { AnswerKind::BodyTwist } else { AnswerKind::FrontPointVelocity };
+        let inner =
+            EpisodeState::new(scenario, robots, answer_kind).map_err(PyValueError::new_err)?;
         Ok(Episode(Mutex::new(inner)))
     }
 
@@ -160,18 +162,18 @@ impl Episode {
     /// stop.
     fn step(&self, actions: Vec<(String, [f64; 2])>) -> PyResult<()> {
         let mut inner = self.inner();
-        let mut wishes = vec![LawOutput::Velocity(Vec2::zeros()); inner.robots.len()];
+        let mut outputs = vec![LawOutput::Velocity(Vec2::zeros()); inner.robots.len()];
         for (name, action) in actions {
-            let Some(output) = inner.level.parse_law_output(&action) else {
-                let expected = inner.level.expected_answer();
+            let Some(output) = inner.answer_kind.parse_law_output(&action) else {
+                let expected = inner.answer_kind.expected_answer();
                 let action = format!("({}, {})", action[0], action[1]);
                 let why = format!("the action of {name} is {action}, expected {expected}");
                 return Err(PyValueError::new_err(why));
             };
-            wishes[inner.index_of(&name)?] = output;
+            outputs[inner.index_of(&name)?] = output;
         }
         if !inner.run.is_over() {
-            inner.step(&wishes);
+            inner.step(&outputs);
         }
         Ok(())
     }
@@ -188,19 +190,20 @@ impl EpisodeState {
     fn new(
         scenario: Scenario,
         robots: Option<Vec<String>>,
-        level: AnswerKind,
+        answer_kind: AnswerKind,
     ) -> Result<EpisodeState, String> {
         let names: Vec<&str> = scenario.robots.iter().map(|robot| robot.name.as_str()).collect();
-        let mut asked = robots.iter().flatten();
-        if let Some(name) = asked.find(|name| !names.contains(&name.as_str())) {
+        let mut requested = robots.iter().flatten();
+        if let Some(name) = requested.find(|name| !names.contains(&name.as_str())) {
             return Err(format!("no robot is called {name:?}; there are {}", names.join(", ")));
         }
-        let learns =
-            move |name: &str| robots.as_ref().is_none_or(|asked| asked.iter().any(|n| n == name));
+        let learns = move |name: &str| {
+            robots.as_ref().is_none_or(|requested| requested.iter().any(|n| n == name))
+        };
         let mut all = Vec::new();
         for brief in in_process::agent_briefs(&scenario) {
             controller(&brief, 0, learns(&brief.name))?;
-            if level != AnswerKind::FrontPointVelocity
+            if answer_kind != AnswerKind::FrontPointVelocity
                 && learns(&brief.name)
                 && brief.drive_kind == DriveKind::Omni
             {
@@ -226,10 +229,12 @@ impl EpisodeState {
         };
         let distance_min_m = scenario.avoidance.distance_min_m;
         let walls = scenario.walls.iter().map(|wall| wall.shape.clone()).collect();
-        let think: ControllerFactory = Box::new(move |brief: &AgentBrief, incarnation| {
-            controller(brief, incarnation, learns(&brief.name)).expect("it was made before")
-        });
-        let run = InProcessRun::new(scenario, think).map_err(|error| error.to_string())?;
+        let make_controller: ControllerFactory =
+            Box::new(move |brief: &AgentBrief, incarnation| {
+                controller(brief, incarnation, learns(&brief.name)).expect("it was made before")
+            });
+        let run =
+            InProcessRun::new(scenario, make_controller).map_err(|error| error.to_string())?;
         let hash = TrajectoryHash::new();
         let mut inner = EpisodeState {
             run,
@@ -240,7 +245,7 @@ impl EpisodeState {
             distance_min_m,
             walls,
             seed,
-            level,
+            answer_kind,
         };
         inner.sense();
         Ok(inner)
@@ -252,7 +257,7 @@ impl EpisodeState {
         found.ok_or_else(|| PyValueError::new_err(format!("no robot is called {name:?}")))
     }
 
-    fn step(&mut self, wishes: &[LawOutput]) {
+    fn step(&mut self, outputs: &[LawOutput]) {
         let robots = &self.robots;
         self.run.step(|i, cycle| {
             if !robots[i].learns {
@@ -261,7 +266,7 @@ impl EpisodeState {
             let outbox = robots[i].outbox.get();
             cycle.set_send_decision(outbox.take_send_decision());
             cycle.set_own_target(outbox.take_target());
-            wishes[i]
+            outputs[i]
         });
         self.sense();
     }
@@ -274,10 +279,14 @@ impl EpisodeState {
     }
 }
 
-/// Creates the controller of a robot whose actions come from Python (`is_told`), or of one with a built-in law.
-fn controller(brief: &AgentBrief, incarnation: u64, is_told: bool) -> Result<Controller, String> {
-    let told = |error: &dyn std::fmt::Display| format!("{}: {error}", brief.name);
-    if !is_told {
+/// Creates the controller of a robot whose actions come from Python (`is_from_python`), or of one with a built-in law.
+fn controller(
+    brief: &AgentBrief,
+    incarnation: u64,
+    is_from_python: bool,
+) -> Result<Controller, String> {
+    let with_name = |error: &dyn std::fmt::Display| format!("{}: {error}", brief.name);
+    if !is_from_python {
         if brief.program.is_some() {
             let (name, law) = (&brief.name, &brief.law);
             return Err(format!(
@@ -285,9 +294,10 @@ fn controller(brief: &AgentBrief, incarnation: u64, is_told: bool) -> Result<Con
                  let {name} be one of its agents, or give it another law"
             ));
         }
-        return Controller::new(brief, incarnation).map_err(|error| told(&error));
+        return Controller::new(brief, incarnation).map_err(|error| with_name(&error));
     }
-    let parts = Parts::with_law(brief, Box::new(PlaceholderLaw)).map_err(|error| told(&error))?;
+    let parts =
+        Parts::with_law(brief, Box::new(PlaceholderLaw)).map_err(|error| with_name(&error))?;
     Ok(Controller::with_parts(brief, incarnation, parts))
 }
 

@@ -17,7 +17,7 @@ pub struct PythonLaw {
     instance: Py<PyAny>,
     /// Bound method of the instance: `gamma` or `twist`.
     method: Py<PyAny>,
-    level: AnswerKind,
+    answer_kind: AnswerKind,
     names: InNeighborNames,
     outbox: Py<Outbox>,
 }
@@ -32,11 +32,11 @@ impl PythonLaw {
     ) -> Result<PythonLaw, String> {
         let (py, gains, names) =
             (class.py(), &brief.gains, InNeighborNames::read_in_neighbors(brief));
-        let made = || -> PyResult<PythonLaw> {
+        let create = || -> PyResult<PythonLaw> {
             // Imported now, because there may be no memory for it when an error is reported.
             py.import("traceback")?;
             let controller = py.import("phalanx")?.getattr("Controller")?;
-            let level = match class.cast::<pyo3::types::PyType>()?.is_subclass(&controller)? {
+            let answer_kind = match class.cast::<pyo3::types::PyType>()?.is_subclass(&controller)? {
                 true => AnswerKind::twist_kind_for_drive(brief.drive_kind),
                 false => AnswerKind::FrontPointVelocity,
             };
@@ -54,11 +54,11 @@ impl PythonLaw {
             set("robot", Bound::new(py, OwnRobot::new(py, brief, incarnation)?)?.into_any())?;
             set("_outbox", outbox.bind(py).clone().into_any())?;
             class.call_method("__init__", (&instance,), Some(&keywords))?;
-            let method = instance.getattr(level.method_name())?;
+            let method = instance.getattr(answer_kind.method_name())?;
             let (instance, method) = (instance.unbind(), method.unbind());
-            Ok(PythonLaw { instance, method, level, names, outbox })
+            Ok(PythonLaw { instance, method, answer_kind, names, outbox })
         };
-        made().map_err(|error| {
+        create().map_err(|error| {
             let gains: Vec<String> =
                 gains.iter().map(|(key, gain)| format!("{key}={gain}")).collect();
             let call = format!("{}({})", name(class), gains.join(", "));
@@ -68,40 +68,41 @@ impl PythonLaw {
 
     /// Calls the method and returns its answer, or a message about what it raised or returned.
     fn call(&self, py: Python<'_>, situation: &Situation<'_>) -> Result<LawOutput, String> {
-        let asked = match self.level {
+        let result = match self.answer_kind {
             AnswerKind::FrontPointVelocity => {
-                let seen = situation::Situation::new(situation, &self.names);
-                self.method.call1(py, (seen,))
+                let input = situation::Situation::new(situation, &self.names);
+                self.method.call1(py, (input,))
             }
             AnswerKind::BodyTwist | AnswerKind::OmniBodyTwist => {
-                let seen = situation::Odometry::new(situation);
-                let heard = situation::neighbors(situation, &self.names);
-                self.method.call1(py, (seen, heard, situation.t_s))
+                let input = situation::Odometry::new(situation);
+                let neighbors = situation::neighbors(situation, &self.names);
+                self.method.call1(py, (input, neighbors, situation.t_s))
             }
         };
-        let at = || {
-            let place = source_location(
+        let where_called = || {
+            let location = source_location(
                 self.instance.bind(py),
                 self.method.bind(py),
-                self.level.method_name(),
+                self.answer_kind.method_name(),
             );
-            format!("{place} at t = {:.3} s", situation.t_s)
+            format!("{location} at t = {:.3} s", situation.t_s)
         };
-        let answer =
-            asked.map_err(|error| format!("{} raised\n{}", at(), format_exception(py, &error)))?;
+        let answer = result.map_err(|error| {
+            format!("{} raised\n{}", where_called(), format_exception(py, &error))
+        })?;
         let answer = answer.bind(py);
-        let output = match self.level {
+        let output = match self.answer_kind {
             AnswerKind::OmniBodyTwist => {
-                numbers::<3>(answer).and_then(|twist| self.level.parse_law_output(&twist))
+                numbers::<3>(answer).and_then(|twist| self.answer_kind.parse_law_output(&twist))
             }
-            _ => numbers::<2>(answer).and_then(|pair| self.level.parse_law_output(&pair)),
+            _ => numbers::<2>(answer).and_then(|pair| self.answer_kind.parse_law_output(&pair)),
         };
         output.ok_or_else(|| {
             format!(
                 "{} returned {}, expected {}",
-                at(),
-                shown(answer),
-                self.level.expected_answer()
+                where_called(),
+                truncated_repr(answer),
+                self.answer_kind.expected_answer()
             )
         })
     }
@@ -161,7 +162,7 @@ pub fn numbers<const N: usize>(answer: &Bound<'_, PyAny>) -> Option<[f64; N]> {
 }
 
 /// Returns the `repr` of a value, or its beginning.
-pub fn shown(answer: &Bound<'_, PyAny>) -> String {
+pub fn truncated_repr(answer: &Bound<'_, PyAny>) -> String {
     let found = answer.repr().map_or_else(|_| name(&answer.get_type()), |repr| repr.to_string());
     found.chars().take(SHOWN_ANSWER_CHARS_MAX).collect()
 }
@@ -170,17 +171,17 @@ pub fn shown(answer: &Bound<'_, PyAny>) -> String {
 pub fn source_location(
     instance: &Bound<'_, PyAny>,
     method: &Bound<'_, PyAny>,
-    called: &str,
+    method_name: &str,
 ) -> String {
-    let of = format!("{}.{called}", name(instance.get_type().as_any()));
-    let stands = || -> PyResult<String> {
+    let qualified_name = format!("{}.{method_name}", name(instance.get_type().as_any()));
+    let location = || -> PyResult<String> {
         let code = method.getattr("__code__")?;
         let (file, line) = (code.getattr("co_filename")?, code.getattr("co_firstlineno")?);
         let file = file.to_string();
         let file = file.rsplit('/').next().unwrap_or_default();
-        Ok(format!("{of} ({file}:{line})"))
+        Ok(format!("{qualified_name} ({file}:{line})"))
     };
-    stands().unwrap_or(of)
+    location().unwrap_or(qualified_name)
 }
 
 /// Flushes the program's standard output. An error is ignored, because there is no way to report it.

@@ -17,8 +17,8 @@ use pyo3::types::{PyByteArray, PyBytes, PyDict, PyString};
 #[pyclass(frozen, module = "phalanx._phalanx")]
 pub struct Outbox {
     format: Option<MessageFormat>,
-    withholds: bool,
-    next: Mutex<SendDecision>,
+    may_withhold_beacon: bool,
+    send_decision: Mutex<SendDecision>,
     /// Role of the robot, which may have the law name a target.
     role: String,
     target: Mutex<Option<Target>>,
@@ -32,8 +32,8 @@ impl Outbox {
     pub fn new(brief: &AgentBrief) -> Outbox {
         Outbox {
             format: brief.message.clone(),
-            withholds: brief.withholds,
-            next: Mutex::new(SendDecision::Beacon),
+            may_withhold_beacon: brief.withholds,
+            send_decision: Mutex::new(SendDecision::Beacon),
             role: brief.program.as_ref().map_or(String::new(), |program| program.role.clone()),
             target: Mutex::new(None),
             signals: brief.signals.clone(),
@@ -43,7 +43,7 @@ impl Outbox {
 
     /// Returns what leaves with the present answer.
     pub fn take_send_decision(&self) -> SendDecision {
-        std::mem::take(&mut *self.next())
+        std::mem::take(&mut *self.lock_send_decision())
     }
 
     /// Returns the target that the law has named for the present answer.
@@ -56,21 +56,21 @@ impl Outbox {
         std::mem::take(&mut *self.recorded.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    fn next(&self) -> MutexGuard<'_, SendDecision> {
-        self.next.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock_send_decision(&self) -> MutexGuard<'_, SendDecision> {
+        self.send_decision.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn set(&self, outgoing: SendDecision) -> PyResult<()> {
-        outgoing.check(self.format.as_ref(), self.withholds).map_err(wrong)?;
-        let mut next = self.next();
-        if *next != SendDecision::Beacon
-            && (*next == SendDecision::Withheld) != (outgoing == SendDecision::Withheld)
+        outgoing.check(self.format.as_ref(), self.may_withhold_beacon).map_err(flaw_error)?;
+        let mut send_decision = self.lock_send_decision();
+        if *send_decision != SendDecision::Beacon
+            && (*send_decision == SendDecision::Withheld) != (outgoing == SendDecision::Withheld)
         {
             return Err(PyValueError::new_err(
                 "publish and withhold were both called for one answer, expected one of them",
             ));
         }
-        *next = outgoing;
+        *send_decision = outgoing;
         Ok(())
     }
 }
@@ -85,7 +85,8 @@ impl Outbox {
         data: Option<&Bound<'_, PyAny>>,
         arrays: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<()> {
-        let format = self.format.as_ref().ok_or_else(|| wrong(MessageFlaw::UndeclaredMessage))?;
+        let format =
+            self.format.as_ref().ok_or_else(|| flaw_error(MessageFlaw::UndeclaredMessage))?;
         let message = match (data, arrays.filter(|arrays| !arrays.is_empty())) {
             (Some(_), Some(_)) => {
                 return Err(PyTypeError::new_err("publish takes bytes or named arrays, not both"));
@@ -121,7 +122,7 @@ impl Outbox {
         }
         let pair = |name: &str, value: &Bound<'_, PyAny>| {
             crate::law::numbers::<2>(value).map(Vec2::from).ok_or_else(|| {
-                let found = crate::law::shown(value);
+                let found = crate::law::truncated_repr(value);
                 PyValueError::new_err(format!(
                     "the {name} of the target is {found}, expected two finite numbers (x, y)"
                 ))
@@ -142,7 +143,7 @@ impl Outbox {
         let mut recorded = self.recorded.lock().unwrap_or_else(PoisonError::into_inner);
         for (name, value) in values.into_iter().flatten() {
             let name: String = name.extract()?;
-            let Some(place) = self.signals.iter().position(|signal| *signal == name) else {
+            let Some(index) = self.signals.iter().position(|signal| *signal == name) else {
                 let expected = match &self.signals[..] {
                     [] => format!("`signals = [\"{name}\"]` in its table [laws.NAME]"),
                     declared => format!("one of {}", declared.join(", ")),
@@ -153,12 +154,12 @@ impl Outbox {
             };
             let number = value.extract().ok().filter(|number: &f64| number.is_finite());
             let number = number.ok_or_else(|| {
-                let found = crate::law::shown(&value);
+                let found = crate::law::truncated_repr(&value);
                 PyValueError::new_err(format!(
                     "the signal `{name}` is {found}, expected a finite number"
                 ))
             })?;
-            recorded.set(place, number);
+            recorded.set(index, number);
         }
         Ok(())
     }
@@ -169,7 +170,7 @@ impl Outbox {
     }
 }
 
-fn wrong(flaw: MessageFlaw) -> PyErr {
+fn flaw_error(flaw: MessageFlaw) -> PyErr {
     PyValueError::new_err(flaw.to_string())
 }
 
@@ -186,7 +187,7 @@ fn bytes(format: &MessageFormat, data: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
 
 /// Encodes the arrays of a message.
 fn encode(format: &MessageFormat, arrays: &Bound<'_, PyDict>) -> PyResult<std::sync::Arc<[u8]>> {
-    let mut given = Vec::with_capacity(arrays.len());
+    let mut named_arrays = Vec::with_capacity(arrays.len());
     for (name, value) in arrays {
         let name: String = name.extract()?;
         let mut numbers = Vec::new();
@@ -194,10 +195,11 @@ fn encode(format: &MessageFormat, arrays: &Bound<'_, PyDict>) -> PyResult<std::s
         if let Some(array) = format.arrays.iter().find(|array| array.name == name) {
             flatten(array, &array.shape, &value, &mut numbers)?;
         }
-        given.push((name, numbers));
+        named_arrays.push((name, numbers));
     }
-    let given: Vec<_> = given.iter().map(|(name, numbers)| (name.as_str(), &numbers[..])).collect();
-    format.encode(&given).map_err(wrong)
+    let named_arrays: Vec<_> =
+        named_arrays.iter().map(|(name, numbers)| (name.as_str(), &numbers[..])).collect();
+    format.encode(&named_arrays).map_err(flaw_error)
 }
 
 /// Appends the numbers of a nested sequence of this shape, row by row.
@@ -207,7 +209,7 @@ fn flatten(
     value: &Bound<'_, PyAny>,
     numbers: &mut Vec<f64>,
 ) -> PyResult<()> {
-    let bad = |found: String| {
+    let shape_error = |found: String| {
         let expected = match &array.shape[..] {
             [] => "a number".to_owned(),
             [count] => format!("{count} numbers"),
@@ -216,17 +218,20 @@ fn flatten(
         PyValueError::new_err(format!("`{}` {found}, expected {expected}", array.name))
     };
     let Some((&length, inner)) = shape.split_first() else {
-        let number =
-            value.extract().map_err(|_| bad(format!("has {}", crate::law::shown(value))))?;
+        let number = value
+            .extract()
+            .map_err(|_| shape_error(format!("has {}", crate::law::truncated_repr(value))))?;
         numbers.push(number);
         return Ok(());
     };
     if value.is_instance_of::<PyString>() || value.is_instance_of::<PyDict>() {
-        return Err(bad(format!("has {}", crate::law::shown(value))));
+        return Err(shape_error(format!("has {}", crate::law::truncated_repr(value))));
     }
-    let found = value.len().map_err(|_| bad(format!("has {}", crate::law::shown(value))))?;
+    let found = value
+        .len()
+        .map_err(|_| shape_error(format!("has {}", crate::law::truncated_repr(value))))?;
     if found != length {
-        return Err(bad(format!("has {found} elements where {length} are declared")));
+        return Err(shape_error(format!("has {found} elements where {length} are declared")));
     }
     (0..length).try_for_each(|i| flatten(array, inner, &value.get_item(i)?, numbers))
 }

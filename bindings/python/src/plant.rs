@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 
 use crate::law::{
-    flush, format_exception, is_no_sequence_of_numbers, name, shown, source_location,
+    flush, format_exception, is_no_sequence_of_numbers, name, source_location, truncated_repr,
 };
 use crate::serve::PACKAGE;
 use crate::situation;
@@ -50,7 +50,7 @@ impl PythonMotion {
     /// Creates an instance of the class with the robots of the brief.
     fn new(class: &Bound<'_, PyAny>, brief: &PlantBrief) -> Result<PythonMotion, String> {
         let py = class.py();
-        let made = || -> PyResult<PythonMotion> {
+        let create = || -> PyResult<PythonMotion> {
             let robots: Vec<_> =
                 brief.robots.iter().map(|body| robot(py, body)).collect::<PyResult<_>>()?;
             let instance = class.call1((PyList::new(py, robots)?,))?;
@@ -59,7 +59,7 @@ impl PythonMotion {
             let (instance, method) = (instance.unbind(), method.unbind());
             Ok(PythonMotion { instance, method, drives, t_s: 0.0 })
         };
-        made().map_err(|error| {
+        create().map_err(|error| {
             format!(
                 "cannot make the plant {}(robots): {}",
                 name(class),
@@ -76,9 +76,10 @@ impl PythonMotion {
         dt_s: f64,
         states: &mut [BodyState],
     ) -> Result<(), String> {
-        let at = || {
-            let place = source_location(self.instance.bind(py), self.method.bind(py), STEP_METHOD);
-            format!("{place} at t = {:.3} s", self.t_s)
+        let where_called = || {
+            let location =
+                source_location(self.instance.bind(py), self.method.bind(py), STEP_METHOD);
+            format!("{location} at t = {:.3} s", self.t_s)
         };
         let twist = |(&Twist { v_m_s, side_m_s, w_rad_s }, drive): (&Twist, &DriveKind)| match drive
         {
@@ -87,17 +88,18 @@ impl PythonMotion {
         };
         let twists = targets.iter().zip(&self.drives).map(twist).collect::<PyResult<Vec<_>>>();
         let twists = twists.map_err(|error| format_exception(py, &error))?;
-        let asked = self.method.call1(py, (twists, dt_s));
-        let answer =
-            asked.map_err(|error| format!("{} raised\n{}", at(), format_exception(py, &error)))?;
+        let result = self.method.call1(py, (twists, dt_s));
+        let answer = result.map_err(|error| {
+            format!("{} raised\n{}", where_called(), format_exception(py, &error))
+        })?;
         let answer = answer.bind(py);
         let found = rows(answer, &self.drives).ok_or_else(|| {
             let robots = states.len();
             format!(
                 "{} returned {}, expected {robots} poses, one for each robot: (x, y, heading) in m and rad, or \
                  (x, y, heading, v, w) with m/s and rad/s; (x, y, heading, v, side, w) for `drive = \"omni\"`",
-                at(),
-                shown(answer)
+                where_called(),
+                truncated_repr(answer)
             )
         })?;
         for (state, row) in states.iter_mut().zip(found) {
@@ -161,8 +163,8 @@ impl Row {
 /// Returns the robots of a result of any sequence type, one for each drive; `None` if it is not valid.
 fn rows(answer: &Bound<'_, PyAny>, drives: &[DriveKind]) -> Option<Vec<Row>> {
     // A numpy array is converted to a list of lists at once.
-    let listed = answer.getattr("tolist").and_then(|list| list.call0());
-    let answer = listed.as_ref().unwrap_or(answer);
+    let as_list = answer.getattr("tolist").and_then(|list| list.call0());
+    let answer = as_list.as_ref().unwrap_or(answer);
     if is_no_sequence_of_numbers(answer) {
         return None;
     }
@@ -184,14 +186,14 @@ fn numbers(row: &Bound<'_, PyAny>) -> Option<Vec<f64>> {
 /// Creates a `phalanx.Robot`.
 fn robot<'py>(py: Python<'py>, body: &BodyBrief) -> PyResult<Bound<'py, PyAny>> {
     let module = py.import("phalanx.plant")?;
-    let made = |class: &str, parts: &[(&str, f64)]| -> PyResult<Bound<'py, PyAny>> {
+    let construct = |class: &str, parts: &[(&str, f64)]| -> PyResult<Bound<'py, PyAny>> {
         let keywords = PyDict::new(py);
         parts.iter().try_for_each(|(key, value)| keywords.set_item(key, value))?;
         module.getattr(class)?.call((), Some(&keywords))
     };
     let wheels = body.wheels.map(|wheels| {
         let parts = [("speed_max_m_s", wheels.speed_max_m_s), ("track_m", wheels.track_m)];
-        made("Wheels", &parts)
+        construct("Wheels", &parts)
     });
     let limits = body.limits.map(|limits| {
         let parts = [
@@ -199,7 +201,7 @@ fn robot<'py>(py: Python<'py>, body: &BodyBrief) -> PyResult<Bound<'py, PyAny>> 
             ("turn_acceleration_rad_s2", limits.turn_acceleration_rad_s2),
             ("braking_time_s", limits.braking_time_s),
         ];
-        made("Limits", &parts)
+        construct("Limits", &parts)
     });
     let keywords = PyDict::new(py);
     keywords.set_item("name", &body.name)?;

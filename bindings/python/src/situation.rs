@@ -84,7 +84,7 @@ pub struct Neighbor {
     contact: &'static str,
     #[pyo3(get)]
     incarnation: u64,
-    heard: Option<ReceivedMessage>,
+    newest_message: Option<ReceivedMessage>,
     queued: Vec<ReceivedMessage>,
     params: Arc<toml::Table>,
 }
@@ -98,13 +98,13 @@ impl Neighbor {
     /// Returns the newest message of its law: a dict of its arrays, or bytes; `None` before the first.
     #[getter]
     fn message<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        self.heard.as_ref().map(|heard| message(py, heard)).transpose()
+        self.newest_message.as_ref().map(|received| message(py, received)).transpose()
     }
 
     /// Returns the messages of its law that arrived since the last call, oldest first.
     #[getter]
     fn messages<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        self.queued.iter().map(|heard| message(py, heard)).collect()
+        self.queued.iter().map(|received| message(py, received)).collect()
     }
 
     /// Returns the parameters of the edge from this robot.
@@ -116,7 +116,7 @@ impl Neighbor {
     /// Returns the age of that message, s.
     #[getter]
     fn message_age_s(&self) -> Option<f64> {
-        self.heard.as_ref().map(|heard| heard.age_s)
+        self.newest_message.as_ref().map(|received| received.age_s)
     }
 }
 
@@ -191,10 +191,10 @@ impl InNeighborNames {
     /// Returns the names of the in-neighbors in a brief.
     pub fn read_in_neighbors(brief: &AgentBrief) -> InNeighborNames {
         let neighbors = brief.senders();
-        let named = neighbors.map(|neighbor| {
+        let entries = neighbors.map(|neighbor| {
             (neighbor.index, neighbor.name.clone(), Arc::new(neighbor.params.clone()))
         });
-        InNeighborNames(named.collect())
+        InNeighborNames(entries.collect())
     }
 
     /// Returns the number of in-neighbors.
@@ -205,22 +205,22 @@ impl InNeighborNames {
 
 /// Returns the in-neighbors from which a beacon was received.
 pub fn neighbors(situation: &laws::Situation<'_>, names: &InNeighborNames) -> Vec<Neighbor> {
-    let neighbor = |heard: &NeighborEstimate| {
-        let named = names.0.iter().find(|(place, ..)| *place == heard.index);
-        let (_, name, params) = named.cloned().unwrap_or_default();
+    let neighbor = |estimate: &NeighborEstimate| {
+        let found = names.0.iter().find(|(index, ..)| *index == estimate.index);
+        let (_, name, params) = found.cloned().unwrap_or_default();
         Neighbor {
             name,
             params,
-            position: pair(heard.position),
-            velocity: pair(heard.velocity),
-            offset: pair(heard.offset.position),
-            offset_velocity: pair(heard.offset.velocity),
-            index: heard.index,
-            age_s: heard.age_s,
-            incarnation: heard.incarnation,
-            heard: heard.message.clone(),
-            queued: heard.queued_messages.clone(),
-            contact: match heard.reception_state {
+            position: pair(estimate.position),
+            velocity: pair(estimate.velocity),
+            offset: pair(estimate.offset.position),
+            offset_velocity: pair(estimate.offset.velocity),
+            index: estimate.index,
+            age_s: estimate.age_s,
+            incarnation: estimate.incarnation,
+            newest_message: estimate.message.clone(),
+            queued: estimate.queued_messages.clone(),
+            contact: match estimate.reception_state {
                 ReceptionState::Fresh => "fresh",
                 ReceptionState::Stale => "stale",
                 ReceptionState::Lost => "lost",
@@ -233,12 +233,12 @@ pub fn neighbors(situation: &laws::Situation<'_>, names: &InNeighborNames) -> Ve
 }
 
 /// Returns a message as a dict of its arrays, or bytes.
-fn message<'py>(py: Python<'py>, heard: &ReceivedMessage) -> PyResult<Bound<'py, PyAny>> {
-    if heard.format.is_bytes() {
-        return Ok(PyBytes::new(py, &heard.bytes).into_any());
+fn message<'py>(py: Python<'py>, received: &ReceivedMessage) -> PyResult<Bound<'py, PyAny>> {
+    if received.format.is_bytes() {
+        return Ok(PyBytes::new(py, &received.bytes).into_any());
     }
     let arrays = PyDict::new(py);
-    for (array, numbers) in heard.format.decode_arrays(&heard.bytes) {
+    for (array, numbers) in received.format.decode_arrays(&received.bytes) {
         arrays.set_item(&*array.name, nested(py, &array.shape, &numbers)?)?;
     }
     Ok(arrays.into_any())
@@ -259,7 +259,10 @@ fn nested<'py>(py: Python<'py>, shape: &[usize], numbers: &[f64]) -> PyResult<Bo
 
 /// Returns the front points of the robots in sensing range, m; `None` while the sensor fails.
 fn near(situation: &laws::Situation<'_>) -> Option<Vec<Pair>> {
-    let points = situation.neighbor_vectors.iter().map(|away| pair(situation.front_point - away));
+    let points = situation
+        .neighbor_vectors
+        .iter()
+        .map(|to_neighbor| pair(situation.front_point - to_neighbor));
     situation.proximity_valid.then(|| points.collect())
 }
 

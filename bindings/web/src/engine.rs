@@ -160,16 +160,16 @@ impl Engine {
         })
     }
 
-    fn frame(&mut self, told: usize) -> Value {
+    fn frame(&mut self, events_received: usize) -> Value {
         let Some(run) = &mut self.run else { return Value::Null };
-        let happened: Vec<Value> = run.run_dir().recorded_events.get(told..).unwrap_or_default()
+        let new_events: Vec<Value> = run.run_dir().recorded_events.get(events_received..).unwrap_or_default()
             .iter()
             .map(|event| {
                 json!({ "t_s": event.t_s, "kind": event.kind, "robot": event.robot, "detail": event.detail,
                     "other": event.other })
             })
             .collect();
-        json!({ "frame": run.scene_frame(), "happened": happened, "over": self.over, "tick": run.run().current_tick() })
+        json!({ "frame": run.scene_frame(), "happened": new_events, "over": self.over, "tick": run.run().current_tick() })
     }
 
     fn opened(&mut self) -> Value {
@@ -191,13 +191,13 @@ pub fn answer(engine: &mut Option<Engine>, question: &str) -> Value {
     match serde_json::from_str(question) {
         Err(error) => json!({ "error": format!("the request is not valid: {error}") }),
         Ok(Question::Check(ScenarioInput { file, text, faults })) => {
-            let said =
+            let render =
                 |list: &[Diagnostic]| list.iter().map(|one| one.render(false)).collect::<String>();
             match read_asked(&file, &text, &faults) {
-                Err(wrong) => json!({ "error": said(&[wrong]) }),
+                Err(wrong) => json!({ "error": render(&[wrong]) }),
                 Ok((scenario, _, warnings)) => {
                     let report = check::format_report(&scenario, &Theory::compute(&scenario));
-                    json!({ "warnings": said(&warnings), "report": report })
+                    json!({ "warnings": render(&warnings), "report": report })
                 }
             }
         }

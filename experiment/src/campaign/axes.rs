@@ -96,8 +96,8 @@ pub(crate) fn parse_axis<T>(
     if settings.is_empty() {
         return Err(value.error_about_key("has no value", expected));
     }
-    for (place, setting) in settings.iter().enumerate() {
-        if settings[..place].iter().any(|other| other.display_text == setting.display_text) {
+    for (index, setting) in settings.iter().enumerate() {
+        if settings[..index].iter().any(|other| other.display_text == setting.display_text) {
             let message = format!("has the value {} twice", setting.display_text);
             return Err(value.error_about_key(message, "expected each value once"));
         }
@@ -107,11 +107,11 @@ pub(crate) fn parse_axis<T>(
 
 fn parse_setting<T>(value: &TypedValue<'_, T>) -> Setting {
     let toml = format_as_toml(value.toml_value());
-    let shown = match value.toml_value() {
+    let display_text = match value.toml_value() {
         DeValue::String(text) => text.clone().into_owned(),
         _ => toml.clone(),
     };
-    Setting { display_text: shown, numeric_value: numeric_value(value), toml, ..Setting::default() }
+    Setting { display_text, numeric_value: numeric_value(value), toml, ..Setting::default() }
 }
 
 fn setting_from_number(number: f64) -> Setting {
@@ -143,22 +143,23 @@ fn parse_fault_setting<T>(value: &TypedValue<'_, T>) -> Result<Setting, Diagnost
             .filter(|f| f != NO_FAULT_VALUE)
             .collect(),
     };
-    let shown = if faults.is_empty() { NO_FAULT_VALUE.to_owned() } else { faults.join("; ") };
-    Ok(Setting { toml: shown.clone(), display_text: shown, faults, ..Setting::default() })
+    let display_text =
+        if faults.is_empty() { NO_FAULT_VALUE.to_owned() } else { faults.join("; ") };
+    Ok(Setting { toml: display_text.clone(), display_text, faults, ..Setting::default() })
 }
 
 /// Parses a range `{ from, to, count, spacing }`. It includes both ends.
 fn parse_range<T>(value: &TypedValue<'_, T>) -> Result<Vec<Setting>, Diagnostic> {
     let expected = "expected { from, to, count, spacing }";
-    let (mut ends, mut count, mut log) = ([None, None], None, None);
+    let (mut limits, mut count, mut log) = ([None, None], None, None);
     for (key, inner) in value.entries(expected)? {
         let finite = || {
             let found = numeric_value(&inner).filter(|number| number.is_finite());
             found.ok_or_else(|| inner.error_about_key("is no number", "expected a finite number"))
         };
         match &*key {
-            "from" => ends[0] = Some(finite()?),
-            "to" => ends[1] = Some(finite()?),
+            "from" => limits[0] = Some(finite()?),
+            "to" => limits[1] = Some(finite()?),
             "count" => {
                 let found = numeric_value(&inner).filter(|n| n.fract() == 0.0 && *n >= 2.0);
                 let expected = format!("expected a whole number from 2 to {VALUES_MAX}");
@@ -178,7 +179,7 @@ fn parse_range<T>(value: &TypedValue<'_, T>) -> Result<Vec<Setting>, Diagnostic>
             _ => return Err(inner.error_at_value(format!("a range has no key `{key}`"), expected)),
         }
     }
-    let ([Some(from), Some(to)], Some(count)) = (ends, count) else {
+    let ([Some(from), Some(to)], Some(count)) = (limits, count) else {
         return Err(value.error_about_key("lacks `from`, `to` or `count`", expected));
     };
     let log = log.unwrap_or(false);
@@ -194,10 +195,10 @@ fn parse_range<T>(value: &TypedValue<'_, T>) -> Result<Vec<Setting>, Diagnostic>
 /// 0.30000000000000004.
 fn evenly_spaced_values(from: f64, to: f64, count: usize, log: bool) -> Vec<f64> {
     let point = |i: usize| {
-        let share = i as f64 / (count - 1) as f64;
+        let fraction = i as f64 / (count - 1) as f64;
         let value = match log {
-            true => from * portable_math::pow(to / from, share),
-            false => from + share * (to - from),
+            true => from * portable_math::pow(to / from, fraction),
+            false => from + fraction * (to - from),
         };
         match i {
             0 => from,

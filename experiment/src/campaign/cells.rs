@@ -54,14 +54,14 @@ pub enum CampaignRunError {
     Starts { source: StartsError, run: String },
 }
 
-/// Returns the runs whose numbers are `wanted`, in order. Seeds vary fastest.
+/// Returns the runs whose numbers are selected, in order. Seeds vary fastest.
 pub fn campaign_runs(
     campaign: &Campaign,
     catalog: &Catalog,
     executable: &str,
-    wanted: impl Fn(usize) -> bool,
+    is_selected: impl Fn(usize) -> bool,
 ) -> Result<Vec<CampaignRun>, CampaignRunError> {
-    let mut cells = Vec::new();
+    let mut runs = Vec::new();
     for point in 0..campaign.point_count() {
         let settings = campaign.settings_at(point);
         let overrides = point_overrides(campaign, &settings);
@@ -72,28 +72,30 @@ pub fn campaign_runs(
             .find_map(|case| case.random_starts.as_ref())
             .or(campaign.random_starts.as_ref());
         // The first run of a point determines its robots.
-        let mut robots: Option<Scenario> = None;
+        let mut point_scenario: Option<Scenario> = None;
         let seeds: Vec<Option<u64>> = match campaign.seeds.is_empty() {
             true => vec![None],
             false => campaign.seeds.iter().copied().map(Some).collect(),
         };
-        let first = point * campaign.runs_per_point() + 1;
-        for (number, seed) in (first..).zip(seeds).filter(|(number, _)| wanted(*number)) {
+        let first_number = point * campaign.runs_per_point() + 1;
+        for (number, seed) in (first_number..).zip(seeds).filter(|(number, _)| is_selected(*number))
+        {
             let run = || describe_settings(campaign, &settings, seed);
-            let refused = |diagnostic| CampaignRunError::Scenario {
+            let to_error = |diagnostic| CampaignRunError::Scenario {
                 diagnostic: Box::new(diagnostic),
                 run: run(),
             };
             let read =
-                |overrides: &Overrides| read_for_run(file, overrides, catalog).map_err(refused);
+                |overrides: &Overrides| read_for_run(file, overrides, catalog).map_err(to_error);
             let mut overrides = Overrides { seed, ..overrides.clone() };
             if let (Some(starts), Some(seed)) = (starts, seed) {
-                if robots.is_none() {
-                    robots = Some(read(&overrides)?.0);
+                if point_scenario.is_none() {
+                    point_scenario = Some(read(&overrides)?.0);
                 }
-                let drawn = starts.draw(robots.as_ref().expect("just read"), seed);
+                let assignments = starts.draw(point_scenario.as_ref().expect("just read"), seed);
                 overrides.assignments.extend(
-                    drawn.map_err(|source| CampaignRunError::Starts { source, run: run() })?,
+                    assignments
+                        .map_err(|source| CampaignRunError::Starts { source, run: run() })?,
                 );
             }
             let (scenario, ..) = read(&overrides)?;
@@ -113,7 +115,7 @@ pub fn campaign_runs(
                 hash.update((text.len() as u64).to_le_bytes());
                 hash.update(text);
             }
-            cells.push(CampaignRun {
+            runs.push(CampaignRun {
                 number,
                 point_index: point,
                 seed: scenario.seed,
@@ -125,7 +127,7 @@ pub fn campaign_runs(
             });
         }
     }
-    Ok(cells)
+    Ok(runs)
 }
 
 /// Returns the files of the external programs of the robots, with their paths.
@@ -162,19 +164,19 @@ fn point_overrides(campaign: &Campaign, settings: &[&Setting]) -> Overrides {
 }
 
 fn describe_settings(campaign: &Campaign, settings: &[&Setting], seed: Option<u64>) -> String {
-    let mut words = String::from("in the run");
+    let mut description = String::from("in the run");
     let axes = campaign.axes.iter().zip(settings);
-    let mut with = " with";
+    let mut separator = " with";
     for (key, value) in
         axes.map(|(axis, setting)| (axis.key.as_str(), setting.display_text.clone()))
     {
-        let _ = write!(words, "{with} {key} = {value}");
-        with = ",";
+        let _ = write!(description, "{separator} {key} = {value}");
+        separator = ",";
     }
     if let Some(seed) = seed {
-        let _ = write!(words, "{with} seed {seed}");
+        let _ = write!(description, "{separator} seed {seed}");
     }
-    words + &format!(" of {}", campaign.path.display())
+    description + &format!(" of {}", campaign.path.display())
 }
 
 impl CampaignRun {
@@ -183,30 +185,30 @@ impl CampaignRun {
         describe_settings(campaign, &campaign.settings_at(self.point_index), self.overrides.seed)
     }
 
-    /// Returns the arguments that run it with the output directory `to`, without the executable.
-    pub fn arguments(&self, campaign: &Campaign, to: &Path) -> Vec<String> {
+    /// Returns the arguments that run it with the output directory `output_folder`, without the executable.
+    pub fn arguments(&self, campaign: &Campaign, output_folder: &Path) -> Vec<String> {
         let text = |path: &Path| path.to_string_lossy().into_owned();
         // Absolute, because the working directory of the run is unknown.
         let scenario = self.scenario.canonicalize();
-        let mut words = vec![
+        let mut arguments = vec![
             "run".to_owned(),
             text(scenario.as_deref().unwrap_or(&self.scenario)),
             "--pace".into(),
             campaign.pace.keyword().into(),
         ];
         if let Some(seed) = self.overrides.seed {
-            words.extend(["--seed".into(), seed.to_string()]);
+            arguments.extend(["--seed".into(), seed.to_string()]);
         }
         for set in &self.overrides.assignments {
-            words.extend(["--set".into(), set.clone()]);
+            arguments.extend(["--set".into(), set.clone()]);
         }
         for fault in &self.overrides.faults {
-            words.extend(["--fault".into(), fault.clone()]);
+            arguments.extend(["--fault".into(), fault.clone()]);
         }
         let (keep, deadline) = (campaign.file_retention.keyword(), campaign.deadline_s.to_string());
-        words.extend(["--cell".into(), text(to), "--keep".into(), keep.into()]);
-        words.extend(["--deadline-s".into(), deadline]);
-        words
+        arguments.extend(["--cell".into(), text(output_folder), "--keep".into(), keep.into()]);
+        arguments.extend(["--deadline-s".into(), deadline]);
+        arguments
     }
 }
 
@@ -216,12 +218,12 @@ pub fn executable_sha256() -> io::Result<String> {
 }
 
 /// Returns the SHA-256 of the content of a reader, as 64 hexadecimal digits.
-pub fn sha256(mut from: impl Read) -> io::Result<String> {
-    let (mut hash, mut part) = (Sha256::new(), vec![0; 1 << 16]);
+pub fn sha256(mut reader: impl Read) -> io::Result<String> {
+    let (mut hash, mut buffer) = (Sha256::new(), vec![0; 1 << 16]);
     loop {
-        match from.read(&mut part) {
+        match reader.read(&mut buffer) {
             Ok(0) => return Ok(format_hex(&hash.finalize())),
-            Ok(read) => hash.update(&part[..read]),
+            Ok(read) => hash.update(&buffer[..read]),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => return Err(error),
         }

@@ -87,10 +87,10 @@ impl Campaign {
 /// The first mistake in the file, or the reason why it cannot be read.
 pub fn read(path: &Path, catalog: &Catalog) -> Result<Campaign, Diagnostic> {
     let expected = "expected a campaign file, such as scenarios/campaigns/triangle-starts.toml";
-    let about = |what: String| {
-        Diagnostic::without_location(format!("`{}` {what}", path.display()), expected)
+    let file_error = |problem: String| {
+        Diagnostic::without_location(format!("`{}` {problem}", path.display()), expected)
     };
-    let text = load_text(path, expected).map_err(|trouble| about(trouble.problem))?;
+    let text = load_text(path, expected).map_err(|error| file_error(error.problem))?;
     read_text(path, &text, catalog)
 }
 
@@ -106,8 +106,8 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
 
     let name = root.required_value(keys::Root::name)?;
     let name_text = name.text("expected a string")?;
-    let sound = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-    if name_text.is_empty() || name_text.starts_with('.') || !name_text.chars().all(sound) {
+    let is_allowed = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    if name_text.is_empty() || name_text.starts_with('.') || !name_text.chars().all(is_allowed) {
         let expected = "expected letters, digits, `-`, `_` or `.`: it is also the name of a folder";
         return Err(name.error_about_key(format!("is \"{name_text}\""), expected));
     }
@@ -212,9 +212,9 @@ fn parse_scenario_path(
 ) -> Result<PathBuf, Diagnostic> {
     let expected = "expected a scenario file, such as \"../scenarios/triangle.toml\"";
     let file = path.parent().unwrap_or(Path::new("")).join(scenario.text(expected)?);
-    load_text(&file, expected).map_err(|trouble| {
+    load_text(&file, expected).map_err(|error| {
         scenario.error_about_key(
-            format!("names `{}`, which {}", file.display(), trouble.problem),
+            format!("names `{}`, which {}", file.display(), error.problem),
             expected,
         )
     })?;
@@ -268,7 +268,7 @@ fn parse_case_axes(
         let (axis, name) =
             (table.required_value(keys::Case::axis)?, table.required_value(keys::Case::name)?);
         let key = axis.text("expected a string")?;
-        let shown = name.text("expected a string")?.to_owned();
+        let display_text = name.text("expected a string")?.to_owned();
         let faults = parse_faults(table.get(keys::Case::faults))?;
         let scenario = table
             .get(keys::Case::scenario)
@@ -282,18 +282,18 @@ fn parse_case_axes(
             random_starts: starts,
         };
         let setting =
-            Setting { toml: shown.clone(), display_text: shown, numeric_value: None, faults, case };
-        let place = axes.iter().position(|axis| axis.key == key).unwrap_or(axes.len());
-        if place == axes.len() {
+            Setting { toml: display_text.clone(), display_text, numeric_value: None, faults, case };
+        let index = axes.iter().position(|axis| axis.key == key).unwrap_or(axes.len());
+        if index == axes.len() {
             let key = key.to_owned();
             axes.push(Axis { key, kind: AxisKind::Cases, settings: Vec::new() });
         }
-        if axes[place].settings.iter().any(|other| other.display_text == setting.display_text) {
+        if axes[index].settings.iter().any(|other| other.display_text == setting.display_text) {
             let message =
                 format!("is \"{}\", which the axis `{key}` has already", setting.display_text);
             return Err(name.error_about_key(message, "expected each value once"));
         }
-        axes[place].settings.push(setting);
+        axes[index].settings.push(setting);
     }
     Ok(axes)
 }
@@ -322,9 +322,9 @@ fn collect_leaf_entries<'t, T>(
     for (key, inner) in entries {
         // An edge is `FROM->TO`.
         let plain = key.replacen("->", "", 1);
-        let sound = !plain.is_empty()
+        let is_valid = !plain.is_empty()
             && plain.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-' || c == '.');
-        if !sound {
+        if !is_valid {
             let expected = "expected a key as in `--set`: avoidance.kind";
             return Err(inner.error_at_value(format!("`{key}` is not a key"), expected));
         }
@@ -411,21 +411,21 @@ fn parse_axis_groups(
             let mut group: Vec<usize> = Vec::new();
             for name in list.elements(expected)? {
                 let text = name.text(expected)?;
-                let Some(place) = axes.iter().position(|axis| axis.key == text) else {
+                let Some(axis) = axes.iter().position(|axis| axis.key == text) else {
                     let names: Vec<&str> = axes.iter().map(|axis| axis.key.as_str()).collect();
                     let expected = format!("expected one of {}", names.join(", "));
                     return Err(
                         name.error_at_value(format!("`{text}` is no axis of [vary]"), expected)
                     );
                 };
-                if groups.iter().flatten().chain(&group).any(|&other| other == place) {
+                if groups.iter().flatten().chain(&group).any(|&other| other == axis) {
                     let expected = "expected each axis once";
                     return Err(
                         name.error_at_value(format!("`{text}` is in `zip` twice"), expected)
                     );
                 }
                 if let Some(&first) = group.first() {
-                    let [long, other] = [first, place].map(|axis| axes[axis].settings.len());
+                    let [long, other] = [first, axis].map(|axis| axes[axis].settings.len());
                     if long != other {
                         let first = &axes[first].key;
                         let message = format!("`{text}` has {other} values, `{first}` has {long}");
@@ -433,7 +433,7 @@ fn parse_axis_groups(
                         return Err(name.error_at_value(message, expected));
                     }
                 }
-                group.push(place);
+                group.push(axis);
             }
             if group.is_empty() {
                 return Err(list.error_about_key("is empty", expected));
@@ -441,9 +441,9 @@ fn parse_axis_groups(
             groups.push(group);
         }
     }
-    for place in 0..axes.len() {
-        if !groups.iter().flatten().any(|&other| other == place) {
-            groups.push(vec![place]);
+    for axis in 0..axes.len() {
+        if !groups.iter().flatten().any(|&other| other == axis) {
+            groups.push(vec![axis]);
         }
     }
     // In axis order: the first varies most slowly.
@@ -453,32 +453,35 @@ fn parse_axis_groups(
 
 fn parse_seeds(value: &TypedValue<'_, kinds::Any>) -> Result<Vec<u64>, Diagnostic> {
     let expected = "expected how many seeds there are, a list of them, or { from, count }";
-    let whole = |value: &TypedValue<'_, kinds::Any>, least: u64| -> Result<u64, Diagnostic> {
-        let number = match value.toml_value() {
-            DeValue::Integer(integer) => {
-                u64::from_str_radix(integer.as_str(), integer.radix()).ok()
-            }
-            _ => return Err(value.wrong_type_error(expected)),
+    let parse_integer =
+        |value: &TypedValue<'_, kinds::Any>, minimum: u64| -> Result<u64, Diagnostic> {
+            let number = match value.toml_value() {
+                DeValue::Integer(integer) => {
+                    u64::from_str_radix(integer.as_str(), integer.radix()).ok()
+                }
+                _ => return Err(value.wrong_type_error(expected)),
+            };
+            let valid = number.filter(|number| (minimum..=i64::MAX as u64).contains(number));
+            valid.ok_or_else(|| {
+                value.error_about_key("is out of range", format!("expected {minimum} or more"))
+            })
         };
-        let sound = number.filter(|number| (least..=i64::MAX as u64).contains(number));
-        sound.ok_or_else(|| {
-            value.error_about_key("is out of range", format!("expected {least} or more"))
-        })
-    };
-    let counted = |from: u64, count: u64, at: &TypedValue<'_, kinds::Any>| match count as usize
-        <= RUNS_MAX
-    {
-        true => Ok((from..from.saturating_add(count)).collect()),
-        false => Err(
-            at.error_about_key(format!("requests {count}"), format!("expected at most {RUNS_MAX}"))
-        ),
-    };
+    let consecutive_seeds =
+        |from: u64, count: u64, location: &TypedValue<'_, kinds::Any>| match count as usize
+            <= RUNS_MAX
+        {
+            true => Ok((from..from.saturating_add(count)).collect()),
+            false => Err(location.error_about_key(
+                format!("requests {count}"),
+                format!("expected at most {RUNS_MAX}"),
+            )),
+        };
     match value.toml_value() {
-        DeValue::Integer(_) => counted(1, whole(value, 1)?, value),
+        DeValue::Integer(_) => consecutive_seeds(1, parse_integer(value, 1)?, value),
         DeValue::Array(_) => {
             let mut seeds = Vec::new();
             for seed in value.elements(expected)? {
-                let number = whole(&seed, 0)?;
+                let number = parse_integer(&seed, 0)?;
                 if seeds.contains(&number) {
                     return Err(seed
                         .error_about_key(format!("is {number} again"), "expected each seed once"));
@@ -494,8 +497,8 @@ fn parse_seeds(value: &TypedValue<'_, kinds::Any>) -> Result<Vec<u64>, Diagnosti
             let (mut from, mut count) = (1, None);
             for (key, inner) in value.entries(expected)? {
                 match &*key {
-                    "from" => from = whole(&inner, 0)?,
-                    "count" => count = Some(whole(&inner, 1)?),
+                    "from" => from = parse_integer(&inner, 0)?,
+                    "count" => count = Some(parse_integer(&inner, 1)?),
                     _ => {
                         let message = format!("`seeds` has no key `{key}`");
                         return Err(inner.error_at_value(message, "expected `from` and `count`"));
@@ -503,7 +506,7 @@ fn parse_seeds(value: &TypedValue<'_, kinds::Any>) -> Result<Vec<u64>, Diagnosti
                 }
             }
             let expected = "expected how many seeds";
-            counted(
+            consecutive_seeds(
                 from,
                 count.ok_or_else(|| value.error_about_key("has no `count`", expected))?,
                 value,
@@ -532,11 +535,11 @@ mod tests {
             "zip = [['hung_after_s', 'period_s']]\n[vary]\nperiod_s = [1, 2]\nrecord_hz = [3, 4, 5]\n\
              hung_after_s = [6, 7]\n",
         );
-        let shown = |point| {
+        let display_texts = |point| {
             campaign.settings_at(point).iter().map(|s| s.display_text.clone()).collect::<Vec<_>>()
         };
         let points: Vec<_> =
-            (0..campaign.point_count()).map(|point| shown(point).join(" ")).collect();
+            (0..campaign.point_count()).map(|point| display_texts(point).join(" ")).collect();
         assert_eq!(points, ["1 3 6", "1 4 6", "1 5 6", "2 3 7", "2 4 7", "2 5 7"]);
     }
 

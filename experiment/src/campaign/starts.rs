@@ -77,7 +77,7 @@ impl RandomStarts {
         }
         let center = table.get(keys::Starts::center_m);
         let each = table.read_word(keys::Starts::around)? == "each";
-        let around = match (each, &center) {
+        let box_center = match (each, &center) {
             (true, Some(center)) => {
                 return Err(center.error_about_key(
                     "has no effect with `around = \"each\"`",
@@ -90,7 +90,7 @@ impl RandomStarts {
         Ok(RandomStarts {
             box_m,
             separation_min_m: table.number(keys::Starts::apart_m)?,
-            box_center: around,
+            box_center,
             goals: table.read_word(keys::Starts::goals)?,
         })
     }
@@ -106,63 +106,68 @@ impl RandomStarts {
             return Err(StartsError::SeparationTooSmall { apart_m: self.separation_min_m, d_m });
         }
         let robots = &scenario.robots;
-        let own = start_front_points(robots);
-        let middle = |at: Vec2| vec![at; robots.len()];
+        let scenario_points = start_front_points(robots);
+        let same_for_all = |at: Vec2| vec![at; robots.len()];
         let centers = match self.box_center {
-            BoxCenter::PerRobot => own,
-            BoxCenter::Common(Some([x, y])) => middle(Vec2::new(x, y)),
-            BoxCenter::Common(None) => middle(own.iter().sum::<Vec2>() / robots.len() as f64),
+            BoxCenter::PerRobot => scenario_points,
+            BoxCenter::Common(Some([x, y])) => same_for_all(Vec2::new(x, y)),
+            BoxCenter::Common(None) => {
+                same_for_all(scenario_points.iter().sum::<Vec2>() / robots.len() as f64)
+            }
         };
         let walls = scenario.obstacles();
         let clearance_m = scenario.avoidance.clearance_m + ROUNDING_MARGIN_M;
-        let clear =
+        let is_clear =
             |at: Vec2| walls.nearest_obstacle(at).is_none_or(|wall| wall.distance_m >= clearance_m);
         let mut random = SplitMix64::new(seed ^ STARTS_STREAM);
-        let places =
-            self.draw_positions(&mut random, &centers, clear).ok_or(StartsError::BoxTooSmall {
+        let positions = self.draw_positions(&mut random, &centers, is_clear).ok_or(
+            StartsError::BoxTooSmall {
                 robots: robots.len(),
                 apart_m: self.separation_min_m,
                 box_m: self.box_m,
                 seed,
-            })?;
-        let mut drawn = Vec::new();
+            },
+        )?;
+        let mut assignments = Vec::new();
         if self.goals == GoalAssignment::Swaps {
             let mut random = SplitMix64::new(seed ^ SWAPS_STREAM);
             for (robot, to) in robots.iter().zip(draw_partners(&mut random, robots.len())) {
-                let goal = places[to];
-                drawn.push(format!("robot.{}.goal_m=[{:?}, {:?}]", robot.name, goal.x, goal.y));
+                let goal = positions[to];
+                assignments
+                    .push(format!("robot.{}.goal_m=[{:?}, {:?}]", robot.name, goal.x, goal.y));
             }
         }
-        let start = |(place, robot): (Vec2, &crate::scenario::Robot)| {
+        let start = |(position, robot): (Vec2, &crate::scenario::Robot)| {
             // Maps [0, 1) to (-pi, pi].
             let heading_rad = PI - 2.0 * PI * random.draw_unit();
             let ahead = robot.front_point_m * rotate(heading_rad, Vec2::x());
-            let axle = place - ahead;
+            let axle = position - ahead;
             start_assignment(&robot.name, Pose { x_m: axle.x, y_m: axle.y, heading_rad })
         };
-        drawn.extend(places.into_iter().zip(robots).map(start));
-        Ok(drawn)
+        assignments.extend(positions.into_iter().zip(robots).map(start));
+        Ok(assignments)
     }
 
-    /// Draws points in the boxes around `centers` that are `clear`, or returns `None` if there is no room.
+    /// Draws points in the boxes around `centers` for which `is_clear` returns true, or returns `None` if there is no
+    /// room.
     fn draw_positions(
         &self,
         random: &mut SplitMix64,
         centers: &[Vec2],
-        clear: impl Fn(Vec2) -> bool,
+        is_clear: impl Fn(Vec2) -> bool,
     ) -> Option<Vec<Vec2>> {
         let [width, height] = self.box_m;
         for _ in 0..DRAWS_MAX {
-            let mut places: Vec<Vec2> = Vec::new();
+            let mut positions: Vec<Vec2> = Vec::new();
             for _ in 0..DRAWS_MAX {
-                let Some(center) = centers.get(places.len()) else { return Some(places) };
+                let Some(center) = centers.get(positions.len()) else { return Some(positions) };
                 let [x, y] = [width, height].map(|side| side * (random.draw_unit() - 0.5));
-                let place = center + Vec2::new(x, y);
-                let far = |other: &Vec2| {
-                    (place - other).norm() >= self.separation_min_m + ROUNDING_MARGIN_M
+                let position = center + Vec2::new(x, y);
+                let is_separated = |other: &Vec2| {
+                    (position - other).norm() >= self.separation_min_m + ROUNDING_MARGIN_M
                 };
-                if places.iter().all(far) && clear(place) {
-                    places.push(place);
+                if positions.iter().all(is_separated) && is_clear(position) {
+                    positions.push(position);
                 }
             }
         }
@@ -187,8 +192,8 @@ fn draw_partners(random: &mut SplitMix64, robots: usize) -> Vec<usize> {
     let mut rest = &order[..];
     while !rest.is_empty() {
         let (group, others) = rest.split_at(if rest.len() == 3 { 3 } else { rest.len().min(2) });
-        for (place, &robot) in group.iter().enumerate() {
-            partners[robot] = group[(place + 1) % group.len()];
+        for (index, &robot) in group.iter().enumerate() {
+            partners[robot] = group[(index + 1) % group.len()];
         }
         rest = others;
     }
@@ -232,9 +237,9 @@ mod tests {
         let around_own =
             RandomStarts { box_center: BoxCenter::Common(None), ..STARTS }.draw(&scenario, 3);
         let mean = scenario_starts(&scenario).iter().sum::<Vec2>() / 3.0;
-        let there =
+        let with_center =
             RandomStarts { box_center: BoxCenter::Common(Some([mean.x, mean.y])), ..STARTS };
-        assert_eq!(around_own.unwrap(), there.draw(&scenario, 3).unwrap());
+        assert_eq!(around_own.unwrap(), with_center.draw(&scenario, 3).unwrap());
     }
 
     fn scenario_starts(scenario: &Scenario) -> Vec<Vec2> {
@@ -256,12 +261,12 @@ mod tests {
     #[test]
     fn around_each_draws_starts_near_its_own_and_clear_of_walls() {
         let mut scenario = row_of_three();
-        let places = scenario_starts(&scenario);
-        let middle_m = (places[1] + Vec2::new(0.0, 0.1)).into();
+        let starts = scenario_starts(&scenario);
+        let center_m = (starts[1] + Vec2::new(0.0, 0.1)).into();
         scenario.walls.push(Wall {
             name: "obstacle 1".into(),
             path: "obstacle.0".into(),
-            shape: Obstacle::Disc { center_m: middle_m, radius_m: 0.05 },
+            shape: Obstacle::Disc { center_m, radius_m: 0.05 },
         });
         let clearance_m = 0.1;
         scenario.avoidance.clearance_m = clearance_m;
@@ -274,13 +279,14 @@ mod tests {
         let mut near = 0;
         for seed in 1..=50 {
             for (at, own) in
-                parse_front_points(&each.draw(&scenario, seed).unwrap()).iter().zip(&places)
+                parse_front_points(&each.draw(&scenario, seed).unwrap()).iter().zip(&starts)
             {
-                let off = at - own;
-                assert!(off.x.abs() <= 0.2 + 1e-9 && off.y.abs() <= 0.3 + 1e-9, "{off}");
-                let from_wall = scenario.obstacles().nearest_obstacle(*at).unwrap().distance_m;
-                assert!(from_wall >= clearance_m, "{from_wall}");
-                near += usize::from(from_wall < 2.0 * clearance_m);
+                let offset = at - own;
+                assert!(offset.x.abs() <= 0.2 + 1e-9 && offset.y.abs() <= 0.3 + 1e-9, "{offset}");
+                let wall_distance_m =
+                    scenario.obstacles().nearest_obstacle(*at).unwrap().distance_m;
+                assert!(wall_distance_m >= clearance_m, "{wall_distance_m}");
+                near += usize::from(wall_distance_m < 2.0 * clearance_m);
             }
         }
         assert!(near > 20, "the wall is in the way: {near}");

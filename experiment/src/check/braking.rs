@@ -33,8 +33,8 @@ impl Braking {
         let robot = &scenario.robots[i];
         let limits =
             robot.acceleration_limits.filter(|_| scenario.avoidance_method.clamps_speed)?;
-        let own = scenario.avoidance_of(i, Pace::Realtime);
-        let conditions = scenario.conditions_of(i, &own);
+        let avoidance = scenario.avoidance_of(i, Pace::Realtime);
+        let conditions = scenario.conditions_of(i, &avoidance);
         let (v_max, lifetime_s) = (conditions.speed_max_m_s(), conditions.command_timeout_s);
         let (speed_max_m_s, limited_by) = maximum_speed_with_limit(scenario, i, &conditions);
         Some(Braking {
@@ -72,18 +72,18 @@ fn maximum_speed_with_limit(
     let radius_m = scenario.avoidance.sensing_radius_m;
     // The braking time grows with v_max, and the radius with both.
     let needed_m = |speed_max_m_s: f64| {
-        let share = speed_max_m_s / avoidance.speed_max_m_s;
-        let braking_time_max_s = share * avoidance.braking_time_max_s;
+        let fraction = speed_max_m_s / avoidance.speed_max_m_s;
+        let braking_time_max_s = fraction * avoidance.braking_time_max_s;
         let avoidance = AvoidanceBrief { speed_max_m_s, braking_time_max_s, ..avoidance.clone() };
         (scenario.avoidance_method.sensing_radius_m)(&MethodConditions {
             avoidance: &avoidance,
             ..*conditions
         })
     };
-    let most = limits.iter().map(|limit| limit.0).fold(f64::INFINITY, f64::min);
-    if needed_m(most) > radius_m {
+    let smallest_limit = limits.iter().map(|limit| limit.0).fold(f64::INFINITY, f64::min);
+    if needed_m(smallest_limit) > radius_m {
         let fits = |speed_max_m_s| needed_m(speed_max_m_s) <= radius_m;
-        limits.push((bisect_largest(most, fits), "the sensing radius"));
+        limits.push((bisect_largest(smallest_limit, fits), "the sensing radius"));
     }
     { limits }.into_iter().fold((f64::INFINITY, ""), |a, b| if b.0 < a.0 { b } else { a })
 }

@@ -15,17 +15,17 @@ pub(super) fn check_path_curvatures(
     motion: &FormationMotion,
 ) -> Option<Finding> {
     let robots = scenario.robots.iter().zip(&motion.peak_curvatures);
-    let tight =
+    let too_tight =
         robots.filter(|(robot, (curvature, _))| *curvature > robot.drive().curvature_max_per_m);
-    let (robot, (curvature, t_s)) = tight.max_by(|(_, a), (_, b)| a.0.total_cmp(&b.0))?;
+    let (robot, (curvature, t_s)) = too_tight.max_by(|(_, a), (_, b)| a.0.total_cmp(&b.0))?;
     let radius_min_m = robot.turning_radius_min_m.unwrap_or_default();
-    let [radius, least] = format_distinct(1.0 / curvature, radius_min_m);
-    let what = if robot.role.leads { "trajectory" } else { "slot" };
+    let [radius, radius_min] = format_distinct(1.0 / curvature, radius_min_m);
+    let path = if robot.role.leads { "trajectory" } else { "slot" };
     Some(warning_finding(
         format!("robot.{}.turning_radius_min_m", robot.name),
         format!(
-            "the {what} of {} turns within {radius} m at {} s, more tightly than the robot, whose minimum turning \
-             radius is {least} m: it leaves the {what} there",
+            "the {path} of {} turns within {radius} m at {} s, more tightly than the robot, whose minimum turning \
+             radius is {radius_min} m: it leaves the {path} there",
             robot.name,
             format_short(*t_s)
         ),

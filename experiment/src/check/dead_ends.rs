@@ -32,27 +32,27 @@ struct DeadEnd {
 
 /// Warns about every goal that a robot does not reach by going straight to it and along walls.
 pub(super) fn check_dead_ends(scenario: &Scenario) -> Vec<Finding> {
-    let steers = scenario.avoidance_method.wall_steering_distance.zip(scenario.goals_m());
-    let Some(((_, distance_m), goals)) = steers else { return Vec::new() };
+    let steering = scenario.avoidance_method.wall_steering_distance.zip(scenario.goals_m());
+    let Some(((_, distance_m), goals)) = steering else { return Vec::new() };
     if scenario.walls.is_empty() {
         return Vec::new();
     }
     let (walls, bound_m) = (scenario.obstacles(), distance_m(&scenario.avoidance_conditions()));
     let clearance_m = scenario.avoidance.clearance_m;
     let starts = start_front_points(&scenario.robots);
-    let ways = scenario.robots.iter().zip(starts.into_iter().zip(goals));
-    ways.filter_map(|(robot, (start, goal))| {
+    let routes = scenario.robots.iter().zip(starts.into_iter().zip(goals));
+    routes.filter_map(|(robot, (start, goal))| {
         // Another check warns about a goal that is too close to a wall.
         if walls.nearest_obstacle(goal).is_some_and(|near| near.distance_m < bound_m) {
             return None;
         }
-        let DeadEnd { position: at, remaining_distance_m: left_m, wall } = find_dead_end(&walls, start, goal, clearance_m)?;
+        let DeadEnd { position, remaining_distance_m, wall } = find_dead_end(&walls, start, goal, clearance_m)?;
         let (name, wall) = (&robot.name, &scenario.walls[wall].name);
-        let [x, y, left] = [at.x, at.y, left_m].map(|m| format_short((m * 1e2).round() / 1e2));
+        let [x, y, remaining] = [position.x, position.y, remaining_distance_m].map(|m| format_short((m * 1e2).round() / 1e2));
         Some(warning_finding(
             format!("robot.{name}.goal_m"),
             format!(
-                "{wall} is between {name} and its goal: {name} moves along it to ({x}, {y}) m, and stops there permanently, {left} m from the goal"
+                "{wall} is between {name} and its goal: {name} moves along it to ({x}, {y}) m, and stops there permanently, {remaining} m from the goal"
             ),
             "expected a goal that is reached straight ahead and along walls, because avoidance plans no path around walls",
         ))
@@ -64,68 +64,75 @@ pub(super) fn check_dead_ends(scenario: &Scenario) -> Vec<Finding> {
 /// more progress, also after a disturbance by one clearance, or `None` if it arrives.
 fn find_dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Option<DeadEnd> {
     let step_m = clearance_m / STEPS_PER_CLEARANCE;
-    let arrives = |at: Vec2| (goal - at).norm() <= step_m;
+    let arrives = |position: Vec2| (goal - position).norm() <= step_m;
     // One round of steps. It ends at the goal.
-    let follow = |mut at: Vec2| {
+    let follow = |mut position: Vec2| {
         for _ in 0..PROGRESS_CHECK_STEPS {
-            if arrives(at) {
+            if arrives(position) {
                 break;
             }
-            at += admissible_velocity(walls, at, (goal - at).normalize(), clearance_m + step_m)
-                * step_m;
-            at = move_off_walls(walls, at, clearance_m);
+            position += admissible_velocity(
+                walls,
+                position,
+                (goal - position).normalize(),
+                clearance_m + step_m,
+            ) * step_m;
+            position = move_off_walls(walls, position, clearance_m);
         }
-        at
+        position
     };
-    let mut at = start;
+    let mut position = start;
     for _ in 0..STEPS_MAX / PROGRESS_CHECK_STEPS {
-        let left_m = (goal - at).norm();
-        let next = follow(at);
+        let remaining_m = (goal - position).norm();
+        let next = follow(position);
         if arrives(next) {
             return None;
         }
         if (goal - next).norm()
-            < left_m - PATH_PROGRESS_FRACTION_MIN * step_m * PROGRESS_CHECK_STEPS as f64
+            < remaining_m - PATH_PROGRESS_FRACTION_MIN * step_m * PROGRESS_CHECK_STEPS as f64
         {
-            at = next;
+            position = next;
             continue;
         }
         // In front of a disc or a corner, the smallest disturbance leads past it.
-        let (ahead, left_m) = ((goal - next).normalize(), (goal - next).norm());
-        let aside = Vec2::new(-ahead.y, ahead.x) * clearance_m;
-        let beside =
-            [aside, -aside].map(|aside| follow(move_off_walls(walls, next + aside, clearance_m)));
-        let past = beside
-            .into_iter()
-            .find(|at| (goal - at).norm() < left_m * (1.0 - GOAL_PROGRESS_FRACTION_MIN));
-        let Some(past) = past else {
+        let (ahead, remaining_m) = ((goal - next).normalize(), (goal - next).norm());
+        let sidestep = Vec2::new(-ahead.y, ahead.x) * clearance_m;
+        let after_sidestep = [sidestep, -sidestep]
+            .map(|sidestep| follow(move_off_walls(walls, next + sidestep, clearance_m)));
+        let closer = after_sidestep.into_iter().find(|position| {
+            (goal - position).norm() < remaining_m * (1.0 - GOAL_PROGRESS_FRACTION_MIN)
+        });
+        let Some(closer) = closer else {
             let wall = walls.nearest_obstacle(next)?.index;
-            return Some(DeadEnd { position: next, remaining_distance_m: left_m, wall });
+            return Some(DeadEnd { position: next, remaining_distance_m: remaining_m, wall });
         };
-        if arrives(past) {
+        if arrives(closer) {
             return None;
         }
-        at = past;
+        position = closer;
     }
     None
 }
 
 /// Returns the point moved away from the nearest wall, to the clearance, if it is nearer.
-fn move_off_walls(walls: &Obstacles, at: Vec2, clearance_m: f64) -> Vec2 {
+fn move_off_walls(walls: &Obstacles, position: Vec2, clearance_m: f64) -> Vec2 {
     match walls
-        .nearest_obstacle(at)
-        .filter(|near| near.distance_m < clearance_m && near.distance_m > 0.0)
+        .nearest_obstacle(position)
+        .filter(|nearest| nearest.distance_m < clearance_m && nearest.distance_m > 0.0)
     {
-        Some(near) => near.point + (at - near.point) * (clearance_m / near.distance_m),
-        None => at,
+        Some(nearest) => {
+            nearest.point + (position - nearest.point) * (clearance_m / nearest.distance_m)
+        }
+        None => position,
     }
 }
 
 /// Returns the admissible velocity nearest to the unit vector `ahead`: none of it leads nearer to a wall within
 /// `reach_m`.
-fn admissible_velocity(walls: &Obstacles, at: Vec2, ahead: Vec2, reach_m: f64) -> Vec2 {
-    let near = walls.obstacles_within(at, reach_m).filter(|near| near.distance_m > 0.0);
-    let normals: Vec<Vec2> = near.map(|near| (at - near.point) / near.distance_m).collect();
+fn admissible_velocity(walls: &Obstacles, position: Vec2, ahead: Vec2, reach_m: f64) -> Vec2 {
+    let obstacles = walls.obstacles_within(position, reach_m).filter(|near| near.distance_m > 0.0);
+    let normals: Vec<Vec2> =
+        obstacles.map(|near| (position - near.point) / near.distance_m).collect();
     let fits = |v: &Vec2| normals.iter().all(|normal| normal.dot(v) >= -1e-9);
     let along = normals.iter().map(|normal| ahead - normal * normal.dot(&ahead));
     let candidates = std::iter::once(ahead).chain(along).filter(fits);
@@ -166,11 +173,11 @@ mod tests {
             assert_eq!(find_dead_end_at_walls(&wall, start, goal), None, "{start:?} {goal:?}");
         }
         let disc = [Obstacle::Disc { center_m: [0.0, 0.0], radius_m: 0.5 }];
-        for aside_m in [0.0, 1e-9, 0.01, 0.1] {
+        for lateral_m in [0.0, 1e-9, 0.01, 0.1] {
             assert_eq!(
-                find_dead_end_at_walls(&disc, [-2.0, aside_m], [2.0, 0.0]),
+                find_dead_end_at_walls(&disc, [-2.0, lateral_m], [2.0, 0.0]),
                 None,
-                "{aside_m} m"
+                "{lateral_m} m"
             );
         }
     }

@@ -19,11 +19,11 @@ use protocol::law::Reference;
 use protocol::message::PROXIMITY_MAX;
 use protocol::number::{format_distinct, format_short};
 
+use super::byzantine::check_liar_tolerance;
 use super::cars::{check_car_crowd, check_path_curvatures};
-use super::circles::{DependencyCycle, find_first_cycle};
+use super::closed_cycles::{DependencyCycle, find_first_cycle};
 use super::dead_ends::check_dead_ends;
 use super::finding::{Finding, NAMES_MAX, error_finding, warning_finding};
-use super::liars::check_liar_tolerance;
 use super::opening::{Opening, find_enclosed_slot};
 use super::reversals::check_reversals;
 use super::steady::{FormationMotion, PeakSpeeds, SettledFormation};
@@ -91,11 +91,12 @@ pub(super) fn findings_of_settled_formation(
     findings
 }
 
-/// Checks that no leader and no robot with a slot hears a contained robot. P of (52) has a block of zeros there.
+/// Checks that no leader and no robot with a slot receives from a contained robot. P of (52) has a block of zeros
+/// there.
 fn check_in_neighbors_of_leaders(scenario: &Scenario) -> Vec<Finding> {
-    let ends = |edge: &Edge| [edge.from, edge.to].map(|end| &scenario.robots[end]);
-    let edges = scenario.formation_edges().map(|(index, edge)| (index, ends(edge)));
-    let wrong = edges.filter(|(_, [from, _])| from.role.reference == Reference::NeighborMean);
+    let endpoints = |edge: &Edge| [edge.from, edge.to].map(|robot| &scenario.robots[robot]);
+    let edges = scenario.formation_edges().map(|(index, edge)| (index, endpoints(edge)));
+    let invalid = edges.filter(|(_, [from, _])| from.role.reference == Reference::NeighborMean);
     let finding = |(index, [from, to]): (usize, [&Robot; 2])| {
         let message = format!(
             "{} keeps a slot, but hears {}, which is contained and has none",
@@ -104,21 +105,21 @@ fn check_in_neighbors_of_leaders(scenario: &Scenario) -> Vec<Finding> {
         let expected = "expected an in-neighbor that leads or keeps a slot (52)";
         error_finding(format!("edge.{index}.from"), message, expected)
     };
-    wrong.map(finding).collect()
+    invalid.map(finding).collect()
 }
 
 /// Checks that each robot is reached by a reference: a leader, or a common root (Assumptions 3 to 5).
 fn check_references(scenario: &Scenario) -> Vec<Finding> {
     let robots = &scenario.robots;
-    let goes = |robot: &&Robot| robot.goal_m.is_some();
-    if let Some(goer) = robots.iter().find(goes) {
+    let has_goal = |robot: &&Robot| robot.goal_m.is_some();
+    if let Some(goal_robot) = robots.iter().find(has_goal) {
         let is_other =
-            |robot: &&Robot| !goes(robot) && robot.role.reference != Reference::LawTarget;
+            |robot: &&Robot| !has_goal(robot) && robot.role.reference != Reference::LawTarget;
         let other = robots.iter().find(is_other);
         let finding = |other: &Robot| {
             let message = format!(
                 "{} has a law that goes to a goal, but {} does not: goals and a formation cannot be combined",
-                goer.name, other.name
+                goal_robot.name, other.name
             );
             let expected = "expected a law that goes to a goal for all robots, or for none";
             error_finding(format!("robot.{}.law", other.name), message, expected)
@@ -126,11 +127,11 @@ fn check_references(scenario: &Scenario) -> Vec<Finding> {
         return other.map(finding).into_iter().collect();
     }
     let reachability = scenario.reachability();
-    let standing = reachability.defects_without_faults();
+    let defects = reachability.defects_without_faults();
     if let Some(leader) = scenario.leader() {
         let leader = &robots[leader].name;
         let mut unreached =
-            [&standing.unled[..], &standing.uncontained[..], &standing.adrift[..]].concat();
+            [&defects.unled[..], &defects.uncontained[..], &defects.adrift[..]].concat();
         unreached.sort_unstable();
         let finding = |robot: usize| {
             let name = &robots[robot].name;
@@ -146,21 +147,21 @@ fn check_references(scenario: &Scenario) -> Vec<Finding> {
         format!("{{{}}}", format_list(&names, NAMES_MAX))
     };
     let mut findings = Vec::new();
-    if let [_, second, ..] = &standing.groups[..] {
-        let list: Vec<String> = standing.groups.iter().take(4).map(names).collect();
+    if let [_, second, ..] = &defects.groups[..] {
+        let list: Vec<String> = defects.groups.iter().take(4).map(names).collect();
         findings.push(error_finding(
             format!("robot.{}", robots[second[0]].name),
             format!(
                 "the formation graph has {} separate groups without in-edges from outside: {}",
-                standing.groups.len(),
+                defects.groups.len(),
                 list.join(" and ")
             ),
             format!("expected an edge from another group into {}", names(second)),
         ));
     }
-    if let Some(&robot) = standing.uncontained.first() {
+    if let Some(&robot) = defects.uncontained.first() {
         let name = &robots[robot].name;
-        let others = format_further_count(standing.uncontained.len(), "more");
+        let others = format_further_count(defects.uncontained.len(), "more");
         findings.push(error_finding(
             format!("robot.{name}"),
             format!(
@@ -226,40 +227,40 @@ fn check_spare_cycles(scenario: &Scenario) -> Vec<Finding> {
 fn check_offsets(scenario: &Scenario) -> Vec<Finding> {
     let graph = &scenario.graph;
     let reached = scenario.graph_with_spares().reachability();
-    let kept: Vec<(usize, &Edge)> = scenario.formation_edges().collect();
-    let keeps_place = |edge: &&Edge| scenario.robots[edge.to].role.reference == Reference::Offsets;
+    let offset_edges: Vec<(usize, &Edge)> = scenario.formation_edges().collect();
+    let keeps_slot = |edge: &&Edge| scenario.robots[edge.to].role.reference == Reference::Offsets;
     let spares = scenario
         .repair_plan
         .spares
         .iter()
-        .filter(keeps_place)
+        .filter(keeps_slot)
         .map(|edge| (graph.edges().len(), edge));
     // Edges within strongly connected groups. Every cycle among them is a combination of directed ones.
-    let within = kept.iter().copied().chain(spares);
-    let within = within.filter(|(_, edge)| reached[edge.to][edge.from]);
-    let within: Vec<(usize, &Edge)> = within.collect();
-    let open = |edges: &[(usize, &Edge)], what: &str| {
-        let alone =
+    let in_cycles = offset_edges.iter().copied().chain(spares);
+    let in_cycles = in_cycles.filter(|(_, edge)| reached[edge.to][edge.from]);
+    let in_cycles: Vec<(usize, &Edge)> = in_cycles.collect();
+    let find_open_cycle = |edges: &[(usize, &Edge)], what: &str| {
+        let subgraph =
             FormationGraph::new(graph.robot_count(), edges.iter().map(|(_, e)| **e).collect());
-        let (_, open) = alone.positions_from_offsets(CYCLE_CLOSING_ERROR_M_MAX);
-        let cycle = open.first()?;
-        let (place, ends) = edges[cycle.edge];
-        let [from, to] = [ends.from, ends.to].map(|end| &scenario.robots[end].name);
-        let gap = format_short(cycle.closure_error_m);
-        let is_spare = place == graph.edges().len();
+        let (_, open_cycles) = subgraph.positions_from_offsets(CYCLE_CLOSING_ERROR_M_MAX);
+        let cycle = open_cycles.first()?;
+        let (index, edge) = edges[cycle.edge];
+        let [from, to] = [edge.from, edge.to].map(|robot| &scenario.robots[robot].name);
+        let error = format_short(cycle.closure_error_m);
+        let is_spare = index == graph.edges().len();
         let path =
-            if is_spare { format!("robot.{to}.spares") } else { format!("edge.{place}.offset_m") };
+            if is_spare { format!("robot.{to}.spares") } else { format!("edge.{index}.offset_m") };
         Some(warning_finding(
             path,
             format!(
-                "offsets around a {what} through {from} and {to} do not add up to zero: their sum is {gap} m long"
+                "offsets around a {what} through {from} and {to} do not add up to zero: their sum is {error} m long"
             ),
             "expected offsets that add up to zero around every cycle",
         ))
     };
-    let directed = open(&within, "directed cycle");
+    let directed = find_open_cycle(&in_cycles, "directed cycle");
     let directed = directed.map(|finding| Finding { severity: Severity::Error, ..finding });
-    directed.or_else(|| open(&kept, "cycle")).into_iter().collect()
+    directed.or_else(|| find_open_cycle(&offset_edges, "cycle")).into_iter().collect()
 }
 
 /// Checks that v_max T < ell, and that d keeps bodies apart.
@@ -267,13 +268,13 @@ fn check_speeds(scenario: &Scenario) -> Vec<Finding> {
     let period_s = ns_to_seconds(scenario.period_ns);
     let mut findings = Vec::new();
     let step_m = |robot: &Robot| robot.speed_max_m_s * period_s;
-    let jumps = |robot: &&Robot| {
+    let moves_too_far = |robot: &&Robot| {
         let step_m = step_m(robot);
         step_m.is_finite() && step_m >= robot.front_point_m && !robot.drive().turns_freely()
     };
-    if let Some(robot) = scenario.robots.iter().find(jumps) {
+    if let Some(robot) = scenario.robots.iter().find(moves_too_far) {
         let [step, ell] = format_distinct(step_m(robot), robot.front_point_m);
-        let most = format_short(robot.front_point_m / period_s);
+        let speed_max = format_short(robot.front_point_m / period_s);
         findings.push(error_finding(
             speed_limit_key(scenario, robot),
             format!(
@@ -281,15 +282,15 @@ fn check_speeds(scenario: &Scenario) -> Vec<Finding> {
                  distance of {} ({ell} m)",
                 robot.name
             ),
-            format!("expected less than front_point_m / period_s = {most} m/s"),
+            format!("expected less than front_point_m / period_s = {speed_max} m/s"),
         ));
     }
     findings.extend(check_axle_turns(scenario));
     // From the front point to the far side of the body.
     let reach_m = |robot: &Robot| robot.front_point_m + robot.body_radius_m.unwrap_or(0.0);
-    let narrow = |robot: &&Robot| 2.0 * robot.keep_m < 2.0 * reach_m(robot);
-    if let Some(robot) = scenario.robots.iter().find(narrow) {
-        let (key, d_is) = match scenario.has_different_sizes() {
+    let is_narrow = |robot: &&Robot| 2.0 * robot.keep_m < 2.0 * reach_m(robot);
+    if let Some(robot) = scenario.robots.iter().find(is_narrow) {
+        let (key, distance_name) = match scenario.has_different_sizes() {
             true => (format!("robot.{}.keep_m", robot.name), "2 keep_m"),
             false => ("avoidance.distance_min_m".to_owned(), "d"),
         };
@@ -299,7 +300,7 @@ fn check_speeds(scenario: &Scenario) -> Vec<Finding> {
         findings.push(warning_finding(
             key,
             format!(
-                "{d_is} = {} m keeps front points apart, but not bodies: the front point of {} is {} m \
+                "{distance_name} = {} m keeps front points apart, but not bodies: the front point of {} is {} m \
                  ahead{body}",
                 format_short(2.0 * robot.keep_m),
                 robot.name,
@@ -341,11 +342,11 @@ fn check_axle_turns(scenario: &Scenario) -> Vec<Finding> {
         return Vec::new();
     }
     let lifetime_s = ns_to_seconds(scenario.command_lifetime_ns_max());
-    let rate = |robot: &Robot| robot.turn_rate_max_rad_s.unwrap_or_default();
+    let turn_rate = |robot: &Robot| robot.turn_rate_max_rad_s.unwrap_or_default();
     let mut axles = axles().filter(|robot| !robot.drive().is_car());
     let Some(first) = axles.next() else { return Vec::new() };
-    let fastest = axles.fold(first, |a, b| if rate(b) > rate(a) { b } else { a });
-    let turn_rad = rate(fastest) * lifetime_s;
+    let fastest = axles.fold(first, |a, b| if turn_rate(b) > turn_rate(a) { b } else { a });
+    let turn_rad = turn_rate(fastest) * lifetime_s;
     let finding = || {
         let [turn, limit] = format_distinct(turn_rad, TURN_RAD_MAX);
         warning_finding(
@@ -382,14 +383,14 @@ fn check_start_distances(scenario: &Scenario) -> Vec<Finding> {
     };
     let finding = |ClosestPair { pair, distance_m }| {
         let [a, b] = pair.map(|robot: usize| &scenario.robots[robot].name);
-        let [distance, least] = format_distinct(distance_m, scenario.start_distance_min_m(pair));
+        let [distance, minimum] = format_distinct(distance_m, scenario.start_distance_min_m(pair));
         let message = format!("the front points of {a} and {b} start {distance} m apart");
         let key = match (by_pair, scenario.classes_sensed) {
             (false, _) => "`distance_min_m`",
             (true, true) => "the sum of their `keep_m`",
             (true, false) => "the larger `keep_m` of both and the largest of the team",
         };
-        let expected = format!("expected at least {key}, {least} m (Assumption 1)");
+        let expected = format!("expected at least {key}, {minimum} m (Assumption 1)");
         Finding { severity, ..warning_finding(format!("robot.{b}.pose"), message, expected) }
     };
     let too_close =
@@ -397,12 +398,12 @@ fn check_start_distances(scenario: &Scenario) -> Vec<Finding> {
     closest.filter(too_close).map(finding).into_iter().collect()
 }
 
-/// Returns the pair of robots whose distance exceeds their minimum distance least, or is farthest below it.
+/// Returns the pair of robots with the smallest difference between distance and minimum distance.
 fn pair_with_least_margin(scenario: &Scenario, points: &[Vec2]) -> Option<ClosestPair> {
     let pairs = (0..points.len()).flat_map(|j| (0..j).map(move |i| [i, j]));
     let pairs = pairs
         .map(|[i, j]| ClosestPair { pair: [i, j], distance_m: (points[i] - points[j]).norm() });
-    let margin_m = |of: &ClosestPair| of.distance_m - scenario.start_distance_min_m(of.pair);
+    let margin_m = |pair: &ClosestPair| pair.distance_m - scenario.start_distance_min_m(pair.pair);
     pairs.min_by(|a, b| margin_m(a).total_cmp(&margin_m(b)))
 }
 
@@ -420,7 +421,7 @@ fn check_wall_support(scenario: &Scenario) -> Vec<Finding> {
         )];
     }
     let clearance_m = scenario.avoidance.clearance_m;
-    let wide = |robot: &Robot| {
+    let body_finding = |robot: &Robot| {
         let reach_m = robot.front_point_m + robot.body_radius_m?;
         let [clearance, reach] = format_distinct(clearance_m, reach_m);
         (clearance_m < reach_m).then(|| {
@@ -435,7 +436,7 @@ fn check_wall_support(scenario: &Scenario) -> Vec<Finding> {
             )
         })
     };
-    scenario.robots.iter().find_map(wide).into_iter().collect()
+    scenario.robots.iter().find_map(body_finding).into_iter().collect()
 }
 
 /// Returns the robots whose `points` are closer to a wall than `bound_m`: the robot, its distance and the bound as
@@ -447,38 +448,43 @@ fn robots_near_walls(
 ) -> Vec<(&Robot, [String; 2], &str)> {
     let walls = scenario.obstacles();
     let near = scenario.robots.iter().zip(points).filter_map(|(robot, point)| {
-        let near = walls.nearest_obstacle(point).filter(|near| near.distance_m < bound_m)?;
-        let wall = scenario.walls[near.index].name.as_str();
-        Some((robot, format_distinct(near.distance_m, bound_m), wall))
+        let nearest =
+            walls.nearest_obstacle(point).filter(|nearest| nearest.distance_m < bound_m)?;
+        let wall = scenario.walls[nearest.index].name.as_str();
+        Some((robot, format_distinct(nearest.distance_m, bound_m), wall))
     });
     near.collect()
 }
 
 /// Checks that all front points start at least the clearance away from walls.
 fn check_start_clearances(scenario: &Scenario) -> Vec<Finding> {
-    let promised = scenario.avoidance_method.avoids_walls
+    let is_guaranteed = scenario.avoidance_method.avoids_walls
         && scenario.avoidance_method.distance_guarantee == DistanceGuarantee::Unconditional;
-    let severity = if promised { Severity::Error } else { Severity::Warning };
+    let severity = if is_guaranteed { Severity::Error } else { Severity::Warning };
     let starts = start_front_points(&scenario.robots);
-    let near = robots_near_walls(scenario, starts, scenario.avoidance.clearance_m).into_iter();
-    near.map(|(robot, [distance, least], wall)| {
-        let message = format!("the front point of {} starts {distance} m from {wall}", robot.name);
-        let expected = format!("expected at least `clearance_m`, {least} m");
-        Finding {
-            severity,
-            ..warning_finding(format!("robot.{}.pose", robot.name), message, expected)
-        }
-    })
-    .collect()
+    let near_robots =
+        robots_near_walls(scenario, starts, scenario.avoidance.clearance_m).into_iter();
+    near_robots
+        .map(|(robot, [distance, minimum], wall)| {
+            let message =
+                format!("the front point of {} starts {distance} m from {wall}", robot.name);
+            let expected = format!("expected at least `clearance_m`, {minimum} m");
+            Finding {
+                severity,
+                ..warning_finding(format!("robot.{}.pose", robot.name), message, expected)
+            }
+        })
+        .collect()
 }
 
 /// Warns about goals so close to a wall that avoidance steers the robot away.
 fn check_goal_clearances(scenario: &Scenario) -> Vec<Finding> {
-    let steers = scenario.avoidance_method.wall_steering_distance.zip(scenario.goals_m());
-    let Some(((symbol, distance_m), goals)) = steers else { return Vec::new() };
-    let near = robots_near_walls(scenario, goals, distance_m(&scenario.avoidance_conditions()))
-        .into_iter();
-    near.map(|(Robot { name, .. }, [distance, bound], wall)| {
+    let steering = scenario.avoidance_method.wall_steering_distance.zip(scenario.goals_m());
+    let Some(((symbol, distance_m), goals)) = steering else { return Vec::new() };
+    let near_robots =
+        robots_near_walls(scenario, goals, distance_m(&scenario.avoidance_conditions()))
+            .into_iter();
+    near_robots.map(|(Robot { name, .. }, [distance, bound], wall)| {
         warning_finding(
             format!("robot.{name}.goal_m"),
             format!(
@@ -497,11 +503,14 @@ fn check_wall_passages(scenario: &Scenario, motion: &FormationMotion) -> Vec<Fin
     };
     let bound_m = distance_m(&scenario.avoidance_conditions());
     let passages = motion.wall_passages.iter().zip(&scenario.robots);
-    let near = passages.filter_map(|(passage, robot)| passage.map(|passage| (passage, robot)));
-    let near: Vec<_> = near.filter(|(passage, _)| passage.distance_m < bound_m).collect();
-    let (led, others): (Vec<_>, Vec<_>) = near.into_iter().partition(|(_, robot)| robot.role.leads);
+    let near_passages =
+        passages.filter_map(|(passage, robot)| passage.map(|passage| (passage, robot)));
+    let near_passages: Vec<_> =
+        near_passages.filter(|(passage, _)| passage.distance_m < bound_m).collect();
+    let (leaders, others): (Vec<_>, Vec<_>) =
+        near_passages.into_iter().partition(|(_, robot)| robot.role.leads);
     let tightest = others.iter().min_by(|a, b| a.0.distance_m.total_cmp(&b.0.distance_m));
-    led.iter()
+    leaders.iter()
         .chain(tightest)
         .map(|(passage, Robot { name, role, .. })| {
             let [distance, bound] = format_distinct(passage.distance_m, bound_m);
@@ -535,8 +544,8 @@ fn check_sensing_radius(scenario: &Scenario) -> Vec<Finding> {
     }
     let [radius, needed] = format_distinct(a.sensing_radius_m, needed_m);
     let rounded = format_rounded_up(needed_m);
-    let more = rounded.parse().is_ok_and(|rounded_m: f64| rounded_m > a.sensing_radius_m);
-    let needed = if more { rounded } else { needed };
+    let is_larger = rounded.parse().is_ok_and(|rounded_m: f64| rounded_m > a.sensing_radius_m);
+    let needed = if is_larger { rounded } else { needed };
     vec![error_finding(
         "avoidance.sensing_radius_m",
         format!("`sensing_radius_m` is {radius}: the {} would sense other robots too late", a.kind),
@@ -545,10 +554,10 @@ fn check_sensing_radius(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Warns if more robots fit within the required sensing radius than one proximity sample can hold. A robot whose sample
-/// is truncated stops, because it does not know where the omitted robots are. With v_max below the cap no such crowd
+/// is truncated stops, because the positions of the omitted robots are missing. With v_max below the cap no such crowd
 /// fits.
 fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
-    let most = match scenario.avoidance_method.required_sensing {
+    let neighbors_max = match scenario.avoidance_method.required_sensing {
         RequiredSensing::PositionsAndVelocities => PROXIMITY_MAX / 2,
         RequiredSensing::Positions | RequiredSensing::Nothing => PROXIMITY_MAX,
     };
@@ -556,22 +565,24 @@ fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
     let sizes_m = scenario.robots.iter().map(|robot| robot.keep_m);
     let d = 2.0 * sizes_m.fold(f64::INFINITY, f64::min);
     let radius_m = scenario.sensing_radius_needed_m();
-    let fit = point_count_max(radius_m, d) - 1.0;
+    let fitting = point_count_max(radius_m, d) - 1.0;
     let others = scenario.robots.len().saturating_sub(1);
-    let promised = scenario.avoidance_method.distance_guarantee == DistanceGuarantee::Unconditional;
-    if !promised || others <= most || fit <= most as f64 {
+    let is_guaranteed =
+        scenario.avoidance_method.distance_guarantee == DistanceGuarantee::Unconditional;
+    if !is_guaranteed || others <= neighbors_max || fitting <= neighbors_max as f64 {
         return Vec::new();
     }
     let points = start_front_points(&scenario.robots);
-    let near = |point: &Vec2| {
+    let neighbor_count = |point: &Vec2| {
         points.iter().filter(|other| (*other - point).norm() <= radius_m).count() - 1
     };
-    let crowded: Vec<usize> = (0..points.len()).filter(|&i| near(&points[i]) > most).collect();
-    let worst = crowded.iter().copied().max_by_key(|&i| near(&points[i]));
+    let crowded: Vec<usize> =
+        (0..points.len()).filter(|&i| neighbor_count(&points[i]) > neighbors_max).collect();
+    let worst = crowded.iter().copied().max_by_key(|&i| neighbor_count(&points[i]));
     let message = match worst {
         Some(i) => format!(
-            "{} of {} robots, {} foremost, start with more than {most} others within {} m, but a proximity \
-             sample holds {most}: they stop, permanently if all do",
+            "{} of {} robots, {} foremost, start with more than {neighbors_max} others within {} m, but a proximity \
+             sample holds {neighbors_max}: they stop, permanently if all do",
             crowded.len(),
             points.len(),
             scenario.robots[i].name,
@@ -579,8 +590,8 @@ fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
         ),
         None => format!(
             "up to {} robots at the distance d from each other fit within {} m, but a proximity sample holds \
-             {most}: a robot with more neighbors stops until some leave",
-            fit.min(others as f64).floor(),
+             {neighbors_max}: a robot with more neighbors stops until some leave",
+            fitting.min(others as f64).floor(),
             format_short(radius_m)
         ),
     };
@@ -593,45 +604,45 @@ fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
         };
         let robots = scenario.robots.iter().map(slower_robot).collect();
         let slower = Scenario { avoidance, robots, ..scenario.clone() };
-        point_count_max(slower.sensing_radius_needed_m(), d) - 1.0 <= most as f64
+        point_count_max(slower.sensing_radius_needed_m(), d) - 1.0 <= neighbors_max as f64
     };
-    let slow_m_s = bisect_largest(scenario.avoidance.speed_max_m_s, fits_at);
-    let expected = match slow_m_s > 0.0 {
+    let speed_max_m_s = bisect_largest(scenario.avoidance.speed_max_m_s, fits_at);
+    let expected = match speed_max_m_s > 0.0 {
         true => format!(
             "expected at most {} m/s, or {} robots",
-            format_rounded_down(slow_m_s),
-            most + 1
+            format_rounded_down(speed_max_m_s),
+            neighbors_max + 1
         ),
-        false => format!("expected {} robots at most", most + 1),
+        false => format!("expected {} robots at most", neighbors_max + 1),
     };
     vec![warning_finding("avoidance.speed_max_m_s", message, expected)]
 }
 
 /// Returns an upper bound on the number of points within `radius_m` of one of them, itself included, if all are at
-/// least `apart_m` apart (Oler 1961, for a disc).
-fn point_count_max(radius_m: f64, apart_m: f64) -> f64 {
-    let radii = radius_m / apart_m;
+/// least `separation_m` apart (Oler 1961, for a disc).
+fn point_count_max(radius_m: f64, separation_m: f64) -> f64 {
+    let radii = radius_m / separation_m;
     (2.0 / 3f64.sqrt() * PI * radii * radii + PI * radii + 1.0).floor()
 }
 
 /// Warns about settled positions so close that avoidance pushes the robots apart (Remark 1).
 fn check_settled_distances(scenario: &Scenario, settled: &SettledFormation) -> Vec<Finding> {
     let Some((name, _)) = scenario.avoidance_method.steering_distance else { return Vec::new() };
-    let steered = scenario.steering_distances_m().unwrap_or_default();
+    let steering_m = scenario.steering_distances_m().unwrap_or_default();
     let by_pair = scenario.has_different_sizes();
     let is_known = |pair: &[usize; 2]| pair.iter().all(|&robot| !scenario.is_free(robot));
-    let pairs = (0..steered.len()).flat_map(|i| (0..i).map(move |j| [j, i]));
-    let spare = pairs.filter(is_known).map(|[i, j]| {
+    let pairs = (0..steering_m.len()).flat_map(|i| (0..i).map(move |j| [j, i]));
+    let separations = pairs.filter(is_known).map(|[i, j]| {
         let distance_m =
             settled.scale_range[0] * (settled.positions[i] - settled.positions[j]).norm();
         let bound_m = match by_pair {
             true => scenario.pair_steering_distance_m([i, j]).unwrap_or_default(),
-            false => steered[i].max(steered[j]),
+            false => steering_m[i].max(steering_m[j]),
         };
         ([i, j], distance_m, bound_m)
     });
-    let tightest =
-        spare.min_by(|(_, a, a_bound), (_, b, b_bound)| (a - a_bound).total_cmp(&(b - b_bound)));
+    let tightest = separations
+        .min_by(|(_, a, a_bound), (_, b, b_bound)| (a - a_bound).total_cmp(&(b - b_bound)));
     let finding = |([i, j], distance_m, bound_m): ([usize; 2], f64, f64)| {
         let [distance, bound] = format_distinct(distance_m, bound_m);
         let [a, b] = [i, j].map(|robot| &scenario.robots[robot].name);
@@ -655,8 +666,8 @@ fn check_settled_distances(scenario: &Scenario, settled: &SettledFormation) -> V
 
 /// Warns about a formation with narrow gaps that does not open far or long enough while it forms.
 fn check_scale_opening(scenario: &Scenario) -> Vec<Finding> {
-    let steers = scenario.avoidance_method.steering_distance.zip(Opening::compute(scenario));
-    let Some(((symbol, _), opening)) = steers else { return Vec::new() };
+    let steering = scenario.avoidance_method.steering_distance.zip(Opening::compute(scenario));
+    let Some(((symbol, _), opening)) = steering else { return Vec::new() };
     match scenario.scale() {
         Some(scale @ &Scale::Closing { from, hold_s, .. }) => {
             let closed_s = scale.closing_end_s().unwrap_or_default();
@@ -678,17 +689,17 @@ fn warn_scale_never_opens(
 ) -> Option<Finding> {
     // Robots do not stay closer than d_f in any case. The check of Remark 1 reports that.
     let gaps = 0.5 * opening.passage_m..opening.passage_m;
-    let late = gaps.contains(&(smallest * opening.gap_m));
-    let late =
-        late.then(|| find_enclosed_slot(scenario, opening.passage_m / smallest)).flatten()?;
-    let late = &scenario.robots[late].name;
+    let is_narrow = gaps.contains(&(smallest * opening.gap_m));
+    let enclosed =
+        is_narrow.then(|| find_enclosed_slot(scenario, opening.passage_m / smallest)).flatten()?;
+    let name = &scenario.robots[enclosed].name;
     let [a, b] = opening.closest_pair_and_farthest.0.map(|robot| &scenario.robots[robot].name);
     let [gap, passage] = [smallest * opening.gap_m, opening.passage_m].map(format_short);
     let [from, hold, over] = [opening.from, opening.hold_s, opening.over_s].map(format_short);
     Some(warning_finding(
-        format!("robot.{late}"),
+        format!("robot.{name}"),
         format!(
-            "slots are {gap} m apart ({a} and {b}), less than 2 {symbol} = {passage} m: if {late} arrives \
+            "slots are {gap} m apart ({a} and {b}), less than 2 {symbol} = {passage} m: if {name} arrives \
              late, it may not get through between the others"
         ),
         format!(
@@ -720,15 +731,15 @@ fn warn_opening_too_small(
             format!("expected {} or more", format_short(opening.from)),
         ));
     }
-    let least_s = opening.way_m / opening.speed_m_s;
-    if hold_s < least_s {
-        let [hold, least, way, speed] =
-            [hold_s, least_s, opening.way_m, opening.speed_m_s].map(format_short);
+    let travel_s = opening.way_m / opening.speed_m_s;
+    if hold_s < travel_s {
+        let [hold, travel, distance, speed] =
+            [hold_s, travel_s, opening.way_m, opening.speed_m_s].map(format_short);
         findings.push(warning_finding(
             "scale.hold_s",
             format!(
-                "the formation starts to close at {hold} s, but {farthest} needs {least} s to reach its \
-                 slot: {way} m at {speed} m/s"
+                "the formation starts to close at {hold} s, but {farthest} needs {travel} s to reach its \
+                 slot: {distance} m at {speed} m/s"
             ),
             format!("expected {} or more", format_short(opening.hold_s)),
         ));
@@ -772,13 +783,14 @@ fn check_steady_speeds(scenario: &Scenario, motion: &FormationMotion) -> Option<
 fn check_steady_wheel_speeds(scenario: &Scenario, motion: &FormationMotion) -> Option<Finding> {
     let limit = |robot: &Robot| robot.wheels.map(|wheels| wheels.speed_max_m_s);
     let rim = |peak: &PeakSpeeds| peak.rim_speed_m_s;
-    let Some((worst, slow)) = find_worst_limit_excess(scenario, &motion.peak_speeds, rim, limit)
+    let Some((worst, exceeding)) =
+        find_worst_limit_excess(scenario, &motion.peak_speeds, rim, limit)
     else {
         return check_transient_speeds(scenario, motion, 1, "a wheel of ", rim, limit);
     };
     let (robot, rim_m_s, limit_m_s) = worst;
     let name = &scenario.robots[robot].name;
-    let others = format_further_count(slow, "more cannot follow");
+    let others = format_further_count(exceeding, "more cannot follow");
     let [needed, limit] = format_distinct(rim_m_s, limit_m_s);
     Some(warning_finding(
         format!("robot.{name}.wheels.speed_max_m_s"),
@@ -793,14 +805,14 @@ fn check_steady_wheel_speeds(scenario: &Scenario, motion: &FormationMotion) -> O
 /// Warns if a robot at its axle midpoint must turn faster than w_max to stay in its slot: where its path is tight.
 fn check_steady_turn_rates(scenario: &Scenario, motion: &FormationMotion) -> Option<Finding> {
     let limit = |robot: &Robot| {
-        let turns = robot.drive().moves_along_heading() && !robot.drive().is_car();
-        turns.then_some(robot.turn_rate_max_rad_s).flatten()
+        let is_turn_limited = robot.drive().moves_along_heading() && !robot.drive().is_car();
+        is_turn_limited.then_some(robot.turn_rate_max_rad_s).flatten()
     };
     let turn = |peak: &PeakSpeeds| Some(peak.w_rad_s);
-    let ((robot, turn_rad_s, limit_rad_s), tight) =
+    let ((robot, turn_rad_s, limit_rad_s), exceeding) =
         find_worst_limit_excess(scenario, &motion.peak_speeds, turn, limit)?;
     let name = &scenario.robots[robot].name;
-    let others = format_further_count(tight, "more leave theirs");
+    let others = format_further_count(exceeding, "more leave theirs");
     let [needed, limit] = format_distinct(turn_rad_s, limit_rad_s);
     let t = format_short(motion.peak_times_s[robot][2]);
     Some(warning_finding(
@@ -824,19 +836,20 @@ fn find_worst_limit_excess(
     let robots = scenario.robots.iter().zip(peaks).enumerate();
     let limits =
         robots.filter_map(|(i, (robot, peak))| Some((i, speed_m_s(peak)?, limit_m_s(robot)?)));
-    let over: Vec<(usize, f64, f64)> = limits.filter(|(_, speed, limit)| speed > limit).collect();
+    let exceeding: Vec<(usize, f64, f64)> =
+        limits.filter(|(_, speed, limit)| speed > limit).collect();
     let excess = |&(_, speed, limit): &(usize, f64, f64)| speed / limit;
-    let worst = over.iter().copied().max_by(|a, b| excess(a).total_cmp(&excess(b)))?;
-    Some((worst, over.len()))
+    let worst = exceeding.iter().copied().max_by(|a, b| excess(a).total_cmp(&excess(b)))?;
+    Some((worst, exceeding.len()))
 }
 
-/// Warns about a robot that exceeds its limit only while the leader turns into its path. `which` selects the time of
-/// its peaks.
+/// Warns about a robot that exceeds its limit only while the leader turns into its path. `peak_index` selects the
+/// time of its peaks.
 fn check_transient_speeds(
     scenario: &Scenario,
     motion: &FormationMotion,
-    which: usize,
-    what: &str,
+    peak_index: usize,
+    subject: &str,
     speed_m_s: impl Fn(&PeakSpeeds) -> Option<f64>,
     limit_m_s: impl Fn(&Robot) -> Option<f64>,
 ) -> Option<Finding> {
@@ -846,11 +859,11 @@ fn check_transient_speeds(
     let leader = &scenario.robots[leader].name;
     let settled_m_s = speed_m_s(&motion.peak_speeds[i]).unwrap_or_default();
     let [needed, settled, limit, t] =
-        [needed_m_s, settled_m_s, limit, transient.peak_times_s[i][which]].map(format_short);
+        [needed_m_s, settled_m_s, limit, transient.peak_times_s[i][peak_index]].map(format_short);
     Some(warning_finding(
         format!("robot.{leader}.pose.heading_rad"),
         format!(
-            "while the leader {leader} turns into its path, {what}{} would have to move at {needed} m/s at \
+            "while the leader {leader} turns into its path, {subject}{} would have to move at {needed} m/s at \
              {t} s to stay in its slot ({settled} m/s once settled), faster than its limit of {limit} m/s",
             scenario.robots[i].name
         ),
@@ -865,9 +878,9 @@ fn check_transient_speeds(
 fn avoidance_advice(scenario: &Scenario) -> Vec<Finding> {
     let (advise, is_team) = (scenario.avoidance_method.find_warning, scenario.is_team());
     let briefs = scenario.avoidance_of_all(Pace::Realtime);
-    let of_robot = |(i, own): (usize, &Cow<'_, AvoidanceBrief>)| {
+    let robot_finding = |(i, avoidance): (usize, &Cow<'_, AvoidanceBrief>)| {
         let AvoidanceWarning { key, message, expected_value } =
-            advise(&scenario.conditions_of(i, own))?;
+            advise(&scenario.conditions_of(i, avoidance))?;
         let name = &scenario.robots[i].name;
         let (key, message) = match is_team {
             true => (format!("robot.{name}.{key}"), format!("{name}: {message}")),
@@ -875,5 +888,5 @@ fn avoidance_advice(scenario: &Scenario) -> Vec<Finding> {
         };
         Some(warning_finding(key, message, expected_value))
     };
-    briefs.iter().enumerate().find_map(of_robot).into_iter().collect()
+    briefs.iter().enumerate().find_map(robot_finding).into_iter().collect()
 }

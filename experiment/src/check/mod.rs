@@ -7,8 +7,8 @@
 //! | `braking` | how long and how far does a robot brake, and how fast may it be? |
 //! | `reversals` | where does the leader turn around, and the formation with it? |
 //! | `dead_ends` | which goals are behind walls? |
-//! | `circles` | does a failure close a cycle of robots that use only each other? |
-//! | `liars` | how many Byzantine robots does the graph tolerate? |
+//! | `closed_cycles` | does a failure close a cycle of robots that use only each other? |
+//! | `byzantine` | how many Byzantine robots does the graph tolerate? |
 //! | `steady` | where do the robots settle, and which speeds do they need to stay there? |
 //! | `cars` | do slots turn too tightly for a car, and are there too many cars? |
 //! | `team` | is a team of different robots covered by the proof, and do its robots sense sizes? |
@@ -17,12 +17,12 @@
 //! | `report` | what does the text report contain? |
 
 mod braking;
+mod byzantine;
 mod cars;
-mod circles;
+mod closed_cycles;
 mod dead_ends;
 mod finding;
 mod findings;
-mod liars;
 mod opening;
 mod report;
 mod reversals;
@@ -31,9 +31,9 @@ mod team;
 mod theory;
 
 pub use braking::Braking;
+pub use byzantine::LiarTolerance;
 pub use finding::Finding;
 pub use findings::check_scenario;
-pub use liars::LiarTolerance;
 pub use opening::Opening;
 pub use report::format_report;
 pub use steady::PeakSpeeds;
@@ -54,10 +54,10 @@ pub(crate) fn start_front_points(robots: &[Robot]) -> Vec<Vec2> {
     robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
 }
 
-/// Returns the largest number from 0 to `most` that fits, with 12 digits (bisection). If a number fits, all smaller
+/// Returns the largest number from 0 to `maximum` that fits, with 12 digits (bisection). If a number fits, all smaller
 /// ones must fit, too.
-fn bisect_largest(most: f64, fits: impl Fn(f64) -> bool) -> f64 {
-    let (mut low, mut high) = (0.0, most);
+fn bisect_largest(maximum: f64, fits: impl Fn(f64) -> bool) -> f64 {
+    let (mut low, mut high) = (0.0, maximum);
     for _ in 0..40 {
         let middle = 0.5 * (low + high);
         *if fits(middle) { &mut low } else { &mut high } = middle;

@@ -22,8 +22,8 @@ const OPEN_GAP_FACTOR: f64 = 1.05;
 /// Minimum gap of an open formation divided by the square root of the number of robots, as a multiple of the gap that a
 /// robot passes through. On their way all robots meet in a crowd whose width grows with that root. A robot whose slot
 /// is close to its in-neighbors stays in the crowd. Measured by `scenarios/campaigns/lattices-open.toml`: in 20 runs of
-/// 30 robots that hear each other, 17 never left the crowd at gaps of 2.4 d, and all arrived at 7.2 d, the value of
-/// this constant.
+/// 30 robots that receive from each other, 17 never left the crowd at gaps of 2.4 d, and all arrived at 7.2 d, the
+/// value of this constant.
 const OPEN_GAP_ROBOT_COUNT_FACTOR: f64 = 0.625;
 /// Time for which the formation stays open, as a multiple of the longest travel time.
 const OPEN_TIME_FACTOR: f64 = 2.5;
@@ -61,50 +61,52 @@ impl Opening {
     /// Computes the recommended opening. Returns `None` if fewer than two robots keep slots, the slots do not follow
     /// from the graph, or two slots coincide.
     pub fn compute(scenario: &Scenario) -> Option<Opening> {
-        let kept = scenario.leaders();
-        if kept.len() < 2 || scenario.anchors_m().iter().all(Option::is_some) {
+        let slot_robots = scenario.leaders();
+        if slot_robots.len() < 2 || scenario.anchors_m().iter().all(Option::is_some) {
             return None;
         }
-        let places = planned_positions(scenario)?;
-        let places: Vec<Vec2> = kept.iter().map(|&i| places[i]).collect();
-        let closest = closest_pair(&places).filter(|closest| closest.distance_m > 0.0);
+        let planned = planned_positions(scenario)?;
+        let slots: Vec<Vec2> = slot_robots.iter().map(|&i| planned[i]).collect();
+        let closest = closest_pair(&slots).filter(|closest| closest.distance_m > 0.0);
         let ClosestPair { pair, distance_m: gap_m } = closest?;
-        let steered_m = scenario.steering_distances_m().unwrap_or_default();
-        let kept_m = kept.iter().filter_map(|&i| steered_m.get(i));
-        let passage_m = 2.0 * kept_m.copied().fold(0.0, f64::max);
-        let wide_m = passage_m.max(2.0 * scenario.avoidance.distance_min_m);
-        let open_m =
-            wide_m * OPEN_GAP_FACTOR.max(OPEN_GAP_ROBOT_COUNT_FACTOR * (kept.len() as f64).sqrt());
-        let from = round_up_to_fraction(open_m / gap_m, 1e3).max(1.0);
+        let steering_m = scenario.steering_distances_m().unwrap_or_default();
+        let used_steering_m = slot_robots.iter().filter_map(|&i| steering_m.get(i));
+        let passage_m = 2.0 * used_steering_m.copied().fold(0.0, f64::max);
+        let gap_min_m = passage_m.max(2.0 * scenario.avoidance.distance_min_m);
+        let open_gap_m = gap_min_m
+            * OPEN_GAP_FACTOR.max(OPEN_GAP_ROBOT_COUNT_FACTOR * (slot_robots.len() as f64).sqrt());
+        let from = round_up_to_fraction(open_gap_m / gap_m, 1e3).max(1.0);
 
         let starts = start_front_points(&scenario.robots);
-        let starts: Vec<Vec2> = kept.iter().map(|&i| starts[i]).collect();
+        let starts: Vec<Vec2> = slot_robots.iter().map(|&i| starts[i]).collect();
         let mean = |points: &[Vec2]| points.iter().sum::<Vec2>() / points.len() as f64;
         // Slot that is the fixed point of the scaling, its position, and the rotation of the formation.
-        let (fixed, at, turned_rad) = match (scenario.leader(), &scenario.graph.roots()[..]) {
-            (Some(leader), _) => {
-                let begin = scenario.lead.as_ref()?.trajectory.target_at(0.0).position;
-                (Vec2::zeros(), begin, scenario.robots[leader].start.heading_rad)
-            }
-            (None, &[root]) => {
-                let place = kept.iter().position(|&i| i == root)?;
-                (places[place], starts[place], 0.0)
-            }
-            (None, _) => (mean(&places), mean(&starts), 0.0),
-        };
-        let from_fixed = |place: &Vec2| rotate(turned_rad, place - fixed);
-        let ways_m = places.iter().zip(&starts);
-        let ways_m = ways_m.map(|(place, start)| (at + from * from_fixed(place) - start).norm());
-        let (farthest, way_m) = ways_m.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let reach_m = places.iter().map(|place| from_fixed(place).norm()).fold(0.0, f64::max);
+        let (fixed_slot, fixed_position, rotation_rad) =
+            match (scenario.leader(), &scenario.graph.roots()[..]) {
+                (Some(leader), _) => {
+                    let position = scenario.lead.as_ref()?.trajectory.target_at(0.0).position;
+                    (Vec2::zeros(), position, scenario.robots[leader].start.heading_rad)
+                }
+                (None, &[root]) => {
+                    let index = slot_robots.iter().position(|&i| i == root)?;
+                    (slots[index], starts[index], 0.0)
+                }
+                (None, _) => (mean(&slots), mean(&starts), 0.0),
+            };
+        let from_fixed = |slot: &Vec2| rotate(rotation_rad, slot - fixed_slot);
+        let distances_m = slots.iter().zip(&starts);
+        let distances_m = distances_m
+            .map(|(slot, start)| (fixed_position + from * from_fixed(slot) - start).norm());
+        let (farthest, way_m) = distances_m.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let reach_m = slots.iter().map(|slot| from_fixed(slot).norm()).fold(0.0, f64::max);
         let hops = scenario.graph.hop_counts();
-        let pairs = || kept.iter().flat_map(|&i| kept.iter().map(move |&j| (i, j)));
+        let pairs = || slot_robots.iter().flat_map(|&i| slot_robots.iter().map(move |&j| (i, j)));
         let hops_max = pairs().filter_map(|(i, j)| hops[i][j]).max()?;
-        let mutual = pairs().any(|(i, j)| i < j && hops[i][j].and(hops[j][i]).is_some());
+        let has_cycle = pairs().any(|(i, j)| i < j && hops[i][j].and(hops[j][i]).is_some());
         let margin = OPEN_TIME_FACTOR.max(OPEN_TIME_PER_HOP_FACTOR * hops_max as f64)
-            * if mutual { OPEN_TIME_CYCLE_FACTOR } else { 1.0 };
+            * if has_cycle { OPEN_TIME_CYCLE_FACTOR } else { 1.0 };
         let v_max = scenario.avoidance.speed_max_m_s;
-        let speeds_m_s = kept.iter().map(|&i| scenario.robots[i].correction_max_m_s);
+        let speeds_m_s = slot_robots.iter().map(|&i| scenario.robots[i].correction_max_m_s);
         let speed_m_s = speeds_m_s.map(|speed| speed.unwrap_or(v_max)).fold(v_max, f64::min);
         // The maximum speed along half a cosine is pi/2 times the mean.
         let closing_s =
@@ -117,7 +119,10 @@ impl Opening {
             speed_m_s,
             hold_s: round_up_to_fraction(margin * way_m / speed_m_s, 1.0).max(1.0),
             over_s: round_up_to_fraction(closing_s, 1.0).max(1.0),
-            closest_pair_and_farthest: (pair.map(|place| kept[place]), kept[farthest]),
+            closest_pair_and_farthest: (
+                pair.map(|index| slot_robots[index]),
+                slot_robots[farthest],
+            ),
         })
     }
 }
@@ -125,57 +130,61 @@ impl Opening {
 /// Returns a robot whose slot lies inside a closed ring of gaps narrower than `passage_m`. If it arrives late, it
 /// cannot reach its slot. Returns `None` if there is none, or if no robot has to pass another on its straight way.
 pub(super) fn find_enclosed_slot(scenario: &Scenario, passage_m: f64) -> Option<usize> {
-    let kept = scenario.leaders();
-    let all = planned_positions(scenario)?;
-    let places: Vec<Vec2> = kept.iter().map(|&i| all[i]).collect();
+    let slot_robots = scenario.leaders();
+    let planned = planned_positions(scenario)?;
+    let slots: Vec<Vec2> = slot_robots.iter().map(|&i| planned[i]).collect();
     let starts = start_front_points(&scenario.robots);
-    let turned_rad = scenario.leader().map_or(0.0, |i| scenario.robots[i].start.heading_rad);
-    let passes = |i: usize, j: usize| {
-        let begin = starts[kept[i]] - starts[kept[j]];
-        let end = rotate(turned_rad, places[i] - places[j]);
-        distance_from_origin(begin, end) < 0.5 * passage_m
+    let rotation_rad = scenario.leader().map_or(0.0, |i| scenario.robots[i].start.heading_rad);
+    let is_blocked = |i: usize, j: usize| {
+        let start = starts[slot_robots[i]] - starts[slot_robots[j]];
+        let end = rotate(rotation_rad, slots[i] - slots[j]);
+        distance_from_origin(start, end) < 0.5 * passage_m
     };
-    let mut pairs = (0..kept.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
-    if !pairs.any(|(i, j)| passes(i, j)) {
+    let mut pairs = (0..slot_robots.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
+    if !pairs.any(|(i, j)| is_blocked(i, j)) {
         return None;
     }
-    let near = |i: usize, j: usize| i != j && (places[i] - places[j]).norm() < passage_m;
-    let beside: Vec<Vec<usize>> =
-        (0..kept.len()).map(|i| (0..kept.len()).filter(|&j| near(i, j)).collect()).collect();
-    (0..kept.len()).find(|&i| is_enclosed_by_ring(i, &places, &beside)).map(|i| kept[i])
+    let is_near = |i: usize, j: usize| i != j && (slots[i] - slots[j]).norm() < passage_m;
+    let adjacent: Vec<Vec<usize>> = (0..slot_robots.len())
+        .map(|i| (0..slot_robots.len()).filter(|&j| is_near(i, j)).collect())
+        .collect();
+    (0..slot_robots.len())
+        .find(|&i| is_enclosed_by_ring(i, &slots, &adjacent))
+        .map(|i| slot_robots[i])
 }
 
-/// Returns the distance of the segment from `begin` to `end` from the origin.
-fn distance_from_origin(begin: Vec2, end: Vec2) -> f64 {
-    let along = end - begin;
-    let share = (-begin.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    (begin + share * along).norm()
+/// Returns the distance of the segment from `start` to `end` from the origin.
+fn distance_from_origin(start: Vec2, end: Vec2) -> f64 {
+    let along = end - start;
+    let fraction =
+        (-start.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    (start + fraction * along).norm()
 }
 
 /// Returns whether the adjacent slots form a ring around slot `middle`. In that case the accumulated bearing of a slot,
 /// seen from `middle`, depends on the path to it.
-fn is_enclosed_by_ring(middle: usize, places: &[Vec2], beside: &[Vec<usize>]) -> bool {
+fn is_enclosed_by_ring(middle: usize, slots: &[Vec2], adjacent: &[Vec<usize>]) -> bool {
     let bearing = |i: usize| {
-        let from = places[i] - places[middle];
+        let from = slots[i] - slots[middle];
         portable_math::atan2(from.y, from.x)
     };
-    let mut turned: Vec<Option<f64>> = vec![None; places.len()];
-    for first in (0..places.len()).filter(|&i| i != middle) {
-        if turned[first].is_some() {
+    let mut bearings: Vec<Option<f64>> = vec![None; slots.len()];
+    for start in (0..slots.len()).filter(|&i| i != middle) {
+        if bearings[start].is_some() {
             continue;
         }
-        turned[first] = Some(0.0);
-        let mut open = vec![first];
-        while let Some(here) = open.pop() {
-            let so_far = turned[here].unwrap_or_default();
-            for &next in beside[here].iter().filter(|&&next| next != middle) {
-                let angle = so_far + wrap_angle(bearing(next) - bearing(here));
-                match turned[next] {
+        bearings[start] = Some(0.0);
+        let mut pending = vec![start];
+        while let Some(slot) = pending.pop() {
+            let so_far = bearings[slot].unwrap_or_default();
+            for &next in adjacent[slot].iter().filter(|&&next| next != middle) {
+                let angle = so_far + wrap_angle(bearing(next) - bearing(slot));
+                match bearings[next] {
                     Some(known) if (known - angle).abs() > PI => return true,
                     Some(_) => {}
                     None => {
-                        turned[next] = Some(angle);
-                        open.push(next);
+                        bearings[next] = Some(angle);
+                        pending.push(next);
                     }
                 }
             }
@@ -197,8 +206,8 @@ mod tests {
     use super::*;
     use crate::examples::row_of_three;
 
-    /// Returns a lattice of slots 0.22 m apart. All robots start at the same point and hear the robots to their left
-    /// and below, or with `both_ways` all adjacent ones. There is no steering: gaps of 2 d are wide enough.
+    /// Returns a lattice of slots 0.22 m apart. All robots start at the same point and receive from the robots to their
+    /// left and below, or with `both_ways` all adjacent ones. There is no steering: gaps of 2 d are wide enough.
     fn lattice_scenario(columns: usize, rows: usize, both_ways: bool) -> Scenario {
         let mut scenario = row_of_three();
         scenario.robots = vec![scenario.robots[0].clone(); columns * rows];
@@ -216,16 +225,16 @@ mod tests {
     /// Returns the opening in multiples of the passage width, the open time, s, and the longest travel time, s.
     fn opening_of_grid(columns: usize, rows: usize, both_ways: bool) -> (f64, f64, f64) {
         let scenario = lattice_scenario(columns, rows, both_ways);
-        let asked = Opening::compute(&scenario).expect("all robots keep a slot");
+        let opening = Opening::compute(&scenario).expect("all robots keep a slot");
         let passage_m = 2.0 * scenario.avoidance.distance_min_m;
         let hundredths = |x: f64| (100.0 * x).round() / 100.0;
-        let passages = asked.from * asked.gap_m / passage_m;
-        (hundredths(passages), asked.hold_s, asked.way_m / asked.speed_m_s)
+        let passages = opening.from * opening.gap_m / passage_m;
+        (hundredths(passages), opening.hold_s, opening.way_m / opening.speed_m_s)
     }
 
     #[test]
     fn opening_grows_with_robots_mutual_edges_and_row_length() {
-        for ((columns, rows, both_ways), passages, ways) in [
+        for ((columns, rows, both_ways), passages, travel_factor) in [
             // Four times as many robots open twice as wide.
             ((4, 4, false), 2.5, 2.5),
             ((8, 8, false), 5.0, 0.25 * 14.0),
@@ -234,9 +243,9 @@ mod tests {
             ((12, 1, false), 2.17, 0.25 * 11.0),
             ((12, 1, true), 2.17, 1.5 * 0.25 * 11.0),
         ] {
-            let (open, hold_s, way_s) = opening_of_grid(columns, rows, both_ways);
+            let (open, hold_s, travel_s) = opening_of_grid(columns, rows, both_ways);
             assert_eq!(open, passages, "{columns} x {rows}");
-            assert_eq!(hold_s, f64::ceil(ways * way_s), "{columns} x {rows}");
+            assert_eq!(hold_s, f64::ceil(travel_factor * travel_s), "{columns} x {rows}");
         }
     }
 
@@ -251,11 +260,11 @@ mod tests {
         assert!(fastest_m_s > 0.7 * speed_m_s, "{fastest_m_s}");
     }
 
-    fn enclosed_robots(places: &[Vec2], near_m: f64) -> Vec<usize> {
-        let near = |a: &Vec2, b: &Vec2| a != b && (a - b).norm() < near_m;
-        let beside = |a: &Vec2| (0..places.len()).filter(|&j| near(a, &places[j])).collect();
-        let beside: Vec<Vec<usize>> = places.iter().map(beside).collect();
-        (0..places.len()).filter(|&i| is_enclosed_by_ring(i, places, &beside)).collect()
+    fn enclosed_robots(points: &[Vec2], near_m: f64) -> Vec<usize> {
+        let is_near = |a: &Vec2, b: &Vec2| a != b && (a - b).norm() < near_m;
+        let adjacent = |a: &Vec2| (0..points.len()).filter(|&j| is_near(a, &points[j])).collect();
+        let adjacent: Vec<Vec<usize>> = points.iter().map(adjacent).collect();
+        (0..points.len()).filter(|&i| is_enclosed_by_ring(i, points, &adjacent)).collect()
     }
 
     #[test]

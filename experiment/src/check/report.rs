@@ -88,28 +88,30 @@ pub fn format_report(scenario: &Scenario, theory: &Theory<'_>) -> String {
 
 /// Writes the links, the roles and the reachability.
 fn write_graph(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) {
-    let by_distance = links_by_distance(scenario);
-    let hears = |robot: &RobotTheory<'_>, senders: &[InNeighbor<'_>]| {
-        let heard =
-            senders.iter().filter(|hears| !by_distance.contains(&(hears.robot, robot.name)));
-        let heard = heard.map(|hears| match hears.offset_m {
-            Some([x, y]) => format!("{} (slot at {0} + ({x:.3}, {y:.3}) m)", hears.robot),
-            None => match hears.instead_of {
-                Some(lost) => format!("{} in place of {lost}", hears.robot),
-                None => hears.robot.to_owned(),
+    let distance_links = links_by_distance(scenario);
+    let describe_in_neighbors = |robot: &RobotTheory<'_>, senders: &[InNeighbor<'_>]| {
+        let in_neighbors =
+            senders.iter().filter(|sender| !distance_links.contains(&(sender.robot, robot.name)));
+        let in_neighbors = in_neighbors.map(|sender| match sender.offset_m {
+            Some([x, y]) => format!("{} (slot at {0} + ({x:.3}, {y:.3}) m)", sender.robot),
+            None => match sender.instead_of {
+                Some(lost) => format!("{} in place of {lost}", sender.robot),
+                None => sender.robot.to_owned(),
             },
         });
-        let heard: Vec<String> = heard.collect();
-        let senders = if heard.is_empty() { "no robot".to_owned() } else { heard.join(", ") };
+        let in_neighbors: Vec<String> = in_neighbors.collect();
+        let senders =
+            if in_neighbors.is_empty() { "no robot".to_owned() } else { in_neighbors.join(", ") };
         format!("{} hears {senders}", robot.name)
     };
-    let has_permanent = |robot: &&RobotTheory<'_>| {
-        let mut senders = robot.hears.iter();
-        by_distance.is_empty() || senders.any(|h| !by_distance.contains(&(h.robot, robot.name)))
+    let has_permanent_link = |robot: &&RobotTheory<'_>| {
+        let mut in_neighbors = robot.hears.iter();
+        distance_links.is_empty()
+            || in_neighbors.any(|h| !distance_links.contains(&(h.robot, robot.name)))
     };
-    let with_links = theory.robots.iter().filter(has_permanent);
-    page.write_list("links", with_links.map(|robot| hears(robot, &robot.hears)));
-    write_communication_range(page, scenario, by_distance.len());
+    let with_links = theory.robots.iter().filter(has_permanent_link);
+    page.write_list("links", with_links.map(|robot| describe_in_neighbors(robot, &robot.hears)));
+    write_communication_range(page, scenario, distance_links.len());
     if let Some(leader) = theory.leader.filter(|_| !theory.deputies.is_empty()) {
         let robots = theory.deputies.join(", then ");
         page.write_line("deputies", format!("while {leader} is lost: {robots}"));
@@ -119,15 +121,18 @@ fn write_graph(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) 
          restored",
         );
     }
-    for one in &theory.successions {
-        let robots = one.deputies.join(", then ");
+    for succession in &theory.successions {
+        let robots = succession.deputies.join(", then ");
         page.write_line(
             "deputies",
-            format!("in the slot of {} while it is lost: {robots}", one.leader),
+            format!("in the slot of {} while it is lost: {robots}", succession.leader),
         );
     }
     let with_spares = theory.robots.iter().filter(|robot| !robot.spares.is_empty());
-    page.write_list("backup neighbors", with_spares.map(|robot| hears(robot, &robot.spares)));
+    page.write_list(
+        "backup neighbors",
+        with_spares.map(|robot| describe_in_neighbors(robot, &robot.spares)),
+    );
     let mut parts: Vec<(&str, Vec<&str>)> = Vec::new();
     for robot in &theory.robots {
         match parts.iter_mut().find(|(does, _)| *does == robot.does) {
@@ -138,9 +143,9 @@ fn write_graph(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) 
     for (does, of_role) in parts {
         page.write_line(does, format_list(&of_role, LIST_ITEMS_MAX));
     }
-    let contains = theory.robots.iter().any(|robot| robot.contained);
+    let has_contained = theory.robots.iter().any(|robot| robot.contained);
     let reachability = match theory.leader {
-        Some(leader) if contains => {
+        Some(leader) if has_contained => {
             format!("the leader {leader} reaches all robots that keep a slot (Assumption 5)")
         }
         Some(leader) => format!("the leader {leader} reaches all robots (Assumption 3)"),
@@ -158,7 +163,7 @@ fn write_graph(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) 
         }
     };
     page.write_line("reachability", reachability);
-    if contains {
+    if has_contained {
         page.write_line(
             "",
             "a robot that leads or keeps a slot reaches each contained robot (Assumption 4)",
@@ -166,7 +171,7 @@ fn write_graph(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_>) 
     }
 }
 
-/// Returns the links that exist only while their ends are near each other, as names of sender and receiver.
+/// Returns the links that exist only while their robots are near each other, as names of sender and receiver.
 fn links_by_distance(scenario: &Scenario) -> BTreeSet<(&str, &str)> {
     let first =
         scenario.disk_graph.map_or(scenario.graph.edges().len(), |disk| disk.first_edge_index);
@@ -180,17 +185,18 @@ fn write_communication_range(page: &mut ReportPage, scenario: &Scenario, links: 
     let Some(disk) = scenario.disk_graph else { return };
     let points = start_front_points(&scenario.robots);
     let edges = &scenario.graph.edges()[disk.first_edge_index..];
-    let near = edges
+    let in_range = edges
         .iter()
         .filter(|edge| disk.range.contains((points[edge.from] - points[edge.to]).norm(), false));
-    let [radius, beyond] = [disk.range.radius_m, disk.range.radius_m + disk.range.hysteresis_m];
+    let [radius, outer_radius] =
+        [disk.range.radius_m, disk.range.radius_m + disk.range.hysteresis_m];
     page.write_line(
         "by distance",
         format!(
             "a robot is heard from {} m on, until it is more than {} m away; at the start {} of {links} links",
             format_short(radius),
-            format_short(beyond),
-            near.count()
+            format_short(outer_radius),
+            in_range.count()
         ),
     );
 }
@@ -243,14 +249,14 @@ fn write_failure_consequences(page: &mut ReportPage, theory: &Theory<'_>) {
 
 /// Returns the backup leaders that lead, and the maximum error until then if it is known.
 fn acting_leaders_text(leading: &[&str], peak_m: Option<f64>) -> String {
-    let Some((last, before)) = leading.split_last() else { return String::new() };
-    let robots = match before {
+    let Some((last, others)) = leading.split_last() else { return String::new() };
+    let robots = match others {
         [] => format!("{last} leads"),
-        _ => format!("{} and {last} lead", before.join(", ")),
+        _ => format!("{} and {last} lead", others.join(", ")),
     };
-    let off = peak_m
+    let error = peak_m
         .map_or(String::new(), |m| format!(", errors of up to {} m until then", format_short(m)));
-    format!("{robots}{off}; ")
+    format!("{robots}{error}; ")
 }
 
 /// Returns the repairs, the losses and the broken robots.
@@ -280,12 +286,14 @@ fn loss_text(after: &FailureConsequences<'_>) -> String {
         ),
     ] {
         // Broken robots are listed below with the reason.
-        let broken = |robot: &&&str| breaks.iter().any(|one| one.robot == **robot);
-        let whole: Vec<&str> = robots.iter().filter(|robot| !broken(robot)).copied().collect();
-        match whole.len() {
+        let is_broken =
+            |robot: &&&str| breaks.iter().any(|broken_robot| broken_robot.robot == **robot);
+        let unbroken: Vec<&str> =
+            robots.iter().filter(|robot| !is_broken(robot)).copied().collect();
+        match unbroken.len() {
             0 => {}
-            1 => parts.push(format!("{} {one}", whole[0])),
-            _ => parts.push(format!("{} {many}", format_list(&whole, LIST_ITEMS_MAX))),
+            1 => parts.push(format!("{} {one}", unbroken[0])),
+            _ => parts.push(format!("{} {many}", format_list(&unbroken, LIST_ITEMS_MAX))),
         }
     }
     if !loss.groups.is_empty() {
@@ -294,7 +302,9 @@ fn loss_text(after: &FailureConsequences<'_>) -> String {
         let groups: Vec<String> = groups.collect();
         parts.push(format!("the formation falls apart into {}", groups.join(" and ")));
     }
-    let broken = lines_by_cause(breaks.iter().map(|one| (one.robot, one.why.clone())));
+    let broken = lines_by_cause(
+        breaks.iter().map(|broken_robot| (broken_robot.robot, broken_robot.why.clone())),
+    );
     if broken.is_empty() {
         parts.push("no robot is broken".to_owned());
     }
@@ -323,8 +333,8 @@ fn write_matrices(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_
     let inverse = match matrix.inverse_radius.zip(matrix.inverse_norm_2) {
         Some((radius, norm)) => {
             let kind = if matrix.m_matrix { "an M-matrix, invertible" } else { "not an M-matrix" };
-            let [least, radius, norm] = [matrix.system_eigenvalue_min, radius, norm].map(format_short);
-            format!("{kind}: eigenvalues from {least} on, rho(A^-1) = {radius}, |A^-1| = {norm}")
+            let [eigenvalue_min, radius, norm] = [matrix.system_eigenvalue_min, radius, norm].map(format_short);
+            format!("{kind}: eigenvalues from {eigenvalue_min} on, rho(A^-1) = {radius}, |A^-1| = {norm}")
         }
         None if theory.leader.is_some() => {
             "singular: the position of a free robot does not follow from that of the leader".to_owned()
@@ -333,9 +343,9 @@ fn write_matrices(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'_
             .to_owned(),
     };
     page.write_line("", inverse);
-    let iterated = scenario.robots.iter().any(|robot| robot.uses_feed_forward);
+    let uses_velocities = scenario.robots.iter().any(|robot| robot.uses_feed_forward);
     let iteration = match matrix.iteration_radius {
-        _ if !iterated => "none: no law uses the velocities of others".to_owned(),
+        _ if !uses_velocities => "none: no law uses the velocities of others".to_owned(),
         0.0 => "spectral radius 0: velocities agree exactly after some ticks".to_owned(),
         radius => format!("spectral radius {}, below 1: velocities agree", format_short(radius)),
     };
@@ -381,8 +391,8 @@ fn write_motion(page: &mut ReportPage, theory: &Theory<'_>) {
     if theory.trajectory.is_none() {
         let free = theory.robots.iter().filter(|robot| robot.is_free).count();
         if free < theory.robots.len() {
-            let which = if free > 0 { "all robots that are not free" } else { "all robots" };
-            page.write_line("once settled", format!("{which} are at rest"));
+            let robots = if free > 0 { "all robots that are not free" } else { "all robots" };
+            page.write_line("once settled", format!("{robots} are at rest"));
         }
         return;
     }
@@ -431,20 +441,20 @@ fn write_motion(page: &mut ReportPage, theory: &Theory<'_>) {
 
 /// Writes which robots move as their laws decide, so that nothing about their motion is predicted.
 fn write_unknown_motion(page: &mut ReportPage, theory: &Theory<'_>) {
-    let names = |is: fn(&RobotTheory<'_>) -> bool| -> Vec<&str> {
-        theory.robots.iter().filter(|robot| is(robot)).map(|robot| robot.name).collect()
+    let names = |predicate: fn(&RobotTheory<'_>) -> bool| -> Vec<&str> {
+        theory.robots.iter().filter(|robot| predicate(robot)).map(|robot| robot.name).collect()
     };
     let free = names(|robot| robot.is_free);
     if free.is_empty() {
         return;
     }
-    let behind = names(|robot| robot.is_unknown && !robot.is_free);
+    let followers = names(|robot| robot.is_unknown && !robot.is_free);
     let mut robots = format_list(&free, LIST_ITEMS_MAX);
-    if !behind.is_empty() {
+    if !followers.is_empty() {
         robots += &format!(
             ", and {}, which {} a free robot",
-            format_list(&behind, LIST_ITEMS_MAX),
-            match behind.len() {
+            format_list(&followers, LIST_ITEMS_MAX),
+            match followers.len() {
                 1 => "follows",
                 _ => "follow",
             }
@@ -461,13 +471,13 @@ fn write_unknown_motion(page: &mut ReportPage, theory: &Theory<'_>) {
 
 /// Writes the settled positions and the smallest distances.
 fn write_distances(page: &mut ReportPage, theory: &Theory<'_>) {
-    let place = |robot: &RobotTheory<'_>| {
+    let format_position = |robot: &RobotTheory<'_>| {
         let [x, y] = robot.settled_m.map(|c| if c.abs() < 5e-5 { 0.0 } else { c });
         format!("{} ({x:.4}, {y:.4}) m", robot.name)
     };
     let settles = |robot: &&RobotTheory<'_>| !robot.is_free;
-    page.write_list("settled positions", theory.robots.iter().filter(settles).map(place));
-    let of = |gap: &Option<ClosestRobots<'_>>| {
+    page.write_list("settled positions", theory.robots.iter().filter(settles).map(format_position));
+    let format_closest = |gap: &Option<ClosestRobots<'_>>| {
         gap.map_or("one robot alone".to_owned(), |ClosestRobots { robots: [a, b], distance_m }| {
             format!("{distance_m:.4} m ({a} and {b})")
         })
@@ -479,7 +489,7 @@ fn write_distances(page: &mut ReportPage, theory: &Theory<'_>) {
         false => format!(", at the smallest scale, {smallest} ({smallest} to {largest})"),
     };
     let d = format_short(distances.distance_min_m);
-    let (start, settled) = (of(&distances.start), of(&distances.settled));
+    let (start, settled) = (format_closest(&distances.start), format_closest(&distances.settled));
     page.write_line(
         "smallest distance",
         format!("{start} at the start; Assumption 1 requires {d} m"),
@@ -495,7 +505,7 @@ fn write_opening(page: &mut ReportPage, theory: &Theory<'_>) {
     let Some(closing) = &theory.closing else { return };
     let times: Vec<String> =
         closing.reopen_at_s.iter().map(|&at_s| format_short(at_s) + " s").collect();
-    let again = match times.is_empty() {
+    let reopening = match times.is_empty() {
         true => String::new(),
         false => format!("; opens again at {}", times.join(", ")),
     };
@@ -504,16 +514,17 @@ fn write_opening(page: &mut ReportPage, theory: &Theory<'_>) {
     page.write_line(
         "opening",
         format!(
-            "scale {from} for {hold} s, then closes in {over} s{again}; closed for good at {closed} s"
+            "scale {from} for {hold} s, then closes in {over} s{reopening}; closed for good at {closed} s"
         ),
     );
-    if let Some(asked) = &closing.asked {
-        let [from, gap, hold] = [asked.from, asked.gap_m, asked.hold_s].map(format_short);
-        let [way, speed, over] = [asked.way_m, asked.speed_m_s, asked.over_s].map(format_short);
+    if let Some(required) = &closing.asked {
+        let [from, gap, hold] = [required.from, required.gap_m, required.hold_s].map(format_short);
+        let [distance, speed, over] =
+            [required.way_m, required.speed_m_s, required.over_s].map(format_short);
         page.write_line(
             "",
             format!(
-                "required: scale {from} for gaps of {gap} m, {hold} s for distances of {way} m at {speed} m/s, \
+                "required: scale {from} for gaps of {gap} m, {hold} s for distances of {distance} m at {speed} m/s, \
                  {over} s to close"
             ),
         );
@@ -553,8 +564,8 @@ fn write_avoidance(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'
     if !method.assumptions_text.is_empty() {
         page.write_line("assumes", method.assumptions_text);
     }
-    let own = |key: &String| method.gains.iter().any(|gain| gain.key == key);
-    for (key, gain) in a.gains.iter().filter(|(key, _)| own(key)) {
+    let is_method_gain = |key: &String| method.gains.iter().any(|gain| gain.key == key);
+    for (key, gain) in a.gains.iter().filter(|(key, _)| is_method_gain(key)) {
         page.write_line("", format!("{key} = {}", format_short(*gain)));
     }
     let [lockstep, realtime] =
@@ -573,11 +584,11 @@ fn write_avoidance(page: &mut ReportPage, scenario: &Scenario, theory: &Theory<'
     if let (Some((symbol, _)), Some(distance_m)) =
         (method.steering_distance, guard.deflection_distance_m)
     {
-        let more = |m: Option<f64>, whose: &str| {
-            m.map(|m| format!(", {m:.4} m for {whose}")).unwrap_or_default()
+        let format_distance = |m: Option<f64>, robots: &str| {
+            m.map(|m| format!(", {m:.4} m for {robots}")).unwrap_or_default()
         };
-        let followers = more(guard.following_distance_m, "followers");
-        let contained = more(guard.giving_way_distance_m, "contained robots");
+        let followers = format_distance(guard.following_distance_m, "followers");
+        let contained = format_distance(guard.giving_way_distance_m, "contained robots");
         let distances = format!("{distance_m:.4} m{followers}{contained}");
         page.write_line(&format!("steers within {symbol}"), distances);
     }
@@ -605,17 +616,18 @@ fn write_inertia_and_walls(page: &mut ReportPage, scenario: &Scenario, theory: &
     if let Some(walls) = &theory.walls {
         let (parts, s) = (walls.parts, if walls.parts == 1 { "" } else { "s" });
         let clearance = format_short(walls.clearance_m);
-        let led =
+        let steering =
             walls.deflection_distance_m.map(|m| format!(", steered along them within {m:.4} m"));
-        let led = led.unwrap_or_default();
-        let stay = format!("{parts} convex part{s}; front points stay {clearance} m away{led}");
-        page.write_line("walls", stay);
+        let steering = steering.unwrap_or_default();
+        let text =
+            format!("{parts} convex part{s}; front points stay {clearance} m away{steering}");
+        page.write_line("walls", text);
         let ([robot, wall], start_m) = (walls.start, walls.start_m);
         page.write_line("", format!("{start_m:.4} m at the start ({robot} and {wall})"));
     }
     if let Some(plant) = &scenario.plant_program {
-        let words = plant.command_line.join(" ");
-        page.write_line("plant", format!("{words}: distances are measured, but not guaranteed"));
+        let command = plant.command_line.join(" ");
+        page.write_line("plant", format!("{command}: distances are measured, but not guaranteed"));
     }
 }
 

@@ -29,26 +29,26 @@ struct Reversals {
 
 /// Warns if the formation turns by 180 degrees after a point where the trajectory reverses.
 pub(super) fn check_reversals(scenario: &Scenario) -> Vec<Finding> {
-    let keeps = scenario.lead.as_ref().is_none_or(|lead| lead.keep_heading);
+    let keeps_heading = scenario.lead.as_ref().is_none_or(|lead| lead.keep_heading);
     let has_offsets = scenario.formation_edges().any(|(_, edge)| edge.offset_m.norm() > 0.0);
-    if keeps || !has_offsets {
+    if keeps_heading || !has_offsets {
         return Vec::new();
     }
-    let Some(Reversals { first_reversal_s: first_s, first_position: at, count }) =
-        find_reversals(scenario)
+    let Some(Reversals { first_reversal_s, first_position, count }) = find_reversals(scenario)
     else {
         return Vec::new();
     };
-    let [x, y] = [at.x, at.y].map(|m| format_short((m * 1e3).round() / 1e3));
-    let again = match count {
+    let [x, y] =
+        [first_position.x, first_position.y].map(|m| format_short((m * 1e3).round() / 1e3));
+    let repetitions = match count {
         1 => String::new(),
         n => format!(", and {} more times until the end", n - 1),
     };
-    let t = format_short((first_s * 1e2).round() / 1e2);
+    let t = format_short((first_reversal_s * 1e2).round() / 1e2);
     vec![warning_finding(
         "trajectory",
         format!(
-            "reverses at {t} s, at ({x}, {y}) m{again}: the leader turns around there, and the formation turns by 180 \
+            "reverses at {t} s, at ({x}, {y}) m{repetitions}: the leader turns around there, and the formation turns by 180 \
              degrees with it"
         ),
         "expected `keep_heading = true`, with which the formation keeps its heading there, or a path that \

@@ -56,20 +56,20 @@ impl SettledFormation {
     ///
     /// If the robots have no goals and no root reaches all.
     pub fn compute(scenario: &Scenario) -> SettledFormation {
-        let places = planned_positions(scenario)
+        let positions = planned_positions(scenario)
             .expect("a sound scenario has goals, or a root that reaches all");
         let scale = scenario.scale().map_or([1.0; 2], Scale::value_range);
-        // Nothing is known of where the laws of free robots lead them.
+        // The motion of free robots is unknown: their laws decide where they go.
         let is_free = |i: &usize| scenario.is_free(*i);
-        let settles: Vec<usize> = (0..places.len()).filter(|i| !is_free(i)).collect();
-        let smallest: Vec<Vec2> = settles.iter().map(|&i| scale[0] * places[i]).collect();
+        let settled_robots: Vec<usize> = (0..positions.len()).filter(|i| !is_free(i)).collect();
+        let smallest: Vec<Vec2> = settled_robots.iter().map(|&i| scale[0] * positions[i]).collect();
         let closest = closest_pair(&smallest).map(|closest| {
-            let pair = closest.pair.map(|place| settles[place]);
+            let pair = closest.pair.map(|index| settled_robots[index]);
             ClosestPair { pair, ..closest }
         });
         SettledFormation {
             closest_pair: closest,
-            positions: places,
+            positions,
             scale_range: scale,
             is_unknown: robots_with_unknown_motion(scenario),
         }
@@ -111,18 +111,19 @@ fn positions_with_stationary_free_robots(scenario: &Scenario) -> Option<Vec<Vec2
         front_point(robot.start, robot.front_point_m)
     };
     let origin = pinned.map_or(Vec2::zeros(), start);
-    let place = |anchor: &Option<Vec2>| anchor.map_or(Vec2::zeros(), |anchor| anchor - origin);
-    let mut places: Vec<Vec2> = anchors.iter().map(place).collect();
-    let heard: Vec<Vec<(usize, Vec2)>> = (0..places.len())
+    let relative_position =
+        |anchor: &Option<Vec2>| anchor.map_or(Vec2::zeros(), |anchor| anchor - origin);
+    let mut positions: Vec<Vec2> = anchors.iter().map(relative_position).collect();
+    let in_neighbors: Vec<Vec<(usize, Vec2)>> = (0..positions.len())
         .map(|i| graph.incoming_edges(i).map(|edge| (edge.from, edge.offset_m)).collect())
         .collect();
-    let moved: Vec<usize> = others.into_iter().filter(|&i| Some(i) != pinned).collect();
-    let unanchored = moved.iter().any(|&i| heard[i].is_empty());
-    if unanchored {
+    let to_settle: Vec<usize> = others.into_iter().filter(|&i| Some(i) != pinned).collect();
+    let has_unanchored = to_settle.iter().any(|&i| in_neighbors[i].is_empty());
+    if has_unanchored {
         return None;
     }
-    move_to_settled_positions(&heard, &moved, &mut places)?;
-    Some(places)
+    move_to_settled_positions(&in_neighbors, &to_settle, &mut positions)?;
+    Some(positions)
 }
 
 /// Speed below which a slot counts as being at rest, so that its path has no curvature, m/s.
@@ -197,9 +198,11 @@ impl FormationMotion {
         let start_rad = scenario.robots[leader].start.heading_rad;
         let given = FormationMotion::compute_from_heading(start_rad, scenario, settled)?;
         // A path that starts at rest has a heading only after a moment.
-        let begun =
+        let initial_velocities =
             (0..=100).map(|step| lead.trajectory.target_at(f64::from(step) * STEP_S_MIN).velocity);
-        let Some(tangent_rad) = begun.into_iter().find_map(heading_of) else { return Some(given) };
+        let Some(tangent_rad) = initial_velocities.into_iter().find_map(heading_of) else {
+            return Some(given);
+        };
         let along = FormationMotion::compute_from_heading(tangent_rad, scenario, settled)?;
         let faster = |(given, along): (&PeakSpeeds, &PeakSpeeds)| {
             given.front_speed_m_s > TRANSIENT_RATIO_MAX * along.front_speed_m_s
@@ -209,16 +212,12 @@ impl FormationMotion {
         if !given.peak_speeds.iter().zip(&along.peak_speeds).any(faster) {
             return Some(given);
         }
-        let FormationMotion { peak_speeds: peaks, peak_times_s: peaks_at_s, .. } = given;
+        let FormationMotion { peak_speeds, peak_times_s, .. } = given;
         Some(FormationMotion {
             peak_speeds: along.peak_speeds,
             peak_times_s: along.peak_times_s,
             wall_passages: along.wall_passages,
-            transient: Some(InitialTransient {
-                tangent_rad,
-                peak_speeds: peaks,
-                peak_times_s: peaks_at_s,
-            }),
+            transient: Some(InitialTransient { tangent_rad, peak_speeds, peak_times_s }),
             ..given
         })
     }
@@ -250,26 +249,26 @@ impl FormationMotion {
         };
         let walls = scenario.obstacles();
         // Position of each slot when its distance from all walls was last computed, and that distance, m.
-        let mut looked = vec![(Vec2::zeros(), 0.0); robots.len()];
+        let mut last_checked = vec![(Vec2::zeros(), 0.0); robots.len()];
         let mut headings_rad: Vec<f64> = robots.iter().map(|r| r.start.heading_rad).collect();
-        let mut before: Option<Vec<Vec2>> = None;
+        let mut previous: Option<Vec<Vec2>> = None;
         for (t_s, target, frame) in leader_motion_samples(scenario, leader_rad, step_s, steps)? {
             headings_rad[leader] = frame.heading_rad;
             if !walls.is_empty() {
-                let places = settled.positions.iter().zip(&settled.is_unknown);
-                let places = places.map(|(&place, is_unknown)| {
-                    (!is_unknown).then(|| target.position + frame.transform_offset(place).position)
+                let slots = settled.positions.iter().zip(&settled.is_unknown);
+                let slots = slots.map(|(&slot, is_unknown)| {
+                    (!is_unknown).then(|| target.position + frame.transform_offset(slot).position)
                 });
-                motion.update_clearances(&walls, places, t_s, &mut looked);
+                motion.update_clearances(&walls, slots, t_s, &mut last_checked);
             }
-            let places = settled.positions.iter();
-            let velocities: Vec<Vec2> = places
-                .map(|&place| target.velocity + frame.transform_offset(place).velocity)
+            let slots = settled.positions.iter();
+            let velocities: Vec<Vec2> = slots
+                .map(|&slot| target.velocity + frame.transform_offset(slot).velocity)
                 .collect();
             for (i, robot) in robots.iter().enumerate().filter(|(i, _)| !settled.is_unknown[*i]) {
                 if i != leader && robot.drive().moves_along_heading() {
-                    let was = before.as_ref().map(|_| headings_rad[i]);
-                    let twist = axle_twist(velocities[i], was, &mut headings_rad[i], step_s);
+                    let last_rad = previous.as_ref().map(|_| headings_rad[i]);
+                    let twist = axle_twist(velocities[i], last_rad, &mut headings_rad[i], step_s);
                     motion.peak_speeds[i].update_peaks(
                         &mut motion.peak_times_s[i],
                         robot,
@@ -280,11 +279,11 @@ impl FormationMotion {
                     continue;
                 }
                 if i != leader && robot.drive_kind.is_differential() {
-                    headings_rad[i] = match &before {
+                    headings_rad[i] = match &previous {
                         None => heading_of(velocities[i]).unwrap_or(headings_rad[i]),
-                        Some(before) => {
-                            let between = 0.5 * (before[i] + velocities[i]);
-                            towed_heading(headings_rad[i], robot.front_point_m, between, step_s)
+                        Some(previous) => {
+                            let velocity = 0.5 * (previous[i] + velocities[i]);
+                            towed_heading(headings_rad[i], robot.front_point_m, velocity, step_s)
                         }
                     };
                 }
@@ -301,15 +300,15 @@ impl FormationMotion {
                         )
                     }
                 };
-                let peaks_at_s = &mut motion.peak_times_s[i];
-                motion.peak_speeds[i].update_peaks(peaks_at_s, robot, twist, t_s);
+                let peak_times_s = &mut motion.peak_times_s[i];
+                motion.peak_speeds[i].update_peaks(peak_times_s, robot, twist, t_s);
                 motion.update_peak_curvature(i, robot, twist, t_s);
             }
             motion.trajectory_speed_max_m_s =
                 motion.trajectory_speed_max_m_s.max(target.velocity.norm());
-            let longest = frame.transform_offset(Vec2::new(offset_m, 0.0)).velocity.norm();
-            motion.offset_rate_max_m_s = motion.offset_rate_max_m_s.max(longest);
-            before = Some(velocities);
+            let offset_rate_m_s = frame.transform_offset(Vec2::new(offset_m, 0.0)).velocity.norm();
+            motion.offset_rate_max_m_s = motion.offset_rate_max_m_s.max(offset_rate_m_s);
+            previous = Some(velocities);
         }
         Some(motion)
     }
@@ -322,27 +321,30 @@ impl FormationMotion {
         }
     }
 
-    /// Updates the smallest distances of slots from walls; `None` for a slot that is unknown. `looked`: for each slot,
-    /// the position at which the distance was last computed, and that distance, m.
+    /// Updates the smallest distances of slots from walls; `None` for a slot that is unknown. `last_checked`: for each
+    /// slot, the position at which the distance was last computed, and that distance, m.
     fn update_clearances(
         &mut self,
         walls: &Obstacles,
-        places: impl Iterator<Item = Option<Vec2>>,
+        slots: impl Iterator<Item = Option<Vec2>>,
         t_s: f64,
-        looked: &mut [(Vec2, f64)],
+        last_checked: &mut [(Vec2, f64)],
     ) {
-        for ((at, passage), looked) in places.zip(&mut self.wall_passages).zip(looked) {
-            let Some(at) = at else { continue };
-            let least_m = passage.map_or(f64::INFINITY, |passage| passage.distance_m);
+        for ((position, passage), last_checked) in
+            slots.zip(&mut self.wall_passages).zip(last_checked)
+        {
+            let Some(position) = position else { continue };
+            let distance_min_m = passage.map_or(f64::INFINITY, |passage| passage.distance_m);
             // Lower bound on the distance from any wall, by the triangle inequality.
-            let (there, far_m) = *looked;
-            if far_m - (at - there).norm() > least_m {
+            let (last_position, last_distance_m) = *last_checked;
+            if last_distance_m - (position - last_position).norm() > distance_min_m {
                 continue;
             }
-            let Some(near) = walls.nearest_obstacle(at) else { continue };
-            *looked = (at, near.distance_m);
-            if near.distance_m < least_m {
-                *passage = Some(WallPassage { distance_m: near.distance_m, t_s, wall: near.index });
+            let Some(nearest) = walls.nearest_obstacle(position) else { continue };
+            *last_checked = (position, nearest.distance_m);
+            if nearest.distance_m < distance_min_m {
+                *passage =
+                    Some(WallPassage { distance_m: nearest.distance_m, t_s, wall: nearest.index });
             }
         }
     }
@@ -350,20 +352,20 @@ impl FormationMotion {
 
 impl PeakSpeeds {
     /// Updates the peaks with a twist at `t_s`. `peak_times_s`: times of the peaks of front point, rim and turn rate.
-    fn update_peaks(&mut self, peaks_at_s: &mut [f64; 3], robot: &Robot, twist: Twist, t_s: f64) {
+    fn update_peaks(&mut self, peak_times_s: &mut [f64; 3], robot: &Robot, twist: Twist, t_s: f64) {
         let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
         let front_m_s = front_speed(robot.front_point_m, twist);
         if front_m_s > self.front_speed_m_s {
-            (self.front_speed_m_s, peaks_at_s[0]) = (front_m_s, t_s);
+            (self.front_speed_m_s, peak_times_s[0]) = (front_m_s, t_s);
         }
         self.v_m_s = self.v_m_s.max(v);
         if w > self.w_rad_s {
-            (self.w_rad_s, peaks_at_s[2]) = (w, t_s);
+            (self.w_rad_s, peak_times_s[2]) = (w, t_s);
         }
         if let Some(wheels) = robot.wheels {
             let rim_m_s = v + 0.5 * wheels.track_m * w;
             if self.rim_speed_m_s.is_none_or(|peak_m_s| rim_m_s > peak_m_s) {
-                (self.rim_speed_m_s, peaks_at_s[1]) = (Some(rim_m_s), t_s);
+                (self.rim_speed_m_s, peak_times_s[1]) = (Some(rim_m_s), t_s);
             }
         }
     }
@@ -385,34 +387,40 @@ pub(crate) fn leader_motion_samples(
         let t_s = step as f64 * step_s;
         let target = lead.trajectory.target_at(t_s);
         let (scale, scale_rate_per_s) = lead.scale.value_and_rate_at(t_s);
-        let still = LeaderFrame::IDENTITY;
+        let identity = LeaderFrame::IDENTITY;
         if drive.turns_freely() {
             let direction =
                 lead.trajectory.direction_at(t_s, step_s, heading_rad, lead.keep_heading);
             heading_rad = direction.heading_rad;
             let turn_rate_rad_s = direction.turn_rate_rad_s;
             let frame =
-                LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s, ..still };
+                LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s, ..identity };
             return (t_s, target, frame);
         }
         if step > 0 {
-            let between = lead.trajectory.target_at(t_s - 0.5 * step_s).velocity;
-            let drawing = towing_velocity(heading_rad, between, lead.keep_heading);
-            heading_rad = towed_heading(heading_rad, ell_m, drawing, step_s);
+            let mid_velocity = lead.trajectory.target_at(t_s - 0.5 * step_s).velocity;
+            let towing = towing_velocity(heading_rad, mid_velocity, lead.keep_heading);
+            heading_rad = towed_heading(heading_rad, ell_m, towing, step_s);
         }
-        let drawing = towing_velocity(heading_rad, target.velocity, lead.keep_heading);
-        let turn_rate_rad_s = twist_for_front_velocity(heading_rad, ell_m, drawing).w_rad_s;
-        let frame = LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s, ..still };
+        let towing = towing_velocity(heading_rad, target.velocity, lead.keep_heading);
+        let turn_rate_rad_s = twist_for_front_velocity(heading_rad, ell_m, towing).w_rad_s;
+        let frame =
+            LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s, ..identity };
         (t_s, target, frame)
     }))
 }
 
 /// Returns the twist of an axle midpoint with this velocity, m/s, and updates its heading, rad: the robot drives in the
-/// gear that turns it less. `was_rad` is its heading one step before, if there was one.
-fn axle_twist(velocity: Vec2, was_rad: Option<f64>, heading_rad: &mut f64, step_s: f64) -> Twist {
-    let ahead = towing_velocity(*heading_rad, velocity, was_rad.is_some());
+/// gear that turns it less. `previous_rad` is its heading one step before, if there was one.
+fn axle_twist(
+    velocity: Vec2,
+    previous_rad: Option<f64>,
+    heading_rad: &mut f64,
+    step_s: f64,
+) -> Twist {
+    let ahead = towing_velocity(*heading_rad, velocity, previous_rad.is_some());
     *heading_rad = heading_of(ahead).unwrap_or(*heading_rad);
-    let turn_rad = was_rad.map_or(0.0, |was_rad| wrap_angle(*heading_rad - was_rad));
+    let turn_rad = previous_rad.map_or(0.0, |previous_rad| wrap_angle(*heading_rad - previous_rad));
     Twist::new(velocity.norm(), turn_rad / step_s)
 }
 

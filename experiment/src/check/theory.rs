@@ -13,9 +13,9 @@ use protocol::law::Reference;
 use serde::Serialize;
 
 use super::braking::Braking;
+use super::byzantine::LiarTolerance;
 use super::finding::Finding;
 use super::findings::{findings_of_settled_formation, findings_without_settled_formation};
-use super::liars::LiarTolerance;
 use super::opening::Opening;
 use super::start_front_points;
 use super::steady::{FormationMotion, PeakSpeeds, SettledFormation};
@@ -157,9 +157,9 @@ impl<'s> Deputies<'s> {
     /// Returns the backup leaders of all secondary leaders that have any.
     fn collect_all(scenario: &'s Scenario) -> Vec<Deputies<'s>> {
         let name = |i: usize| scenario.robots[i].name.as_str();
-        let named = scenario.repair_plan.successions.iter().map(|one| Deputies {
-            leader: name(one.leader),
-            deputies: one.deputies.iter().map(|&i| name(i)).collect(),
+        let named = scenario.repair_plan.successions.iter().map(|succession| Deputies {
+            leader: name(succession.leader),
+            deputies: succession.deputies.iter().map(|&i| name(i)).collect(),
         });
         named.collect()
     }
@@ -179,17 +179,16 @@ pub struct TopologyRepair<'s> {
 impl<'s> TopologyRepair<'s> {
     /// Returns all repairs after the robots `dead` have failed and the edges `cut` are down.
     fn repairs_after(
-        losses: &FailureAnalysis<'s>,
+        analysis: &FailureAnalysis<'s>,
         dead: &[usize],
-        cut: &[usize],
+        cut_edges: &[usize],
     ) -> Vec<TopologyRepair<'s>> {
-        let name = |robot: usize| losses.scenario.robots[robot].name.as_str();
-        let repairs = losses.rewiring.active_repairs(dead, cut).into_iter();
-        let named =
-            |ActiveRepair { robot, substitute: by, lost_in_neighbor: instead_of, .. }| {
-                TopologyRepair { robot: name(robot), by: name(by), instead_of: name(instead_of) }
-            };
-        repairs.map(named).collect()
+        let name = |robot: usize| analysis.scenario.robots[robot].name.as_str();
+        let repairs = analysis.rewiring.active_repairs(dead, cut_edges).into_iter();
+        let repair = |ActiveRepair { robot, substitute: by, lost_in_neighbor, .. }| {
+            TopologyRepair { robot: name(robot), by: name(by), instead_of: name(lost_in_neighbor) }
+        };
+        repairs.map(repair).collect()
     }
 }
 
@@ -522,47 +521,48 @@ impl<'s> FailureAnalysis<'s> {
     /// completed ones.
     fn breaking_cuts(&self, progress: &mut dyn FnMut(usize)) -> Vec<EdgeCut<'s>> {
         let name = |i: usize| self.scenario.robots[i].name.as_str();
-        let cuts = self.predictor.single_cut_predictor();
-        let cut = |(edge, ends): (usize, &Edge)| {
+        let cut_predictor = self.predictor.single_cut_predictor();
+        let cut = |(edge, endpoints): (usize, &Edge)| {
             progress(edge);
             let loss = match self.breaking_edges.contains(&edge) {
                 true => self.defects_after_failures(&[], &[edge]),
                 false => Defects::default(),
             };
-            let after = self.failure_consequences(&[], &[edge], loss, &cuts.broken_by_cut(edge));
-            EdgeCut { from: name(ends.from), to: name(ends.to), after }
+            let after =
+                self.failure_consequences(&[], &[edge], loss, &cut_predictor.broken_by_cut(edge));
+            EdgeCut { from: name(endpoints.from), to: name(endpoints.to), after }
         };
         let edges = self.scenario.graph.edges().iter().enumerate();
         edges.map(cut).filter(|cut| cut.after.has_consequences()).collect()
     }
 
-    fn defects_after_failures(&self, dead: &[usize], cut: &[usize]) -> Defects {
-        let silent = [cut, &self.rewiring.unused_links(dead, cut)].concat();
+    fn defects_after_failures(&self, dead: &[usize], cut_edges: &[usize]) -> Defects {
+        let silent = [cut_edges, &self.rewiring.unused_links(dead, cut_edges)].concat();
         self.reachability_with_spares.new_defects_with_leaders(
-            &self.leading_robots(dead, cut),
+            &self.leading_robots(dead, cut_edges),
             dead,
             &silent,
         )
     }
 
-    fn leading_robots(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
+    fn leading_robots(&self, dead: &[usize], cut_edges: &[usize]) -> Vec<usize> {
         let deputies = &self.scenario.repair_plan.deputies;
-        self.rewiring.leading_robots(self.scenario.leader(), deputies, dead, cut)
+        self.rewiring.leading_robots(self.scenario.leader(), deputies, dead, cut_edges)
     }
 
     fn failure_consequences(
         &self,
         dead: &[usize],
-        cut: &[usize],
+        cut_edges: &[usize],
         loss: Defects,
         broken: &[BrokenPrediction],
     ) -> FailureConsequences<'s> {
         let (scenario, leader) = (self.scenario, self.scenario.leader());
         let name = |i: usize| scenario.robots[i].name.as_str();
-        let leading = self.leading_robots(dead, cut).into_iter();
+        let leading = self.leading_robots(dead, cut_edges).into_iter();
         FailureConsequences {
             leading: leading.filter(|&i| Some(i) != leader).map(name).collect(),
-            repairs: TopologyRepair::repairs_after(self, dead, cut),
+            repairs: TopologyRepair::repairs_after(self, dead, cut_edges),
             loss: loss.map_robots(|&i| name(i)),
             breaks: broken.iter().map(|broken| broken.with_names(&scenario.robots)).collect(),
         }
@@ -597,20 +597,20 @@ impl<'s> Theory<'s> {
         let matrix = matrix_properties(scenario, &system);
         let bounds = motion.as_ref().and_then(|motion| speed_bounds(robots, &matrix, motion));
         let edges = scenario.graph.edges();
-        let losses = FailureAnalysis::new(scenario, &reachability);
+        let analysis = FailureAnalysis::new(scenario, &reachability);
         let all = robots.len() + edges.len();
-        let deaths = losses.single_robot_failures(&mut |done| progress(done, all));
-        let breaking_cuts = losses.breaking_cuts(&mut |done| progress(robots.len() + done, all));
+        let deaths = analysis.single_robot_failures(&mut |done| progress(done, all));
+        let breaking_cuts = analysis.breaking_cuts(&mut |done| progress(robots.len() + done, all));
         Theory {
             scenario: &scenario.name,
             robots: (0..robots.len())
-                .map(|i| robot_theory(scenario, &losses.rewiring, i, &settled, motion.as_ref()))
+                .map(|i| robot_theory(scenario, &analysis.rewiring, i, &settled, motion.as_ref()))
                 .collect(),
             leader: leader.map(name),
             deputies: scenario.repair_plan.deputies.iter().map(|&i| name(i)).collect(),
             successions: Deputies::collect_all(scenario),
             roots: scenario.graph.roots().into_iter().map(name).collect(),
-            broken_m: losses.predictor.broken_threshold_m(),
+            broken_m: analysis.predictor.broken_threshold_m(),
             deaths,
             breaking_cuts,
             liars: LiarTolerance::compute(scenario),
@@ -648,33 +648,34 @@ fn robot_theory<'s>(
     motion: Option<&FormationMotion>,
 ) -> RobotTheory<'s> {
     let robot = &scenario.robots[i];
-    let hears = |edge: &Edge| InNeighbor {
+    let in_neighbor = |edge: &Edge| InNeighbor {
         robot: &scenario.robots[edge.from].name,
         offset_m: (robot.role.reference == Reference::Offsets).then(|| edge.offset_m.into()),
         instead_of: None,
     };
     let name = |robot: usize| scenario.robots[robot].name.as_str();
     let (receiver, incoming) = (rewiring.receiver(i), rewiring.incoming_links(i));
-    let with = |purpose: SenderPurpose| {
+    let links_for = |purpose: SenderPurpose| {
         let senders = receiver.senders().iter().zip(incoming);
-        senders.filter(move |(one, _)| one.purpose == purpose).map(|(_, &link)| link)
+        senders.filter(move |(sender, _)| sender.purpose == purpose).map(|(_, &link)| link)
     };
-    let instead = |by: usize, lost: usize| InNeighbor {
+    let substitute = |by: usize, lost: usize| InNeighbor {
         robot: name(by),
         offset_m: None,
         instead_of: Some(name(lost)),
     };
-    let plans = receiver.substitutes().iter();
-    let planned = plans
-        .flat_map(|plan| plan.substitutes.iter().map(|&by| instead(by, plan.lost_in_neighbor)));
-    let taken = receiver.successions().iter().flat_map(|one| {
-        let better = one.deputies.iter().copied().take_while(|&deputy| deputy != i);
-        let own = with(SenderPurpose::KeepLeaderSlot).map(|link| rewiring.links()[link].from);
-        let by = better.chain(own.filter(|_| one.deputies.contains(&i)));
-        by.map(|by| instead(by, one.leader)).collect::<Vec<_>>()
+    let substitute_plans = receiver.substitutes().iter();
+    let planned = substitute_plans
+        .flat_map(|plan| plan.substitutes.iter().map(|&by| substitute(by, plan.lost_in_neighbor)));
+    let successors = receiver.successions().iter().flat_map(|succession| {
+        let better_deputies = succession.deputies.iter().copied().take_while(|&deputy| deputy != i);
+        let own_senders =
+            links_for(SenderPurpose::KeepLeaderSlot).map(|link| rewiring.links()[link].from);
+        let by = better_deputies.chain(own_senders.filter(|_| succession.deputies.contains(&i)));
+        by.map(|by| substitute(by, succession.leader)).collect::<Vec<_>>()
     });
-    let planned: Vec<InNeighbor<'_>> = planned.chain(taken).collect();
-    let spares = with(SenderPurpose::ReplaceAnyLost).map(|link| &rewiring.links()[link]);
+    let planned: Vec<InNeighbor<'_>> = planned.chain(successors).collect();
+    let spares = links_for(SenderPurpose::ReplaceAnyLost).map(|link| &rewiring.links()[link]);
     let at_rest = PeakSpeeds { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..PeakSpeeds::default() };
     RobotTheory {
         name: &robot.name,
@@ -685,8 +686,8 @@ fn robot_theory<'s>(
         is_free: scenario.is_free(i),
         is_unknown: settled.is_unknown[i],
         law: &robot.law,
-        hears: scenario.graph.incoming_edges(i).map(hears).collect(),
-        spares: spares.map(hears).chain(planned).collect(),
+        hears: scenario.graph.incoming_edges(i).map(in_neighbor).collect(),
+        spares: spares.map(in_neighbor).chain(planned).collect(),
         settled_m: settled.positions[i].into(),
         peak: motion.map_or(at_rest, |motion| motion.peak_speeds[i]),
         transient: motion.and_then(|motion| motion.transient.as_ref()).map(|transient| {
@@ -705,8 +706,10 @@ fn matrix_properties(scenario: &Scenario, system: &Matrix) -> MatrixProperties {
         laplacian::spectral_radius(&laplacian::velocity_iteration_matrix(graph, &feed_forward));
     // In a valid scenario the leader reaches all robots, so A is an M-matrix. Without a leader the vector of ones
     // solves A x = 0.
-    let placed = scenario.leader().is_some() || scenario.anchors_m().iter().all(Option::is_some);
-    let Some(inverse_norm_2) = placed.then(|| laplacian::inverse_norm_2(system)).flatten() else {
+    let is_positioned =
+        scenario.leader().is_some() || scenario.anchors_m().iter().all(Option::is_some);
+    let Some(inverse_norm_2) = is_positioned.then(|| laplacian::inverse_norm_2(system)).flatten()
+    else {
         return MatrixProperties {
             system_eigenvalue_min: 0.0,
             m_matrix: false,
@@ -718,9 +721,9 @@ fn matrix_properties(scenario: &Scenario, system: &Matrix) -> MatrixProperties {
     let radius = if feed_forward.iter().all(|&uses| uses) {
         iteration_radius
     } else {
-        let hears = |robot: &Robot| !robot.role.reference.is_local();
-        let hears: Vec<bool> = scenario.robots.iter().map(hears).collect();
-        laplacian::spectral_radius(&laplacian::velocity_iteration_matrix(graph, &hears))
+        let uses_neighbors = |robot: &Robot| !robot.role.reference.is_local();
+        let uses_neighbors: Vec<bool> = scenario.robots.iter().map(uses_neighbors).collect();
+        laplacian::spectral_radius(&laplacian::velocity_iteration_matrix(graph, &uses_neighbors))
     };
     MatrixProperties {
         system_eigenvalue_min: 1.0 - radius,

@@ -27,8 +27,8 @@ impl Cma {
     /// Creates a search around `mean`.
     pub(super) fn new(mean: Vec<f64>, sigma: f64) -> Cma {
         let n = mean.len();
-        let one = |i: usize| (0..n).map(|j| f64::from(i == j)).collect();
-        let identity: Vec<Vec<f64>> = (0..n).map(one).collect();
+        let identity_row = |i: usize| (0..n).map(|j| f64::from(i == j)).collect();
+        let identity: Vec<Vec<f64>> = (0..n).map(identity_row).collect();
         Cma {
             mean,
             sigma,
@@ -68,11 +68,11 @@ impl Cma {
         order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
         let mu = (lambda / 2).max(1);
         // Weights, and the variance-effective selection mass. (49) (8)
-        let raw = |i: usize| {
+        let raw_weight = |i: usize| {
             portable_math::ln((lambda as f64 + 1.0) / 2.0) - portable_math::ln(i as f64 + 1.0)
         };
-        let sum: f64 = (0..mu).map(raw).sum();
-        let weights: Vec<f64> = (0..mu).map(|i| raw(i) / sum).collect();
+        let sum: f64 = (0..mu).map(raw_weight).sum();
+        let weights: Vec<f64> = (0..mu).map(|i| raw_weight(i) / sum).collect();
         let mu_eff = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
         // Learning rates. (55) to (58)
         let c_sigma = (mu_eff + 2.0) / (n + mu_eff + 5.0);
@@ -91,9 +91,9 @@ impl Cma {
             *m = reflect_into_unit_interval(*m + self.sigma * y);
         }
         // Step size. (43) (44)
-        let keep = (c_sigma * (2.0 - c_sigma) * mu_eff).sqrt();
+        let path_gain = (c_sigma * (2.0 - c_sigma) * mu_eff).sqrt();
         for (p, z) in self.sigma_evolution_path.iter_mut().zip(&z_mean) {
-            *p = (1.0 - c_sigma) * *p + keep * z;
+            *p = (1.0 - c_sigma) * *p + path_gain * z;
         }
         self.generation += 1;
         let chi = n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n));
@@ -101,22 +101,22 @@ impl Cma {
         self.sigma =
             (self.sigma * portable_math::exp(c_sigma / damping * (length / chi - 1.0))).min(1.0);
         // Covariance. (45) (47)
-        let settled =
+        let path_scale =
             (1.0 - portable_math::pow(1.0 - c_sigma, f64::from(2 * self.generation))).sqrt();
-        let moves = f64::from(length / settled < (1.4 + 2.0 / (n + 1.0)) * chi);
-        let keep = moves * (c_c * (2.0 - c_c) * mu_eff).sqrt();
+        let h_sigma = f64::from(length / path_scale < (1.4 + 2.0 / (n + 1.0)) * chi);
+        let path_gain = h_sigma * (c_c * (2.0 - c_c) * mu_eff).sqrt();
         for (p, y) in self.covariance_evolution_path.iter_mut().zip(&y_mean) {
-            *p = (1.0 - c_c) * *p + keep * y;
+            *p = (1.0 - c_c) * *p + path_gain * y;
         }
         let steps: Vec<Vec<f64>> =
             best.iter().map(|z| matrix_vector_product(&self.cholesky_factor, z)).collect();
-        let forget = 1.0 - c_1 - c_mu + (1.0 - moves) * c_1 * c_c * (2.0 - c_c);
+        let old_weight = 1.0 - c_1 - c_mu + (1.0 - h_sigma) * c_1 * c_c * (2.0 - c_c);
         for (i, row) in self.covariance.iter_mut().enumerate() {
             for (j, c) in row.iter_mut().enumerate() {
-                let of_steps: f64 = weights.iter().zip(&steps).map(|(w, y)| w * y[i] * y[j]).sum();
-                *c = forget * *c
+                let rank_mu: f64 = weights.iter().zip(&steps).map(|(w, y)| w * y[i] * y[j]).sum();
+                *c = old_weight * *c
                     + c_1 * self.covariance_evolution_path[i] * self.covariance_evolution_path[j]
-                    + c_mu * of_steps;
+                    + c_mu * rank_mu;
             }
         }
         self.cholesky_factor = cholesky(&self.covariance);

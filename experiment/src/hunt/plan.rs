@@ -37,7 +37,8 @@ pub struct PlannedFault {
     pub kind: &'static str,
     /// Names of the affected robot, or of the sender and the receiver of a link. `*` stands for all robots.
     pub target_names: Vec<String>,
-    /// Affected stream or sensor of the robot, or part of the messages that a `lie` changes. Empty for a fault of the whole target.
+    /// Affected stream or sensor of the robot, or part of the messages that a `lie` changes. Empty for a fault of the
+    /// whole target.
     pub target_component: &'static str,
     /// Further keywords of the fault, each with its number.
     pub parameters: Vec<(&'static str, Option<f64>)>,
@@ -59,7 +60,8 @@ impl Display for PlannedFault {
         }
         write!(f, " @{}", ns_to_seconds(self.start_ns))?;
         let word = if self.kind == "kill" { "restart" } else { "for" };
-        self.duration_ns.map_or(Ok(()), |for_ns| write!(f, " {word} {}", ns_to_seconds(for_ns)))
+        self.duration_ns
+            .map_or(Ok(()), |duration_ns| write!(f, " {word} {}", ns_to_seconds(duration_ns)))
     }
 }
 
@@ -76,14 +78,14 @@ impl RunPlan {
         }
     }
 
-    /// Returns the plan with only the faults that match one of `kept` in kind and affected component.
-    pub fn with_only_faults(mut self, kept: &[PlannedFault]) -> RunPlan {
-        let what =
+    /// Returns the plan with only the faults that match one of `allowed` in kind, target and affected component.
+    pub fn with_only_faults(mut self, allowed: &[PlannedFault]) -> RunPlan {
+        let signature =
             |fault: &PlannedFault| (fault.kind, fault.target_names.clone(), fault.target_component);
-        let mut left: Vec<_> = kept.iter().map(what).collect();
+        let mut remaining: Vec<_> = allowed.iter().map(signature).collect();
         self.faults.retain(|fault| {
-            let place = left.iter().position(|kept| *kept == what(fault));
-            place.map(|place| left.remove(place)).is_some()
+            let index = remaining.iter().position(|other| *other == signature(fault));
+            index.map(|index| remaining.remove(index)).is_some()
         });
         self
     }

@@ -150,23 +150,24 @@ struct CmaSearch {
 }
 
 impl Search<'_> {
-    /// Creates a search over points of this shape. It tries `own` first. `matters` returns for each coordinate of a
-    /// point whether its run depends on it. With `uniform_only` all points are uniform and nothing is learned.
+    /// Creates a search over points of this layout. It tries `first_point` first. `used_coordinates` returns for each
+    /// coordinate of a point whether its run depends on it. With `is_uniform_only` all points are uniform and nothing
+    /// is learned.
     pub fn new(
-        shape: CoordinateLayout,
-        matters: &dyn Fn(&[f64]) -> Vec<bool>,
-        own: Vec<f64>,
+        coordinate_layout: CoordinateLayout,
+        used_coordinates: &dyn Fn(&[f64]) -> Vec<bool>,
+        first_point: Vec<f64>,
         seed: u64,
-        uniform_only: bool,
+        is_uniform_only: bool,
     ) -> Search<'_> {
         Search {
             seed,
             batch_count: 0,
             proposed_count: 0,
-            coordinate_layout: shape,
-            used_coordinates: matters,
-            first_point: own,
-            is_uniform_only: uniform_only,
+            coordinate_layout,
+            used_coordinates,
+            first_point,
+            is_uniform_only,
             uniform_random: SplitMix64::new(SplitMix64::new(seed).next_u64()),
             strategy_credit: Default::default(),
             best_points: Vec::new(),
@@ -185,14 +186,14 @@ impl Search<'_> {
             SplitMix64::new(self.seed ^ self.batch_count.rotate_left(32)).next_u64(),
         );
         self.batch_count += 1;
-        let alone = self.is_uniform_only
+        let only_uniform = self.is_uniform_only
             || self.best_points.is_empty()
             || self.proposed_count < UNIFORM_POINTS;
         let is_due = |(from, size): &&(usize, usize)| {
-            *from <= self.proposed_count && !(alone && *size < BATCH_SIZES[0].1)
+            *from <= self.proposed_count && !(only_uniform && *size < BATCH_SIZES[0].1)
         };
         let size = BATCH_SIZES.iter().rfind(is_due).map_or(1, |(_, size)| *size);
-        let counts = match alone {
+        let counts = match only_uniform {
             true => [size, 0, 0, 0, 0],
             false => self.allocate_batch(size),
         };
@@ -218,26 +219,26 @@ impl Search<'_> {
     fn allocate_batch(&mut self, size: usize) -> [usize; STRATEGIES.len()] {
         // Prior successes keep every strategy alive. Without any success uniform points are the best choice, because
         // margins can mislead. If all of the best are equal, they give no information.
-        let flat = self.best_points.len() == PARENT_COUNT
+        let all_equal = self.best_points.len() == PARENT_COUNT
             && self.best_points[0].cost == self.best_points[PARENT_COUNT - 1].cost;
         let rates =
             STRATEGIES.map(|member| match (self.strategy_success[member as usize], member) {
                 ((found, tried), Strategy::Uniform) => (found + 1.0) / (tried + 10.0),
-                _ if flat => 0.0,
+                _ if all_equal => 0.0,
                 ((found, tried), Strategy::Novelty) => (found + 0.5) / (tried + 10.0),
                 ((found, tried), _) => (found + 0.1) / (tried + 10.0),
             });
-        let all: f64 = rates.iter().sum();
+        let rate_sum: f64 = rates.iter().sum();
         let rest = 1.0 - STRATEGY_FRACTION_MIN * STRATEGIES.len() as f64;
         let mut counts = [0; STRATEGIES.len()];
         for _ in 0..size {
             for (owed, rate) in self.strategy_credit.iter_mut().zip(rates) {
-                *owed += STRATEGY_FRACTION_MIN + rest * rate / all;
+                *owed += STRATEGY_FRACTION_MIN + rest * rate / rate_sum;
             }
-            let most = |a: &usize, b: &usize| {
+            let by_credit = |a: &usize, b: &usize| {
                 self.strategy_credit[*a].total_cmp(&self.strategy_credit[*b])
             };
-            let chosen = (0..STRATEGIES.len()).max_by(most).unwrap_or_default();
+            let chosen = (0..STRATEGIES.len()).max_by(by_credit).unwrap_or_default();
             self.strategy_credit[chosen] -= 1.0;
             counts[chosen] += 1;
         }
@@ -246,15 +247,15 @@ impl Search<'_> {
 
     fn propose_points(
         &mut self,
-        by: Strategy,
+        strategy: Strategy,
         count: usize,
         random: &mut SplitMix64,
     ) -> Vec<Vec<f64>> {
-        if by == Strategy::Cma {
+        if strategy == Strategy::Cma {
             return self.propose_cma_points(count, random);
         }
         let n = self.coordinate_layout.is_continuous.len();
-        let point = |_| match by {
+        let point = |_| match strategy {
             Strategy::Mutation => self.mutate_best_point(random),
             Strategy::RestartedDescent => self.propose_descent_point(random),
             Strategy::Novelty => self.mutate_rare_event_point(random),
@@ -266,47 +267,51 @@ impl Search<'_> {
     }
 
     /// Records the evaluations of the last batch. `None`: the point could not be tried.
-    pub fn record_evaluations(&mut self, came: &[Option<Evaluation>]) {
+    pub fn record_evaluations(&mut self, evaluations: &[Option<Evaluation>]) {
         if self.is_uniform_only {
             return;
         }
-        let found = |(trial, came): (&Trial, &Option<Evaluation>)| EvaluatedPoint {
-            cost: came.as_ref().map_or(f64::INFINITY, Evaluation::rounded_cost),
+        let evaluated_point = |(trial, evaluation): (&Trial, &Option<Evaluation>)| EvaluatedPoint {
+            cost: evaluation.as_ref().map_or(f64::INFINITY, Evaluation::rounded_cost),
             point: trial.point.clone(),
         };
-        let all: Vec<EvaluatedPoint> = self.pending_trials.iter().zip(came).map(found).collect();
-        let of = |member: Strategy| {
-            let its = self
+        let evaluated: Vec<EvaluatedPoint> =
+            self.pending_trials.iter().zip(evaluations).map(evaluated_point).collect();
+        let points_of = |member: Strategy| {
+            let points = self
                 .pending_trials
                 .iter()
-                .zip(&all)
+                .zip(&evaluated)
                 .filter(|(trial, _)| trial.proposed_by == member);
-            its.map(|(_, found)| found.clone()).collect::<Vec<_>>()
+            points.map(|(_, point)| point.clone()).collect::<Vec<_>>()
         };
-        let [uniform, stepped, drawn] =
-            [Strategy::Uniform, Strategy::RestartedDescent, Strategy::Cma].map(of);
+        let [uniform, descent, cma] =
+            [Strategy::Uniform, Strategy::RestartedDescent, Strategy::Cma].map(points_of);
         let worst =
-            self.best_points.get(PARENT_COUNT - 1).map_or(f64::INFINITY, |found| found.cost);
-        for ((trial, came), news) in self.pending_trials.iter().zip(came).zip(all) {
+            self.best_points.get(PARENT_COUNT - 1).map_or(f64::INFINITY, |point| point.cost);
+        for ((trial, evaluation), candidate) in
+            self.pending_trials.iter().zip(evaluations).zip(evaluated)
+        {
             let (found, tried) = &mut self.strategy_success[trial.proposed_by as usize];
-            *found = SUCCESS_DECAY * *found + f64::from(news.cost < worst);
+            *found = SUCCESS_DECAY * *found + f64::from(candidate.cost < worst);
             *tried = SUCCESS_DECAY * *tried + 1.0;
-            let Some(came) = came else { continue };
-            for one in &came.observed_events {
-                let (count, best) = self.best_by_event.entry(*one).or_insert((0, news.clone()));
+            let Some(evaluation) = evaluation else { continue };
+            for event in &evaluation.observed_events {
+                let (count, best) =
+                    self.best_by_event.entry(*event).or_insert((0, candidate.clone()));
                 *count += 1;
                 // Among equals the last one is taken, so that the descent continues on a plateau.
-                if news.cost <= best.cost {
-                    best.clone_from(&news);
+                if candidate.cost <= best.cost {
+                    best.clone_from(&candidate);
                 }
             }
-            self.best_points.insert(0, news);
+            self.best_points.insert(0, candidate);
         }
         // The sort is stable: among equals, the last one tried.
         self.best_points.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         self.best_points.truncate(PARENT_COUNT);
-        self.update_descent(&uniform, &stepped);
-        self.update_cma(&drawn);
+        self.update_descent(&uniform, &descent);
+        self.update_cma(&cma);
     }
 
     /// Returns a mutation of one of the best points.
@@ -356,31 +361,33 @@ impl Search<'_> {
 
     /// Adds or replaces a fault by a random one or one of a parent.
     fn mutate_faults(&self, point: &mut [f64], random: &mut SplitMix64) {
-        let (Some(count), slots) =
+        let (Some(count_index), slots) =
             (self.coordinate_layout.fault_count_index, self.coordinate_layout.fault_groups.len())
         else {
             return;
         };
-        let pick = |of: usize, random: &mut SplitMix64| (random.draw_unit() * of as f64) as usize;
-        let have = |point: &[f64]| ((point[count] * (slots + 1) as f64) as usize).min(slots);
-        let fault = |place: usize| {
+        let pick_index =
+            |count: usize, random: &mut SplitMix64| (random.draw_unit() * count as f64) as usize;
+        let fault_count =
+            |point: &[f64]| ((point[count_index] * (slots + 1) as f64) as usize).min(slots);
+        let fault_coordinates = |fault: usize| {
             self.coordinate_layout.coordinate_groups
-                [self.coordinate_layout.fault_groups.start + place]
+                [self.coordinate_layout.fault_groups.start + fault]
                 .clone()
         };
-        let (now, other) = (have(point), self.choose_parent(random));
-        let mut place = pick(now, random);
-        if now < slots && (now == 0 || random.draw_bool(0.5)) {
-            place = now;
-            point[count] = (now as f64 + 1.5) / (slots + 1) as f64;
+        let (own_count, other) = (fault_count(point), self.choose_parent(random));
+        let mut target = pick_index(own_count, random);
+        if own_count < slots && (own_count == 0 || random.draw_bool(0.5)) {
+            target = own_count;
+            point[count_index] = (own_count as f64 + 1.5) / (slots + 1) as f64;
         }
-        match have(&other.point) {
-            theirs if theirs > 0 && random.draw_bool(0.5) => {
-                let one = fault(pick(theirs, random));
-                point[fault(place)].copy_from_slice(&other.point[one]);
+        match fault_count(&other.point) {
+            other_count if other_count > 0 && random.draw_bool(0.5) => {
+                let source = fault_coordinates(pick_index(other_count, random));
+                point[fault_coordinates(target)].copy_from_slice(&other.point[source]);
             }
-            _ => fault(place).for_each(|gene| {
-                point[gene] = match self.coordinate_layout.is_continuous[gene] {
+            _ => fault_coordinates(target).for_each(|coordinate| {
+                point[coordinate] = match self.coordinate_layout.is_continuous[coordinate] {
                     true if random.draw_bool(RANGE_END_PROBABILITY) => draw_range_end(random),
                     _ => random.draw_unit(),
                 }
@@ -396,14 +403,14 @@ impl Search<'_> {
         step: f64,
         random: &mut SplitMix64,
     ) {
-        let matters = (self.used_coordinates)(point);
-        let count = matters.iter().filter(|matters| **matters).count();
-        let forced = (random.draw_unit() * count as f64) as usize;
-        let places = (0..point.len()).filter(|&place| matters[place]).enumerate();
-        for (nth, place) in places {
-            if nth == forced || random.draw_bool(changes / count as f64) {
-                let x = point[place];
-                point[place] = match self.coordinate_layout.is_continuous[place] {
+        let is_used = (self.used_coordinates)(point);
+        let count = is_used.iter().filter(|is_used| **is_used).count();
+        let always_changed = (random.draw_unit() * count as f64) as usize;
+        let used = (0..point.len()).filter(|&index| is_used[index]).enumerate();
+        for (position, index) in used {
+            if position == always_changed || random.draw_bool(changes / count as f64) {
+                let x = point[index];
+                point[index] = match self.coordinate_layout.is_continuous[index] {
                     true if random.draw_bool(RANGE_END_PROBABILITY) => draw_range_end(random),
                     true if random.draw_bool(0.8) => {
                         reflect_into_unit_interval(x + step * draw_standard_normal(random))
@@ -415,87 +422,98 @@ impl Search<'_> {
     }
 
     fn propose_descent_point(&self, random: &mut SplitMix64) -> Vec<f64> {
-        let Some(Descent { current_point: at, step }) = &self.descent else {
+        let Some(Descent { current_point, step }) = &self.descent else {
             return self.mutate_best_point(random);
         };
-        let mut point = at.point.clone();
+        let mut point = current_point.point.clone();
         self.change_coordinates(&mut point, 1.0, *step, random);
         point
     }
 
     /// Continues the descent from a better point, or with smaller steps if there is none. Finally restarts from the
     /// best uniform point.
-    fn update_descent(&mut self, uniform: &[EvaluatedPoint], stepped: &[EvaluatedPoint]) {
-        let least = |found: &[EvaluatedPoint]| {
+    fn update_descent(&mut self, uniform: &[EvaluatedPoint], descent_points: &[EvaluatedPoint]) {
+        let best = |found: &[EvaluatedPoint]| {
             found.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned()
         };
-        match (&mut self.descent, least(stepped)) {
-            (Some(descent), Some(better)) if better.cost < descent.current_point.cost => {
-                descent.current_point = better
+        match (&mut self.descent, best(descent_points)) {
+            (Some(descent), Some(best_point)) if best_point.cost < descent.current_point.cost => {
+                descent.current_point = best_point
             }
             (Some(descent), _) => {
-                descent.step *=
-                    portable_math::pow(0.7, stepped.len() as f64 / CMA_POPULATION_SIZE as f64);
+                descent.step *= portable_math::pow(
+                    0.7,
+                    descent_points.len() as f64 / CMA_POPULATION_SIZE as f64,
+                );
             }
             (None, _) => {}
         }
         if self.descent.as_ref().is_none_or(|descent| descent.step < DESCENT_STEP_MIN) {
-            self.descent =
-                least(uniform).map(|at| Descent { current_point: at, step: DESCENT_STEP_INITIAL });
+            self.descent = best(uniform)
+                .map(|current_point| Descent { current_point, step: DESCENT_STEP_INITIAL });
         }
     }
 
-    /// Returns at most `most` points of the current generation of CMA-ES, of a new generation, or of a new search.
-    fn propose_cma_points(&mut self, most: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
-        if most == 0 || !self.coordinate_layout.is_continuous.contains(&true) {
+    /// Returns at most `count_max` points of the current generation of CMA-ES, of a new generation, or of a new search.
+    fn propose_cma_points(&mut self, count_max: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
+        if count_max == 0 || !self.coordinate_layout.is_continuous.contains(&true) {
             return Vec::new();
         }
-        let (n, gradual) =
+        let (n, is_continuous) =
             (self.coordinate_layout.is_continuous.len(), &self.coordinate_layout.is_continuous);
         let (starts, best) = (&mut self.cma_starts, &self.best_points[0].point);
         let search = self.cma.get_or_insert_with(|| {
             // Alternately started at the best point and at a random one.
             *starts += 1;
-            let from = match *starts % 2 {
+            let start = match *starts % 2 {
                 1 => best.clone(),
                 _ => (0..n).map(|_| random.draw_unit()).collect(),
             };
-            let mean = from.iter().zip(gradual).filter(|(_, gradual)| **gradual).map(|(x, _)| *x);
+            let mean = start
+                .iter()
+                .zip(is_continuous)
+                .filter(|(_, is_continuous)| **is_continuous)
+                .map(|(x, _)| *x);
             let cma = Cma::new(mean.collect(), DESCENT_STEP_INITIAL);
-            let (left, costs) = (Vec::new(), Vec::new());
+            let (remaining_points, costs) = (Vec::new(), Vec::new());
             CmaSearch {
                 cma,
-                discrete_source: from,
+                discrete_source: start,
                 best_cost: f64::INFINITY,
                 stalled_generations: 0,
-                remaining_points: left,
+                remaining_points,
                 costs,
             }
         });
         if search.remaining_points.is_empty() {
             search.remaining_points = search.cma.sample_points(random, CMA_POPULATION_SIZE);
         }
-        let whole = |drawn: Vec<f64>| {
-            let mut drawn = drawn.into_iter();
-            let both = search.discrete_source.iter().zip(gradual);
-            both.map(|(x, gradual)| if *gradual { drawn.next().unwrap_or(*x) } else { *x })
+        let complete_point = |sampled: Vec<f64>| {
+            let mut sampled = sampled.into_iter();
+            let coordinates = search.discrete_source.iter().zip(is_continuous);
+            coordinates
+                .map(
+                    |(x, is_continuous)| {
+                        if *is_continuous { sampled.next().unwrap_or(*x) } else { *x }
+                    },
+                )
                 .collect()
         };
-        let count = most.min(search.remaining_points.len());
-        search.remaining_points.drain(..count).map(whole).collect()
+        let count = count_max.min(search.remaining_points.len());
+        search.remaining_points.drain(..count).map(complete_point).collect()
     }
 
-    fn update_cma(&mut self, drawn: &[EvaluatedPoint]) {
+    fn update_cma(&mut self, cma_points: &[EvaluatedPoint]) {
         let Some(search) = &mut self.cma else { return };
-        search.costs.extend(drawn.iter().map(|found| found.cost));
+        search.costs.extend(cma_points.iter().map(|found| found.cost));
         if search.costs.len() < CMA_POPULATION_SIZE {
             return;
         }
         search.cma.update_from_costs(&search.costs);
-        let least = search.costs.drain(..).fold(f64::INFINITY, f64::min);
+        let best_cost = search.costs.drain(..).fold(f64::INFINITY, f64::min);
         search.stalled_generations =
-            if least < search.best_cost { 0 } else { search.stalled_generations + 1 };
-        search.best_cost = search.best_cost.min(least);
+            if best_cost < search.best_cost { 0 } else { search.stalled_generations + 1 };
+        search.best_cost = search.best_cost.min(best_cost);
         if search.stalled_generations >= STALLED_GENERATIONS_MAX
             || search.cma.sigma < DESCENT_STEP_MIN
         {
@@ -527,16 +545,17 @@ mod tests {
 
     /// Returns the number of points tried until one costs less than 0: all of eight coordinates must be near 0.8, and
     /// one is discontinuous in its last tenth.
-    fn trials_to_find(seed: u64, uniform_only: bool, most: usize) -> usize {
-        let gradual: Vec<bool> = (0..9).map(|place| place < 8).collect();
-        let shape = CoordinateLayout { is_continuous: gradual, ..CoordinateLayout::default() };
+    fn trials_to_find(seed: u64, uniform_only: bool, trials_max: usize) -> usize {
+        let is_continuous: Vec<bool> = (0..9).map(|index| index < 8).collect();
+        let layout = CoordinateLayout { is_continuous, ..CoordinateLayout::default() };
         let mut search =
-            Search::new(shape, &all_coordinates_used, vec![0.5; 9], seed, uniform_only);
+            Search::new(layout, &all_coordinates_used, vec![0.5; 9], seed, uniform_only);
         let mut tried = 0;
-        while tried < most {
+        while tried < trials_max {
             let cost = |trial: &Trial| {
-                let off = trial.point[..8].iter().map(|x| (x - 0.8).abs()).fold(0.0, f64::max);
-                off - 0.15 + if trial.point[8] < 0.9 { 0.5 } else { 0.0 }
+                let deviation =
+                    trial.point[..8].iter().map(|x| (x - 0.8).abs()).fold(0.0, f64::max);
+                deviation - 0.15 + if trial.point[8] < 0.9 { 0.5 } else { 0.0 }
             };
             let costs: Vec<f64> = search.propose_batch().iter().map(cost).collect();
             if let Some(first) = costs.iter().position(|cost| *cost < 0.0) {
@@ -546,7 +565,7 @@ mod tests {
             search
                 .record_evaluations(&costs.into_iter().map(evaluation_of_cost).collect::<Vec<_>>());
         }
-        most
+        trials_max
     }
 
     #[test]
@@ -568,9 +587,9 @@ mod tests {
         assert_eq!(search.propose_batch()[0].point, [0.5; 4]);
         for _ in 0..UNIFORM_POINTS / 8 {
             search.record_evaluations(&[const { None }; 16]);
-            let asked = search.propose_batch();
+            let trials = search.propose_batch();
             assert!(
-                asked.iter().all(|trial| trial.proposed_by == Strategy::Uniform),
+                trials.iter().all(|trial| trial.proposed_by == Strategy::Uniform),
                 "nothing is learnt"
             );
         }
@@ -606,17 +625,21 @@ mod tests {
                 Search::new(test_layout(8), &all_coordinates_used, vec![0.5; 8], 7, uniform_only);
             let mut tried = 0;
             while tried < 6_000 {
-                let happens = |point: &[f64]| point.iter().take_while(|x| **x > 0.75).count();
-                let came = |trial: &Trial| {
-                    let traits = (0..=happens(&trial.point) as u16).collect();
-                    Some(Evaluation { cost: 1.0, observed_events: traits })
+                let event_count = |point: &[f64]| point.iter().take_while(|x| **x > 0.75).count();
+                let evaluate = |trial: &Trial| {
+                    let observed_events = (0..=event_count(&trial.point) as u16).collect();
+                    Some(Evaluation { cost: 1.0, observed_events })
                 };
-                let came: Vec<_> = search.propose_batch().iter().map(came).collect();
-                if came.iter().flatten().any(|came| came.observed_events.len() == 9) {
+                let evaluations: Vec<_> = search.propose_batch().iter().map(evaluate).collect();
+                if evaluations
+                    .iter()
+                    .flatten()
+                    .any(|evaluation| evaluation.observed_events.len() == 9)
+                {
                     return tried;
                 }
-                tried += came.len();
-                search.record_evaluations(&came);
+                tried += evaluations.len();
+                search.record_evaluations(&evaluations);
             }
             tried
         };
@@ -626,26 +649,26 @@ mod tests {
     #[test]
     fn mutation_inherits_whole_faults() {
         // Faults of two coordinates each.
-        let parts = vec![0..1, 1..3, 3..5];
-        let shape = CoordinateLayout {
+        let coordinate_groups = vec![0..1, 1..3, 3..5];
+        let layout = CoordinateLayout {
             is_continuous: vec![true; 5],
-            coordinate_groups: parts,
+            coordinate_groups,
             fault_count_index: Some(0),
             fault_groups: 1..3,
         };
-        let mut search = Search::new(shape, &all_coordinates_used, vec![0.5; 5], 1, false);
+        let mut search = Search::new(layout, &all_coordinates_used, vec![0.5; 5], 1, false);
         search.best_points.push(EvaluatedPoint { cost: 1.0, point: vec![0.5, 0.1, 0.2, 0.3, 0.4] });
         let mut random = SplitMix64::new(1);
-        let (mut added, mut taken) = (0, 0);
+        let (mut added, mut inherited) = (0, 0);
         for _ in 0..100 {
             let mut point = search.best_points[0].point.clone();
             search.mutate_faults(&mut point, &mut random);
-            let place = if point[0] > 2.0 / 3.0 { 3 } else { 1 };
-            added += usize::from(place == 3);
-            taken += usize::from(point[place..place + 2] == [0.1, 0.2]);
-            assert!(place == 1 || point[1..3] == [0.1, 0.2], "{point:?}");
+            let first = if point[0] > 2.0 / 3.0 { 3 } else { 1 };
+            added += usize::from(first == 3);
+            inherited += usize::from(point[first..first + 2] == [0.1, 0.2]);
+            assert!(first == 1 || point[1..3] == [0.1, 0.2], "{point:?}");
         }
-        assert!((30..70).contains(&added) && (30..70).contains(&taken), "{added} {taken}");
+        assert!((30..70).contains(&added) && (30..70).contains(&inherited), "{added} {inherited}");
     }
 
     #[test]
@@ -666,52 +689,54 @@ mod tests {
     /// Without any gradient no strategy is better than chance. The portfolio must not be much worse.
     #[test]
     fn flat_cost_needs_at_most_1_2_times_the_trials_of_chance() {
-        let anywhere = |uniform_only| {
+        let uniform_trials = |uniform_only| {
             let mut search =
                 Search::new(test_layout(4), &all_coordinates_used, vec![0.5; 4], 3, uniform_only);
-            let mut asked: Vec<Trial> = Vec::new();
-            while asked.len() < 2_500 {
+            let mut trials: Vec<Trial> = Vec::new();
+            while trials.len() < 2_500 {
                 let batch = search.propose_batch().to_vec();
                 search.record_evaluations(&vec![evaluation_of_cost(0.0); batch.len()]);
-                asked.extend(batch);
+                trials.extend(batch);
             }
-            let anywhere = |(_, trial): &(usize, Trial)| trial.proposed_by == Strategy::Uniform;
-            asked.into_iter().enumerate().filter(anywhere).take(2_000).collect::<Vec<_>>()
+            let is_uniform = |(_, trial): &(usize, Trial)| trial.proposed_by == Strategy::Uniform;
+            trials.into_iter().enumerate().filter(is_uniform).take(2_000).collect::<Vec<_>>()
         };
-        for ((alone, one), (among, same)) in anywhere(true).into_iter().zip(anywhere(false)) {
-            assert_eq!(one.point, same.point);
-            assert!(10 * among <= 12 * alone, "{alone} {among}");
+        for ((alone_index, alone), (portfolio_index, portfolio)) in
+            uniform_trials(true).into_iter().zip(uniform_trials(false))
+        {
+            assert_eq!(alone.point, portfolio.point);
+            assert!(10 * portfolio_index <= 12 * alone_index, "{alone_index} {portfolio_index}");
         }
     }
 
     #[test]
     fn continuous_variables_sometimes_jump_to_a_range_limit() {
-        let shape =
+        let layout =
             CoordinateLayout { is_continuous: vec![true, false], ..CoordinateLayout::default() };
-        let search = Search::new(shape, &all_coordinates_used, vec![0.5; 2], 1, false);
+        let search = Search::new(layout, &all_coordinates_used, vec![0.5; 2], 1, false);
         let mut random = SplitMix64::new(1);
-        let mut ends = [0; 2];
+        let mut limit_counts = [0; 2];
         for _ in 0..400 {
             let mut point = vec![0.5; 2];
             search.change_coordinates(&mut point, 2.0, 0.01, &mut random);
-            for (ends, x) in ends.iter_mut().zip(point) {
-                *ends += u32::from(x == 0.0 || x == 1.0);
+            for (count, x) in limit_counts.iter_mut().zip(point) {
+                *count += u32::from(x == 0.0 || x == 1.0);
             }
         }
-        assert!((70..130).contains(&ends[0]) && ends[1] == 0, "{ends:?}");
+        assert!((70..130).contains(&limit_counts[0]) && limit_counts[1] == 0, "{limit_counts:?}");
     }
 
     #[test]
     fn unused_coordinates_are_not_mutated() {
-        let first = |point: &[f64]| (0..point.len()).map(|place| place == 0).collect();
-        let mut search = Search::new(test_layout(4), &first, vec![0.5; 4], 1, false);
+        let is_first = |point: &[f64]| (0..point.len()).map(|index| index == 0).collect();
+        let mut search = Search::new(test_layout(4), &is_first, vec![0.5; 4], 1, false);
         for _ in 0..UNIFORM_POINTS / 16 {
             search.propose_batch();
         }
         search.best_points.push(EvaluatedPoint { cost: 1.0, point: vec![0.5; 4] });
-        let asked: Vec<Trial> = (0..20).flat_map(|_| search.propose_batch().to_vec()).collect();
+        let trials: Vec<Trial> = (0..20).flat_map(|_| search.propose_batch().to_vec()).collect();
         let mutated: Vec<_> =
-            asked.iter().filter(|trial| trial.proposed_by == Strategy::Mutation).collect();
+            trials.iter().filter(|trial| trial.proposed_by == Strategy::Mutation).collect();
         assert!(!mutated.is_empty());
         assert!(mutated.iter().all(|trial| trial.point[1..] == [0.5; 3] && trial.point[0] != 0.5));
     }

@@ -46,7 +46,7 @@ pub struct CoordinateLayout {
     pub coordinate_groups: Vec<Range<usize>>,
     /// Index of the coordinate that determines the number of faults.
     pub fault_count_index: Option<usize>,
-    /// Indices in `parts` of the faults. All have the same number of coordinates with the same meaning.
+    /// Indices in `coordinate_groups` of the faults. All have the same number of coordinates with the same meaning.
     pub fault_groups: Range<usize>,
 }
 
@@ -83,12 +83,12 @@ impl CoordinateReader<'_> {
         }
     }
 
-    fn next_coordinate(&mut self, gradual: bool) -> f64 {
-        let gene = self.point.get(self.next_index).copied().unwrap_or(0.5);
+    fn next_coordinate(&mut self, is_continuous: bool) -> f64 {
+        let coordinate = self.point.get(self.next_index).copied().unwrap_or(0.5);
         self.next_index += 1;
-        self.is_continuous.push(gradual);
+        self.is_continuous.push(is_continuous);
         self.is_used.push(self.reads_used_coordinates);
-        gene
+        coordinate
     }
 
     /// Ends a group of coordinates.
@@ -108,8 +108,8 @@ impl CoordinateReader<'_> {
 
     /// Reads an optional amount: `None` for the lower half of the coordinate, growing from 0 to 1 over the upper half.
     fn read_optional_amount(&mut self) -> Option<f64> {
-        let gene = self.read_unit_coordinate();
-        (gene > 0.5).then_some(2.0 * gene - 1.0)
+        let coordinate = self.read_unit_coordinate();
+        (coordinate > 0.5).then_some(2.0 * coordinate - 1.0)
     }
 }
 
@@ -124,10 +124,10 @@ impl SearchSpace {
         vary: &[VariedPart],
     ) -> Result<SearchSpace, EmptySearchSpaceError> {
         let bounds = HuntBounds { varied_parts: vary.to_vec(), ..scenario.hunt_bounds.clone() };
-        let own_m = closest_pair(&start_front_points(&scenario.robots))
+        let start_distance_m = closest_pair(&start_front_points(&scenario.robots))
             .map_or(f64::INFINITY, |pair| pair.distance_m);
         let mut space = SearchSpace {
-            separation_min_m: bounds.separation_min_m.min(own_m),
+            separation_min_m: bounds.separation_min_m.min(start_distance_m),
             fault_kinds: Vec::new(),
             gains: gain_groups(scenario),
             scenario: scenario.clone(),
@@ -140,12 +140,12 @@ impl SearchSpace {
             .map(|kind| (*kind, space.targets_of_kind(kind)))
             .collect();
         space.fault_kinds.retain(|(_, targets)| !targets.is_empty());
-        let only = |varied| space.bounds.varied_parts == [varied];
+        let varies_only = |varied| space.bounds.varied_parts == [varied];
         if space.bounds.varied_parts.is_empty() {
             Err(EmptySearchSpaceError("`vary` is empty"))
-        } else if only(VariedPart::Gains) && space.gains.is_empty() {
+        } else if varies_only(VariedPart::Gains) && space.gains.is_empty() {
             Err(EmptySearchSpaceError("no law or method of the scenario has a gain"))
-        } else if only(VariedPart::Faults) && space.fault_kinds.is_empty() {
+        } else if varies_only(VariedPart::Faults) && space.fault_kinds.is_empty() {
             Err(EmptySearchSpaceError("no robot or link can have any of the `kinds` of faults"))
         } else {
             Ok(space)
@@ -154,18 +154,20 @@ impl SearchSpace {
 
     /// Returns the structure of the coordinates.
     pub fn coordinate_layout(&self) -> CoordinateLayout {
-        let mut genes = CoordinateReader::new(&[]);
-        self.decode(&mut genes);
-        let begins = [0].into_iter().chain(genes.group_ends.iter().copied());
-        let parts = begins.zip(&genes.group_ends).map(|(begin, &end)| begin..end).collect();
-        let count = self.fault_count_index();
-        let before = count
-            .map_or(0, |count| genes.group_ends.iter().filter(|&&end| end <= count + 1).count());
-        let faults = before..before + count.map_or(0, |_| self.bounds.faults_max);
+        let mut reader = CoordinateReader::new(&[]);
+        self.decode(&mut reader);
+        let starts = [0].into_iter().chain(reader.group_ends.iter().copied());
+        let parts = starts.zip(&reader.group_ends).map(|(start, &end)| start..end).collect();
+        let count_index = self.fault_count_index();
+        let first_fault_group = count_index.map_or(0, |count_index| {
+            reader.group_ends.iter().filter(|&&end| end <= count_index + 1).count()
+        });
+        let faults = first_fault_group
+            ..first_fault_group + count_index.map_or(0, |_| self.bounds.faults_max);
         CoordinateLayout {
-            is_continuous: genes.is_continuous,
+            is_continuous: reader.is_continuous,
             coordinate_groups: parts,
-            fault_count_index: count,
+            fault_count_index: count_index,
             fault_groups: faults,
         }
     }
@@ -173,16 +175,16 @@ impl SearchSpace {
     /// Returns for each coordinate of a point whether its run depends on it. It does not depend on the coordinates of
     /// unused faults.
     pub fn used_coordinates(&self, point: &[f64]) -> Vec<bool> {
-        let mut genes = CoordinateReader::new(point);
-        self.decode(&mut genes);
-        genes.is_used
+        let mut reader = CoordinateReader::new(point);
+        self.decode(&mut reader);
+        reader.is_used
     }
 
     /// Returns the point that decodes to the unchanged scenario, as far as the bounds allow.
     pub fn unchanged_point(&self) -> Vec<f64> {
         let mut point = vec![0.5; self.coordinate_layout().is_continuous.len()];
-        if let Some(count) = self.fault_count_index() {
-            point[count] = 0.0;
+        if let Some(count_index) = self.fault_count_index() {
+            point[count_index] = 0.0;
         }
         point
     }
@@ -217,11 +219,13 @@ impl SearchSpace {
 
     /// Returns the fault with the maximum duration, loss and delay within the bounds.
     pub(super) fn strongest_fault(&self, fault: &PlannedFault) -> PlannedFault {
-        let HuntBounds { latest_fault_end_ns: until_ns, loss_max, delay_ns_max, .. } = self.bounds;
+        let HuntBounds { latest_fault_end_ns, loss_max, delay_ns_max, .. } = self.bounds;
         let mut strongest = fault.clone();
         if fault.kind != "kill" {
-            let longest = |for_ns: u64| for_ns.max(until_ns.saturating_sub(fault.start_ns));
-            strongest.duration_ns = fault.duration_ns.map(longest);
+            let lengthen = |duration_ns: u64| {
+                duration_ns.max(latest_fault_end_ns.saturating_sub(fault.start_ns))
+            };
+            strongest.duration_ns = fault.duration_ns.map(lengthen);
         }
         for (word, amount) in &mut strongest.parameters {
             match *word {
@@ -247,38 +251,40 @@ impl SearchSpace {
         (self.is_varied(VariedPart::Faults) && !self.fault_kinds.is_empty()).then_some(before)
     }
 
-    fn decode(&self, genes: &mut CoordinateReader<'_>) -> RunPlan {
+    fn decode(&self, reader: &mut CoordinateReader<'_>) -> RunPlan {
         let mut plan = RunPlan::default();
         if self.is_varied(VariedPart::Starts) {
-            plan.starts = self.decode_starts(genes);
+            plan.starts = self.decode_starts(reader);
         }
         if self.is_varied(VariedPart::Faults) && !self.fault_kinds.is_empty() {
-            let count = genes.read_choice(self.bounds.faults_max + 1);
-            genes.end_group();
+            let count = reader.read_choice(self.bounds.faults_max + 1);
+            reader.end_group();
             for fault in 0..self.bounds.faults_max {
-                genes.reads_used_coordinates = fault < count;
-                plan.faults.push(self.decode_fault(genes));
-                genes.end_group();
+                reader.reads_used_coordinates = fault < count;
+                plan.faults.push(self.decode_fault(reader));
+                reader.end_group();
             }
-            genes.reads_used_coordinates = true;
+            reader.reads_used_coordinates = true;
             plan.faults.truncate(count);
         }
         if self.is_varied(VariedPart::Delays) {
-            plan.faults.extend(self.decode_delays(genes));
+            plan.faults.extend(self.decode_delays(reader));
         }
         if self.is_varied(VariedPart::Noise) {
-            plan.faults.extend(self.decode_noise(genes));
+            plan.faults.extend(self.decode_noise(reader));
         }
         if self.is_varied(VariedPart::Gains) {
-            for keys in &self.gains {
-                let [least, most] = self.bounds.gain_factors;
-                let factor = least * portable_math::pow(most / least, genes.read_unit_coordinate());
-                genes.end_group();
-                let gain = |VariedGain { key, scenario_value: own, range: [lowest, highest] }: &VariedGain| {
-                    let value = round_to_digits(own * factor, SIGNIFICANT_DIGITS);
-                    (key.clone(), value.clamp(*lowest, *highest))
-                };
-                plan.gains.extend(keys.iter().map(gain));
+            for group in &self.gains {
+                let [factor_min, factor_max] = self.bounds.gain_factors;
+                let factor = factor_min
+                    * portable_math::pow(factor_max / factor_min, reader.read_unit_coordinate());
+                reader.end_group();
+                let gain =
+                    |VariedGain { key, scenario_value, range: [lowest, highest] }: &VariedGain| {
+                        let value = round_to_digits(scenario_value * factor, SIGNIFICANT_DIGITS);
+                        (key.clone(), value.clamp(*lowest, *highest))
+                    };
+                plan.gains.extend(group.iter().map(gain));
             }
         }
         plan
@@ -286,18 +292,20 @@ impl SearchSpace {
 
     /// Decodes the starts: each front point is in its box, moved toward its start in the scenario until it is far
     /// enough from others and clear of walls.
-    fn decode_starts(&self, genes: &mut CoordinateReader<'_>) -> Vec<(usize, Pose)> {
+    fn decode_starts(&self, reader: &mut CoordinateReader<'_>) -> Vec<(usize, Pose)> {
         let robots = &self.scenario.robots;
         let walls = self.scenario.obstacles();
         let clearance_m = self.scenario.avoidance.clearance_m;
         let mut points = start_front_points(robots);
         let mut starts = Vec::new();
-        for (place, robot) in robots.iter().enumerate() {
-            let own = points[place];
-            let [x, y] =
-                self.bounds.start_box_m.map(|side_m| side_m * (genes.read_unit_coordinate() - 0.5));
-            let turn_rad = TAU * (genes.read_unit_coordinate() - 0.5);
-            genes.end_group();
+        for (index, robot) in robots.iter().enumerate() {
+            let scenario_point = points[index];
+            let [x, y] = self
+                .bounds
+                .start_box_m
+                .map(|side_m| side_m * (reader.read_unit_coordinate() - 0.5));
+            let turn_rad = TAU * (reader.read_unit_coordinate() - 0.5);
+            reader.end_group();
             let heading_rad =
                 round_to_multiple(wrap_angle(robot.start.heading_rad + turn_rad), 1e3);
             let pose_at = |point: Vec2| {
@@ -306,60 +314,59 @@ impl SearchSpace {
                     [point.x - ahead.x, point.y - ahead.y].map(|m| round_to_multiple(m, 1e3));
                 Pose { x_m, y_m, heading_rad }
             };
-            let mut tries = (0..=10)
-                .map(|tenths| pose_at(own + Vec2::new(x, y) * (1.0 - 0.1 * f64::from(tenths))));
+            let mut tries = (0..=10).map(|tenths| {
+                pose_at(scenario_point + Vec2::new(x, y) * (1.0 - 0.1 * f64::from(tenths)))
+            });
             let free = tries.find(|pose| {
                 let point = front_point(*pose, robot.front_point_m);
-                let apart = |(other, at): (usize, &Vec2)| {
-                    other == place || (at - point).norm() >= self.separation_min_m
+                let is_separated = |(other, other_point): (usize, &Vec2)| {
+                    other == index || (other_point - point).norm() >= self.separation_min_m
                 };
-                points.iter().enumerate().all(apart)
+                points.iter().enumerate().all(is_separated)
                     && walls
                         .nearest_obstacle(point)
                         .is_none_or(|wall| wall.distance_m >= clearance_m)
             });
             // If there is no room, the start of the scenario is used.
             if let Some(pose) = free {
-                points[place] = front_point(pose, robot.front_point_m);
-                starts.push((place, pose));
+                points[index] = front_point(pose, robot.front_point_m);
+                starts.push((index, pose));
             }
         }
         starts
     }
 
-    fn decode_fault(&self, genes: &mut CoordinateReader<'_>) -> PlannedFault {
-        let (kind, targets) = &self.fault_kinds[genes.read_choice(self.fault_kinds.len())];
-        let (target_names, what) = targets[genes.read_choice(targets.len())].clone();
-        let [at, length, a, b] = [(); 4].map(|()| genes.read_unit_coordinate());
-        let HuntBounds { earliest_fault_start_ns: from_ns, latest_fault_end_ns: until_ns, .. } =
-            self.bounds;
+    fn decode_fault(&self, reader: &mut CoordinateReader<'_>) -> PlannedFault {
+        let (kind, targets) = &self.fault_kinds[reader.read_choice(self.fault_kinds.len())];
+        let (target_names, target_component) = targets[reader.read_choice(targets.len())].clone();
+        let [start, duration, a, b] = [(); 4].map(|()| reader.read_unit_coordinate());
+        let HuntBounds {
+            earliest_fault_start_ns: earliest_ns,
+            latest_fault_end_ns: latest_end_ns,
+            ..
+        } = self.bounds;
         let period_ns = self.scenario.period_ns;
-        let latest_ns = until_ns.saturating_sub(period_ns).max(from_ns);
-        let at_ns = self
-            .round_to_periods_ns(from_ns as f64 + at * (latest_ns - from_ns) as f64)
+        let latest_ns = latest_end_ns.saturating_sub(period_ns).max(earliest_ns);
+        let start_ns = self
+            .round_to_periods_ns(earliest_ns as f64 + start * (latest_ns - earliest_ns) as f64)
             .min(latest_ns);
-        let rest = (until_ns - at_ns) as f64 / period_ns as f64;
-        let for_ns = self
-            .round_to_periods_ns(period_ns as f64 * portable_math::pow(rest.max(1.0), length))
+        let remaining_periods = (latest_end_ns - start_ns) as f64 / period_ns as f64;
+        let duration_ns = self
+            .round_to_periods_ns(
+                period_ns as f64 * portable_math::pow(remaining_periods.max(1.0), duration),
+            )
             .max(period_ns);
-        let amounts = self.fault_amounts(kind, what, [a, b]);
+        let parameters = self.fault_amounts(kind, target_component, [a, b]);
         // Half of the kills have no restart.
-        let for_ns = (*kind != "kill" || a < 0.5).then_some(for_ns);
-        PlannedFault {
-            kind,
-            target_names,
-            target_component: what,
-            parameters: amounts,
-            start_ns: at_ns,
-            duration_ns: for_ns,
-        }
+        let duration_ns = (*kind != "kill" || a < 0.5).then_some(duration_ns);
+        PlannedFault { kind, target_names, target_component, parameters, start_ns, duration_ns }
     }
 
     /// Returns the numbers of a fault, from two coordinates.
     fn fault_amounts(
         &self,
         kind: &str,
-        what: &str,
+        component: &str,
         [a, b]: [f64; 2],
     ) -> Vec<(&'static str, Option<f64>)> {
         let seconds = |ns| Some(formation::ns_to_seconds(ns));
@@ -387,14 +394,14 @@ impl SearchSpace {
                 let by = round_to_digits(self.bounds.noise_m_max * a.max(0.01), 2);
                 let heading =
                     round_to_digits(self.bounds.noise_heading_rad_max * (2.0 * b - 1.0), 2);
-                let heading =
-                    (what == "odometry" && heading > 0.0).then_some(("heading", Some(heading)));
+                let heading = (component == "odometry" && heading > 0.0)
+                    .then_some(("heading", Some(heading)));
                 [("by", Some(by))].into_iter().chain(heading).collect()
             }
-            "lie" if what == MESSAGE_BITS => {
+            "lie" if component == MESSAGE_BITS => {
                 vec![("flips", Some(round_to_digits(BIT_FLIPS_MAX * a.max(0.01), 2)))]
             }
-            "lie" if what == MESSAGE_NUMBERS => {
+            "lie" if component == MESSAGE_NUMBERS => {
                 // Of both signs, and never so small that the message is not changed.
                 let change = (2.0 * b - 1.0).abs().max(0.01).copysign(2.0 * b - 1.0);
                 let error_max = self.bounds.message_error_max;
@@ -420,30 +427,32 @@ impl SearchSpace {
     }
 
     /// Decodes delays and losses over the whole run.
-    fn decode_delays(&self, genes: &mut CoordinateReader<'_>) -> Vec<PlannedFault> {
+    fn decode_delays(&self, reader: &mut CoordinateReader<'_>) -> Vec<PlannedFault> {
         let mut faults = Vec::new();
-        let links = !self.scenario.graph.edges().is_empty();
-        for what in
-            ["", "odometry", "commands"].into_iter().filter(|what| links || !what.is_empty())
+        let has_links = !self.scenario.graph.edges().is_empty();
+        for target_component in ["", "odometry", "commands"]
+            .into_iter()
+            .filter(|target_component| has_links || !target_component.is_empty())
         {
             let (delay, jitter, loss) = (
-                genes.read_optional_amount(),
-                genes.read_unit_coordinate(),
-                genes.read_optional_amount(),
+                reader.read_optional_amount(),
+                reader.read_unit_coordinate(),
+                reader.read_optional_amount(),
             );
-            genes.end_group();
-            let target_names = vec![ALL_ROBOTS.to_owned(); if what.is_empty() { 2 } else { 1 }];
-            let drawn = [
-                ("delay", delay.map(|share| [share, jitter])),
-                ("loss", loss.map(|share| [share, 0.0])),
+            reader.end_group();
+            let target_names =
+                vec![ALL_ROBOTS.to_owned(); if target_component.is_empty() { 2 } else { 1 }];
+            let fractions = [
+                ("delay", delay.map(|fraction| [fraction, jitter])),
+                ("loss", loss.map(|fraction| [fraction, 0.0])),
             ];
-            faults.extend(drawn.into_iter().filter_map(|(kind, shares)| {
-                let amounts = self.fault_amounts(kind, what, shares?);
+            faults.extend(fractions.into_iter().filter_map(|(kind, fractions_of_kind)| {
+                let parameters = self.fault_amounts(kind, target_component, fractions_of_kind?);
                 Some(PlannedFault {
                     kind,
                     target_names: target_names.clone(),
-                    target_component: what,
-                    parameters: amounts,
+                    target_component,
+                    parameters,
                     start_ns: 0,
                     duration_ns: None,
                 })
@@ -453,19 +462,20 @@ impl SearchSpace {
     }
 
     /// Decodes sensor errors over the whole run.
-    fn decode_noise(&self, genes: &mut CoordinateReader<'_>) -> Vec<PlannedFault> {
+    fn decode_noise(&self, reader: &mut CoordinateReader<'_>) -> Vec<PlannedFault> {
         let mut faults = Vec::new();
-        for what in ["odometry", "proximity"] {
-            let (position, heading) = (genes.read_optional_amount(), genes.read_unit_coordinate());
-            genes.end_group();
+        for target_component in ["odometry", "proximity"] {
+            let (position, heading) =
+                (reader.read_optional_amount(), reader.read_unit_coordinate());
+            reader.end_group();
             let Some(position) = position else { continue };
-            let amounts = self.fault_amounts("noise", what, [position, heading]);
+            let parameters = self.fault_amounts("noise", target_component, [position, heading]);
             let target_names = vec![ALL_ROBOTS.to_owned()];
             faults.push(PlannedFault {
                 kind: "noise",
                 target_names,
-                target_component: what,
-                parameters: amounts,
+                target_component,
+                parameters,
                 start_ns: 0,
                 duration_ns: None,
             });
@@ -479,14 +489,16 @@ impl SearchSpace {
         (ns / period_ns as f64).round() as u64 * period_ns
     }
 
-    fn delay_from_fraction_ns(&self, share: f64) -> u64 {
-        let most_ns = self.bounds.delay_ns_max;
-        self.round_to_periods_ns(share * most_ns as f64).max(self.scenario.period_ns).min(most_ns)
+    fn delay_from_fraction_ns(&self, fraction: f64) -> u64 {
+        let delay_ns_max = self.bounds.delay_ns_max;
+        self.round_to_periods_ns(fraction * delay_ns_max as f64)
+            .max(self.scenario.period_ns)
+            .min(delay_ns_max)
     }
 
     fn targets_of_kind(&self, kind: &str) -> Vec<AffectedTarget> {
-        let of_robots = |what: &'static str| {
-            self.robot_targets().into_iter().map(move |target_names| (target_names, what))
+        let of_robots = |component: &'static str| {
+            self.robot_targets().into_iter().map(move |target_names| (target_names, component))
         };
         let links = || self.link_targets().into_iter().map(|target_names| (target_names, ""));
         match kind {
@@ -511,7 +523,7 @@ impl SearchSpace {
 
     /// Returns the links on which these robots send.
     fn link_targets(&self) -> Vec<Vec<String>> {
-        self.varied_edges().map(|edge| self.names_of_ends(edge)).collect()
+        self.varied_edges().map(|edge| self.names_of_endpoints(edge)).collect()
     }
 
     /// Returns the links on which the laws of these robots send messages, with the parts of the messages that a lie can
@@ -524,7 +536,9 @@ impl SearchSpace {
         };
         self.varied_edges()
             .flat_map(|edge| {
-                components(edge).iter().map(move |what| (self.names_of_ends(edge), *what))
+                components(edge)
+                    .iter()
+                    .map(move |component| (self.names_of_endpoints(edge), *component))
             })
             .collect()
     }
@@ -536,15 +550,15 @@ impl SearchSpace {
     }
 
     /// Returns the names of the sender and the receiver of an edge.
-    fn names_of_ends(&self, edge: &Edge) -> Vec<String> {
+    fn names_of_endpoints(&self, edge: &Edge) -> Vec<String> {
         [edge.from, edge.to].map(|robot| self.scenario.robots[robot].name.clone()).to_vec()
     }
 }
 
 /// Rounds to a multiple of 1 / `per_unit`.
-pub(super) fn round_to_multiple(number: f64, in_one: f64) -> f64 {
+pub(super) fn round_to_multiple(number: f64, per_unit: f64) -> f64 {
     // Avoids -0.
-    (number * in_one).round() / in_one + 0.0
+    (number * per_unit).round() / per_unit + 0.0
 }
 
 /// A gain that a hunt varies.
@@ -579,10 +593,10 @@ fn gain_groups(scenario: &Scenario) -> Vec<Vec<VariedGain>> {
         scenario.robots.iter().filter_map(gain).collect()
     });
     let of_method = scenario.avoidance_method.gains.iter().filter_map(|gain| {
-        let own = scenario.avoidance.gains.get(gain.key)?;
+        let value = scenario.avoidance.gains.get(gain.key)?;
         Some(vec![VariedGain {
             key: format!("avoidance.{}", gain.key),
-            scenario_value: *own,
+            scenario_value: *value,
             range: ANY_GAIN_RANGE,
         }])
     });

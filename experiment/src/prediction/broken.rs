@@ -72,9 +72,9 @@ pub enum BreakCause {
         /// Robot at the desired position.
         occupant: usize,
     },
-    /// Another robot wants a position too close to the slot of this one (Remark 1).
+    /// The desired position of another robot is too close to the slot of this one (Remark 1).
     SlotClaimed {
-        /// Robot that wants the position.
+        /// Robot whose desired position is too close.
         claimant: usize,
     },
 }
@@ -85,17 +85,17 @@ impl BreakCause {
         match self {
             BreakCause::LeaderDead { leader } => ("leader-dead", Some(leader)),
             BreakCause::LeaderUnreachable { leader } => ("unled", Some(leader)),
-            BreakCause::NoInNeighbor { lost_in_neighbor: lost } => ("stops", Some(lost)),
-            BreakCause::UsesLastPosition { lost_in_neighbor: lost } => ("kept", Some(lost)),
-            BreakCause::InNeighborLeftBehind { in_neighbor: by } => ("pulled", Some(by)),
+            BreakCause::NoInNeighbor { lost_in_neighbor } => ("stops", Some(lost_in_neighbor)),
+            BreakCause::UsesLastPosition { lost_in_neighbor } => ("kept", Some(lost_in_neighbor)),
+            BreakCause::InNeighborLeftBehind { in_neighbor } => ("pulled", Some(in_neighbor)),
             BreakCause::Uncontained => ("uncontained", None),
-            BreakCause::DesiredPositionChanged { lost_in_neighbor: lost } => {
-                ("without", Some(lost))
+            BreakCause::DesiredPositionChanged { lost_in_neighbor } => {
+                ("without", Some(lost_in_neighbor))
             }
-            BreakCause::TakesLeaderSlot { leader: of } => ("takes-place", Some(of)),
-            BreakCause::FollowsBrokenRobot { in_neighbor: neighbor } => ("follows", Some(neighbor)),
-            BreakCause::SlotOccupied { occupant: by } => ("place-taken", Some(by)),
-            BreakCause::SlotClaimed { claimant: by } => ("crowded", Some(by)),
+            BreakCause::TakesLeaderSlot { leader } => ("takes-place", Some(leader)),
+            BreakCause::FollowsBrokenRobot { in_neighbor } => ("follows", Some(in_neighbor)),
+            BreakCause::SlotOccupied { occupant } => ("place-taken", Some(occupant)),
+            BreakCause::SlotClaimed { claimant } => ("crowded", Some(claimant)),
         }
     }
 
@@ -106,32 +106,32 @@ impl BreakCause {
             BreakCause::LeaderUnreachable { leader } => {
                 format!("not reached by the leader {}", name(leader))
             }
-            BreakCause::NoInNeighbor { lost_in_neighbor: lost } => {
-                format!("no in-neighbor left without {}", name(lost))
+            BreakCause::NoInNeighbor { lost_in_neighbor } => {
+                format!("no in-neighbor left without {}", name(lost_in_neighbor))
             }
-            BreakCause::UsesLastPosition { lost_in_neighbor: lost } => {
-                format!("follows the last known point of {}", name(lost))
+            BreakCause::UsesLastPosition { lost_in_neighbor } => {
+                format!("follows the last known point of {}", name(lost_in_neighbor))
             }
-            BreakCause::InNeighborLeftBehind { in_neighbor: by } => {
-                format!("held back by {}, which is left behind", name(by))
+            BreakCause::InNeighborLeftBehind { in_neighbor } => {
+                format!("held back by {}, which is left behind", name(in_neighbor))
             }
             BreakCause::Uncontained => {
                 "an empty hull: no robot that leads or keeps a slot".to_owned()
             }
-            BreakCause::DesiredPositionChanged { lost_in_neighbor: lost } => {
-                format!("another desired position without {}", name(lost))
+            BreakCause::DesiredPositionChanged { lost_in_neighbor } => {
+                format!("another desired position without {}", name(lost_in_neighbor))
             }
-            BreakCause::TakesLeaderSlot { leader: of } => {
-                format!("backup leader in the slot of {}", name(of))
+            BreakCause::TakesLeaderSlot { leader } => {
+                format!("backup leader in the slot of {}", name(leader))
             }
-            BreakCause::FollowsBrokenRobot { in_neighbor: neighbor } => {
-                format!("in-neighbor {} is off its slot", name(neighbor))
+            BreakCause::FollowsBrokenRobot { in_neighbor } => {
+                format!("in-neighbor {} is off its slot", name(in_neighbor))
             }
-            BreakCause::SlotOccupied { occupant: by } => {
-                format!("desired position occupied by {} (Remark 1)", name(by))
+            BreakCause::SlotOccupied { occupant } => {
+                format!("desired position occupied by {} (Remark 1)", name(occupant))
             }
-            BreakCause::SlotClaimed { claimant: by } => {
-                format!("desired position too close to that of {} (Remark 1)", name(by))
+            BreakCause::SlotClaimed { claimant } => {
+                format!("desired position too close to that of {} (Remark 1)", name(claimant))
             }
         }
     }

@@ -29,8 +29,8 @@ impl LeaderMotion {
         let leader = scenario.leader()?;
         let step_s = ns_to_seconds(scenario.duration_ns) / SAMPLE_INTERVALS as f64;
         let start_rad = scenario.robots[leader].start.heading_rad;
-        let course = leader_motion_samples(scenario, start_rad, step_s, SAMPLE_INTERVALS)?;
-        let samples: Vec<_> = course.map(|(_, target, frame)| (target, frame)).collect();
+        let motion = leader_motion_samples(scenario, start_rad, step_s, SAMPLE_INTERVALS)?;
+        let samples: Vec<_> = motion.map(|(_, target, frame)| (target, frame)).collect();
         let (last, last_frame) = samples[SAMPLE_INTERVALS];
         let moving = samples.iter().rposition(|(target, frame)| {
             (target.position - last.position).norm() > AT_REST_DISPLACEMENT_M_MAX
@@ -43,7 +43,7 @@ impl LeaderMotion {
         })
     }
 
-    /// Returns whether the leader still moves at `t_s`, s; with `None`, whether it ever does.
+    /// Returns whether the leader still moves at `t_s`, s; with `None`, whether it ever moves.
     pub(super) fn is_moving(&self, t_s: Option<f64>) -> bool {
         t_s.map_or(0, |t_s| self.sample_index(t_s)) < self.first_at_rest_index
     }
@@ -65,11 +65,11 @@ impl LeaderMotion {
     pub(super) fn leader_distance_min_m(&self, planned: Vec2, t_s: f64) -> f64 {
         let samples = &self.samples[self.sample_index(t_s)..];
         let (leader, _) = samples[0];
-        let place = |(target, frame): &(Target, LeaderFrame)| {
+        let position = |(target, frame): &(Target, LeaderFrame)| {
             target.position + frame.transform_offset(planned).position
         };
-        let apart_m = samples.iter().map(|sample| (place(sample) - leader.position).norm());
-        apart_m.fold(f64::INFINITY, f64::min)
+        let distances_m = samples.iter().map(|sample| (position(sample) - leader.position).norm());
+        distances_m.fold(f64::INFINITY, f64::min)
     }
 
     fn sample_index(&self, t_s: f64) -> usize {

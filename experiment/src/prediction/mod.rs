@@ -8,8 +8,8 @@
 //! |---|---|
 //! | `surviving_graph` | which in-neighbors remain, which robots stop, and which ones does the leader reach? |
 //! | `leader_motion` | does the formation still move, and how fast? |
-//! | `cuts` | which single failures of links have no effect? |
-//! | `crowd` | which robots want to settle too close to each other? (Remark 1) |
+//! | `edge_failures` | which single failures of links have no effect? |
+//! | `slot_conflicts` | which robots have desired positions too close to each other? (Remark 1) |
 //! | `broken` | which robots are broken, why, and by how much? |
 //!
 //! Assumptions: the formation has settled when the fault starts, and the fault is permanent. Slots are compared in the
@@ -17,9 +17,9 @@
 //! robots that stop are in their slots.
 
 mod broken;
-mod crowd;
-mod cuts;
+mod edge_failures;
 mod leader_motion;
+mod slot_conflicts;
 mod surviving_graph;
 #[cfg(test)]
 mod tests;
@@ -33,9 +33,9 @@ use protocol::law::Reference;
 pub use broken::{
     BreakCause, BrokenPrediction, BrokenRobot, broken_definition_text, lines_by_cause,
 };
-use crowd::ConflictResolution;
-pub use cuts::SingleCutPredictor;
+pub use edge_failures::SingleCutPredictor;
 use leader_motion::LeaderMotion;
+use slot_conflicts::ConflictResolution;
 use surviving_graph::SurvivingGraph;
 
 use crate::scenario::Scenario;
@@ -88,7 +88,7 @@ impl FailurePredictor {
     /// Creates the predictor of a scenario, with its `converged_error_m` as the threshold.
     pub fn new(scenario: &Scenario) -> FailurePredictor {
         let steering_distances_m = scenario.steering_distances_m();
-        let facts = |i: usize| RobotProperties {
+        let properties = |i: usize| RobotProperties {
             reference: scenario.robots[i].role.reference,
             silence: scenario.silence.policy,
             standoff_m: steering_distances_m.as_ref().map_or(0.0, |distances_m| distances_m[i]),
@@ -98,7 +98,7 @@ impl FailurePredictor {
         };
         let n = scenario.robots.len();
         let mut predictor = FailurePredictor {
-            robots: (0..n).map(facts).collect(),
+            robots: (0..n).map(properties).collect(),
             rewiring: scenario.rewiring(),
             leader: scenario.leader(),
             deputies: scenario.repair_plan.deputies.clone(),
@@ -117,12 +117,12 @@ impl FailurePredictor {
                 .map_or([1.0; 2], |scale| [scale.final_or_mean_value(), scale.value_range()[0]]),
             broken_threshold_m: scenario.expectations.converged_error_m,
         };
-        let whole = SurvivingGraph::compute(&predictor, &[], &[], false);
-        let mut places = whole.settled_positions(&predictor.planned_slots);
-        let (free, _) = whole.robots_to_settle(&predictor);
+        let intact = SurvivingGraph::compute(&predictor, &[], &[], false);
+        let mut positions = intact.settled_positions(&predictor.planned_slots);
+        let (to_settle, _) = intact.robots_to_settle(&predictor);
         // The system is singular only if a robot is reached by no other, which is an error of the scenario.
-        if move_to_settled_positions(&whole.in_neighbors, &free, &mut places).is_some() {
-            predictor.planned_slots = places[..n].to_vec();
+        if move_to_settled_positions(&intact.in_neighbors, &to_settle, &mut positions).is_some() {
+            predictor.planned_slots = positions[..n].to_vec();
         }
         predictor
     }
@@ -138,49 +138,51 @@ impl FailurePredictor {
     }
 
     /// Returns the living robots that break, in order of their indices, if the robots `dead` are dead or frozen and the
-    /// edges `cut` are down from `t_s` on. With `None`, a leader that ever moves counts as moving.
+    /// edges `cut_edges` are down from `t_s` on. With `None`, a leader that ever moves counts as moving.
     pub fn broken_robots(
         &self,
         dead: &[usize],
-        cut: &[usize],
+        cut_edges: &[usize],
         t_s: Option<f64>,
     ) -> Vec<BrokenPrediction> {
-        let moving = self.leader_motion.as_ref().is_some_and(|course| course.is_moving(t_s));
-        let mut surviving = SurvivingGraph::compute(self, dead, cut, moving);
+        let moving = self.leader_motion.as_ref().is_some_and(|motion| motion.is_moving(t_s));
+        let mut surviving = SurvivingGraph::compute(self, dead, cut_edges, moving);
         // Without a living leader or backup leader all robots stop.
-        let unled = self.leader.is_some() && !surviving.is_leading.contains(&true);
-        surviving.is_moving &= !unled;
+        let is_leaderless = self.leader.is_some() && !surviving.is_leading.contains(&true);
+        surviving.is_moving &= !is_leaderless;
         let mut causes = surviving.robots_left_behind(self);
-        let places = self.settled_positions(&surviving, &causes);
-        let crowd = ConflictResolution::resolve(self, &surviving, &places, &causes);
-        for (i, cause) in crowd.causes_of_displacement(self, &surviving).into_iter().enumerate() {
-            if let Some((cause, off_m)) = cause {
-                let outside_m = crowd.hull_distance_m(self, &surviving, i);
+        let positions = self.settled_positions(&surviving, &causes);
+        let resolution = ConflictResolution::resolve(self, &surviving, &positions, &causes);
+        for (i, cause) in
+            resolution.causes_of_displacement(self, &surviving).into_iter().enumerate()
+        {
+            if let Some((cause, distance_m)) = cause {
+                let hull_distance_m = resolution.hull_distance_m(self, &surviving, i);
                 causes[i] = Some(BrokenPrediction {
                     robot: i,
                     cause,
-                    slot_distance_m: Some(off_m),
-                    hull_distance_m: outside_m,
+                    slot_distance_m: Some(distance_m),
+                    hull_distance_m,
                 });
             }
         }
-        if moving && unled {
+        if moving && is_leaderless {
             self.mark_overrunning_robots(&mut causes, &surviving, t_s);
         }
         causes.into_iter().flatten().collect()
     }
 
     /// Returns the time after these failures at which the contained robots have reached their new positions within the
-    /// threshold, s. Returns `None` if no contained robot that heard a failed one has a new position.
+    /// threshold, s. Returns `None` if no contained robot with a failed in-neighbor has a new position.
     ///
-    /// The error follows e' = -k tanh(h e) once the failed robots are declared failed. A robot that heard none of them
-    /// stays among its in-neighbors and is no farther off than they are.
+    /// The error follows e' = -k tanh(h e) once the failed robots are declared failed. A robot without a failed
+    /// in-neighbor stays among its in-neighbors and is no farther off than they are.
     pub fn settling_time_s(&self, dead: &[usize]) -> Option<f64> {
         let surviving = SurvivingGraph::compute(self, dead, &[], false);
-        let places = self.settled_positions(&surviving, &vec![None; self.robots.len()]);
-        let slow_s = |i: usize| {
+        let positions = self.settled_positions(&surviving, &vec![None; self.robots.len()]);
+        let settling_s = |i: usize| {
             let moved_m =
-                self.usual_and_smallest_scale[0] * (places[i] - self.planned_slots[i]).norm();
+                self.usual_and_smallest_scale[0] * (positions[i] - self.planned_slots[i]).norm();
             let contained =
                 surviving.is_alive[i] && self.robots[i].reference == Reference::NeighborMean;
             let moves = contained
@@ -192,7 +194,7 @@ impl FailurePredictor {
             let sinh = |x: f64| (portable_math::exp(x) - portable_math::exp(-x)) / 2.0;
             Some(portable_math::ln(sinh(h * moved_m) / sinh(h * self.broken_threshold_m)) / (h * k))
         };
-        let slowest_s = (0..self.robots.len()).filter_map(slow_s).reduce(f64::max)?;
+        let slowest_s = (0..self.robots.len()).filter_map(settling_s).reduce(f64::max)?;
         Some(self.extrapolation_horizon_s + self.repair_after_s + slowest_s)
     }
 
@@ -203,7 +205,7 @@ impl FailurePredictor {
     /// failed leader keeps d from it.
     pub fn peak_error_m(&self, dead: &[usize], t_s: Option<f64>) -> Option<f64> {
         let leader = self.leader.filter(|leader| dead.contains(leader))?;
-        let course = self.leader_motion.as_ref().filter(|_| !self.deputies.is_empty())?;
+        let motion = self.leader_motion.as_ref().filter(|_| !self.deputies.is_empty())?;
         let rewiring = self.rewiring.without_repair();
         let surviving = SurvivingGraph::compute(
             &FailurePredictor { rewiring, ..self.clone() },
@@ -216,18 +218,19 @@ impl FailurePredictor {
         if leading.is_empty() {
             return None;
         }
-        let led = surviving.robots_downstream_of(&leading);
+        let is_led = surviving.robots_downstream_of(&leading);
         let mut peak_m = 0.0f64;
-        let keeps_place = |&i: &usize| self.robots[i].reference == Reference::Offsets;
-        for i in (0..self.robots.len()).filter(keeps_place).filter(|i| surviving.is_alive[*i]) {
-            let seen_from_leader = self.planned_slots[i] - self.planned_slots[leader];
-            if !led[i] {
-                let stands_m = course.slot_speed_m_s(seen_from_leader, t_s) * self.repair_after_s;
-                peak_m = peak_m.max(stands_m);
+        let keeps_slot = |&i: &usize| self.robots[i].reference == Reference::Offsets;
+        for i in (0..self.robots.len()).filter(keeps_slot).filter(|i| surviving.is_alive[*i]) {
+            let offset_from_leader = self.planned_slots[i] - self.planned_slots[leader];
+            if !is_led[i] {
+                let lag_m = motion.slot_speed_m_s(offset_from_leader, t_s) * self.repair_after_s;
+                peak_m = peak_m.max(lag_m);
             }
             if let Some(t_s) = t_s {
-                peak_m = peak_m
-                    .max(self.distance_min_m - course.leader_distance_min_m(seen_from_leader, t_s));
+                peak_m = peak_m.max(
+                    self.distance_min_m - motion.leader_distance_min_m(offset_from_leader, t_s),
+                );
             }
         }
         Some(peak_m)
@@ -241,20 +244,23 @@ impl FailurePredictor {
         surviving: &SurvivingGraph,
         t_s: Option<f64>,
     ) {
-        let (Some(course), Some(leader)) = (&self.leader_motion, self.leader) else { return };
+        let (Some(motion), Some(leader)) = (&self.leader_motion, self.leader) else { return };
         for robot in (0..self.robots.len()).filter(|&i| surviving.is_alive[i]) {
-            let ran_m = course.slot_speed_m_s(self.planned_slots[robot], t_s)
+            let overrun_m = motion.slot_speed_m_s(self.planned_slots[robot], t_s)
                 * self.extrapolation_horizon_s;
-            if ran_m > self.broken_threshold_m && !self.robots[robot].reference.is_local() {
-                let other = causes[robot];
-                let off_m = other.and_then(|other| other.slot_distance_m).unwrap_or(0.0).max(ran_m);
-                let outside_m = other.and_then(|other| other.hull_distance_m);
+            if overrun_m > self.broken_threshold_m && !self.robots[robot].reference.is_local() {
+                let previous = causes[robot];
+                let distance_m = previous
+                    .and_then(|previous| previous.slot_distance_m)
+                    .unwrap_or(0.0)
+                    .max(overrun_m);
+                let hull_distance_m = previous.and_then(|previous| previous.hull_distance_m);
                 let cause = BreakCause::LeaderDead { leader };
                 causes[robot] = Some(BrokenPrediction {
                     robot,
                     cause,
-                    slot_distance_m: Some(off_m),
-                    hull_distance_m: outside_m,
+                    slot_distance_m: Some(distance_m),
+                    hull_distance_m,
                 });
             }
         }
@@ -265,14 +271,14 @@ impl FailurePredictor {
         self.planned_slots[i % self.robots.len()]
     }
 
-    /// Returns whether the desired position of robot `i` is its planned slot if its in-neighbors `heard` are in theirs:
-    /// the mean of their planned slots plus offsets.
-    fn recovers_slot(&self, heard: &[(usize, Vec2)], i: usize) -> bool {
-        let asked: Vec2 =
-            heard.iter().map(|&(from, offset)| self.planned_slot(from) + offset).sum();
-        // Without in-neighbors the mean is NaN, and no other position is asked for.
-        let off_m = (asked / heard.len() as f64 - self.planned_slots[i]).norm();
-        off_m <= 1e-9 || off_m.is_nan()
+    /// Returns whether the desired position of robot `i` is its planned slot if `in_neighbors` are in theirs: the mean
+    /// of their planned slots plus offsets.
+    fn recovers_slot(&self, in_neighbors: &[(usize, Vec2)], i: usize) -> bool {
+        let sum: Vec2 =
+            in_neighbors.iter().map(|&(from, offset)| self.planned_slot(from) + offset).sum();
+        // Without in-neighbors the mean is NaN, and there is no other desired position.
+        let error_m = (sum / in_neighbors.len() as f64 - self.planned_slots[i]).norm();
+        error_m <= 1e-9 || error_m.is_nan()
     }
 
     /// Returns the predictions of all single cuts.
@@ -284,28 +290,32 @@ impl FailurePredictor {
     fn settled_positions(
         &self,
         surviving: &SurvivingGraph,
-        behind: &[Option<BrokenPrediction>],
+        left_behind: &[Option<BrokenPrediction>],
     ) -> Vec<Vec2> {
-        let mut places = surviving.settled_positions(&self.planned_slots);
-        let (free, adrift) = surviving.robots_to_settle(self);
-        let off = |&i: &usize| !self.recovers_slot(&surviving.in_neighbors[i], i);
-        let free: Vec<usize> = free.into_iter().filter(|&i| behind[i].is_none()).collect();
+        let mut positions = surviving.settled_positions(&self.planned_slots);
+        let (to_settle, closed_groups) = surviving.robots_to_settle(self);
+        let is_displaced = |&i: &usize| !self.recovers_slot(&surviving.in_neighbors[i], i);
+        let to_settle: Vec<usize> =
+            to_settle.into_iter().filter(|&i| left_behind[i].is_none()).collect();
         // A robot whose in-neighbors all keep their positions keeps its own.
-        let moved: Vec<usize> = free.iter().copied().filter(off).collect();
+        let moved: Vec<usize> = to_settle.iter().copied().filter(is_displaced).collect();
         let moved = surviving.robots_downstream_of(&moved);
-        let free: Vec<usize> = free.into_iter().filter(|&i| moved[i]).collect();
-        if move_to_settled_positions(&surviving.in_neighbors, &free, &mut places).is_none() {
-            return places;
+        let to_settle: Vec<usize> = to_settle.into_iter().filter(|&i| moved[i]).collect();
+        if move_to_settled_positions(&surviving.in_neighbors, &to_settle, &mut positions).is_none()
+        {
+            return positions;
         }
         // A group without in-edges from outside keeps its mean.
-        for group in adrift {
-            let shift: Vec2 = group.iter().map(|&i| self.planned_slots[i] - places[i]).sum();
+        for group in closed_groups {
+            let shift: Vec2 = group.iter().map(|&i| self.planned_slots[i] - positions[i]).sum();
             let shift = shift / group.len() as f64;
             if shift.norm() > 1e-9 {
-                let with = surviving.robots_downstream_of(&group);
-                (0..self.robots.len()).filter(|&i| with[i]).for_each(|i| places[i] += shift);
+                let is_downstream = surviving.robots_downstream_of(&group);
+                (0..self.robots.len())
+                    .filter(|&i| is_downstream[i])
+                    .for_each(|i| positions[i] += shift);
             }
         }
-        places
+        positions
     }
 }

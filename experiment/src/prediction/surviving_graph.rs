@@ -39,61 +39,67 @@ pub(super) struct SurvivingNeighbors {
 
 impl SurvivingNeighbors {
     /// Returns the in-neighbors that robot `i`, which is alive, uses after the robots `dead` have failed and the edges
-    /// `cut` are down.
+    /// `cut_edges` are down.
     pub(super) fn compute(
         p: &FailurePredictor,
         i: usize,
         dead: &[usize],
-        cut: &[usize],
+        cut_edges: &[usize],
     ) -> SurvivingNeighbors {
-        let mut row = SurvivingNeighbors::default();
+        let mut neighbors = SurvivingNeighbors::default();
         if p.robots[i].reference.is_local() {
-            return row;
+            return neighbors;
         }
         let (n, rewiring) = (p.robots.len(), &p.rewiring);
         let (receiver, incoming) = (rewiring.receiver(i), rewiring.incoming_links(i));
-        let sender = |place: usize| {
-            let Edge { from, offset_m, .. } = rewiring.links()[incoming[place]];
+        let sender = |index: usize| {
+            let Edge { from, offset_m, .. } = rewiring.links()[incoming[index]];
             (from, offset_m)
         };
-        let references = rewiring.references(i, dead, cut);
+        let references = rewiring.references(i, dead, cut_edges);
         let replacements = receiver.replacements(&references);
         let mut stops = false;
-        for (place, &link) in incoming.iter().enumerate().take(receiver.in_neighbor_count()) {
-            let (from, offset_m) = sender(place);
-            if !rewiring.is_silent(link, dead, cut) {
-                row.in_neighbors.push((from, offset_m));
+        for (index, &link) in incoming.iter().enumerate().take(receiver.in_neighbor_count()) {
+            let (from, offset_m) = sender(index);
+            if !rewiring.is_silent(link, dead, cut_edges) {
+                neighbors.in_neighbors.push((from, offset_m));
                 continue;
             }
-            row.lost_in_neighbor.get_or_insert(from);
-            if references.uses_sender(place) {
+            neighbors.lost_in_neighbor.get_or_insert(from);
+            if references.uses_sender(index) {
                 // Lost and not replaced.
                 stops = p.robots[i].silence == SilencePolicy::Stop;
                 if p.robots[i].silence == SilencePolicy::Keep {
-                    row.in_neighbors.push((n + from, offset_m));
+                    neighbors.in_neighbors.push((n + from, offset_m));
                 }
             }
-            let instead = replacements.iter().filter(|one| one.lost_index == place);
-            row.in_neighbors.extend(instead.map(|one| sender(one.substitute_index)));
+            let substitutes =
+                replacements.iter().filter(|replacement| replacement.lost_index == index);
+            neighbors
+                .in_neighbors
+                .extend(substitutes.map(|replacement| sender(replacement.substitute_index)));
         }
         match p.robots[i].silence {
-            SilencePolicy::Stop if stops => row.in_neighbors.clear(),
+            SilencePolicy::Stop if stops => neighbors.in_neighbors.clear(),
             // Without any in-neighbor, the last known positions of all.
-            SilencePolicy::Last if row.in_neighbors.is_empty() => {
-                let last = |place| {
-                    let (from, offset_m) = sender(place);
+            SilencePolicy::Last if neighbors.in_neighbors.is_empty() => {
+                let last = |index| {
+                    let (from, offset_m) = sender(index);
                     (n + from, offset_m)
                 };
-                row.in_neighbors = (0..receiver.in_neighbor_count()).map(last).collect();
+                neighbors.in_neighbors = (0..receiver.in_neighbor_count()).map(last).collect();
             }
             _ => {}
         }
         if references.keeps_leader_slot {
-            row.replaced_leader = replacements.first().map(|one| sender(one.lost_index).0);
-            row.in_neighbors =
-                replacements.iter().map(|one| sender(one.substitute_index)).collect();
+            neighbors.replaced_leader =
+                replacements.first().map(|replacement| sender(replacement.lost_index).0);
+            neighbors.in_neighbors = replacements
+                .iter()
+                .map(|replacement| sender(replacement.substitute_index))
+                .collect();
         }
-        row
+        neighbors
     }
 }
 
@@ -102,7 +108,7 @@ impl SurvivingGraph {
     pub(super) fn compute(
         p: &FailurePredictor,
         dead: &[usize],
-        cut: &[usize],
+        cut_edges: &[usize],
         moving: bool,
     ) -> SurvivingGraph {
         let n = p.robots.len();
@@ -116,21 +122,24 @@ impl SurvivingGraph {
             is_moving: moving,
         };
         for i in (0..n).filter(|i| !dead.contains(i)) {
-            let row = SurvivingNeighbors::compute(p, i, dead, cut);
+            let neighbors = SurvivingNeighbors::compute(p, i, dead, cut_edges);
             (
                 surviving.in_neighbors[i],
                 surviving.lost_in_neighbor[i],
                 surviving.replaced_leader[i],
-            ) = (row.in_neighbors, row.lost_in_neighbor, row.replaced_leader);
+            ) = (neighbors.in_neighbors, neighbors.lost_in_neighbor, neighbors.replaced_leader);
             for &(from, _) in surviving.in_neighbors[i].iter().filter(|(from, _)| *from < n) {
                 surviving.out_neighbors[from].push(i);
             }
         }
-        for robot in p.rewiring.leading_robots(p.leader, &p.deputies, dead, cut) {
+        for robot in p.rewiring.leading_robots(p.leader, &p.deputies, dead, cut_edges) {
             // A leader uses no in-neighbors.
             surviving.is_leading[robot] = true;
             surviving.in_neighbors[robot].clear();
-            surviving.out_neighbors.iter_mut().for_each(|hearers| hearers.retain(|&i| i != robot));
+            surviving
+                .out_neighbors
+                .iter_mut()
+                .for_each(|receivers| receivers.retain(|&i| i != robot));
         }
         surviving
     }
@@ -156,24 +165,30 @@ impl SurvivingGraph {
     /// each group is left out, because a fixed point is needed to settle the others.
     pub(super) fn robots_to_settle(&self, p: &FailurePredictor) -> (Vec<usize>, Vec<Vec<usize>>) {
         let n = self.in_neighbors.len();
-        let living = || (0..n).filter(|&i| self.is_alive[i]);
-        let kept = |i: usize| self.in_neighbors[i].iter().any(|&(from, _)| from >= n);
-        let anchored = |i: &usize| {
-            self.in_neighbors[*i].is_empty() || kept(*i) || p.robots[*i].reference.is_local()
+        let alive_robots = || (0..n).filter(|&i| self.is_alive[i]);
+        let uses_last_position = |i: usize| self.in_neighbors[i].iter().any(|&(from, _)| from >= n);
+        let is_anchored = |i: &usize| {
+            self.in_neighbors[*i].is_empty()
+                || uses_last_position(*i)
+                || p.robots[*i].reference.is_local()
         };
-        let mut reached = self.robots_downstream_of(&living().filter(anchored).collect::<Vec<_>>());
+        let mut reached =
+            self.robots_downstream_of(&alive_robots().filter(is_anchored).collect::<Vec<_>>());
         let (mut pinned, mut groups) = (Vec::new(), Vec::new());
-        while let Some(first) = living().find(|&i| !reached[i]) {
+        while let Some(first) = alive_robots().find(|&i| !reached[i]) {
             let group = self.closed_group(first);
-            let from = self.robots_downstream_of(&group);
-            reached.iter_mut().zip(from).for_each(|(reached, from)| *reached |= from);
+            let downstream = self.robots_downstream_of(&group);
+            reached
+                .iter_mut()
+                .zip(downstream)
+                .for_each(|(reached, downstream)| *reached |= downstream);
             pinned.push(group[0]);
             groups.push(group);
         }
-        let free = living()
+        let to_settle = alive_robots()
             .filter(|&i| !self.in_neighbors[i].is_empty() && !pinned.contains(&i))
             .collect();
-        (free, groups)
+        (to_settle, groups)
     }
 
     /// Returns a group that receives nothing from outside itself and that reaches `robot`, in order. No robot that
@@ -182,8 +197,8 @@ impl SurvivingGraph {
         loop {
             let group = self.robots_upstream_of(robot);
             // A member that `robot` does not reach is reached by fewer: by itself and some of the group.
-            let below = self.robots_downstream_of(&[robot]);
-            match group.iter().find(|&&member| !below[member]) {
+            let is_downstream = self.robots_downstream_of(&[robot]);
+            match group.iter().find(|&&member| !is_downstream[member]) {
                 Some(&member) => robot = member,
                 None => return group,
             }
@@ -196,8 +211,8 @@ impl SurvivingGraph {
         let mut open = vec![robot];
         while let Some(robot) = open.pop() {
             if !std::mem::replace(&mut reached[robot], true) {
-                let heard = self.in_neighbors[robot].iter().map(|&(from, _)| from);
-                open.extend(heard.filter(|&from| from < reached.len() && !reached[from]));
+                let senders = self.in_neighbors[robot].iter().map(|&(from, _)| from);
+                open.extend(senders.filter(|&from| from < reached.len() && !reached[from]));
             }
         }
         (0..reached.len()).filter(|&i| reached[i]).collect()
@@ -209,37 +224,42 @@ impl SurvivingGraph {
         let n = self.in_neighbors.len();
         let mut causes = vec![None; n];
         let (Some(leader), true) = (p.leader, self.is_moving) else { return causes };
-        let follows = |i: usize| p.robots[i].reference.is_local() || self.is_leading[i];
-        let leads: Vec<usize> = (0..n).filter(|&i| self.is_alive[i] && follows(i)).collect();
-        let led = self.robots_downstream_of(&leads);
-        let places: Vec<usize> = (0..n)
+        let is_independent = |i: usize| p.robots[i].reference.is_local() || self.is_leading[i];
+        let independent: Vec<usize> =
+            (0..n).filter(|&i| self.is_alive[i] && is_independent(i)).collect();
+        let is_led = self.robots_downstream_of(&independent);
+        let slot_keepers: Vec<usize> = (0..n)
             .filter(|&i| self.is_alive[i] && p.robots[i].reference != Reference::NeighborMean)
             .collect();
-        let held = self.robots_downstream_of(&places);
-        let kept = |i: usize| self.in_neighbors[i].iter().find(|&&(from, _)| from >= n);
-        let behind = |&i: &usize| self.is_alive[i] && !follows(i) && (!led[i] || kept(i).is_some());
-        let behind: Vec<usize> = (0..n).filter(behind).collect();
-        let dragged = self.robots_downstream_of(&behind);
-        for i in (0..n).filter(|&i| self.is_alive[i] && !follows(i) && dragged[i]) {
+        let has_hull = self.robots_downstream_of(&slot_keepers);
+        let lost_sender = |i: usize| self.in_neighbors[i].iter().find(|&&(from, _)| from >= n);
+        let stays_behind = |&i: &usize| {
+            self.is_alive[i] && !is_independent(i) && (!is_led[i] || lost_sender(i).is_some())
+        };
+        let left_behind: Vec<usize> = (0..n).filter(stays_behind).collect();
+        let is_held_back = self.robots_downstream_of(&left_behind);
+        for i in (0..n).filter(|&i| self.is_alive[i] && !is_independent(i) && is_held_back[i]) {
             let contained = p.robots[i].reference == Reference::NeighborMean;
             let cause = if self.in_neighbors[i].is_empty()
                 && let Some(lost) = self.lost_in_neighbor[i]
             {
                 BreakCause::NoInNeighbor { lost_in_neighbor: lost }
-            } else if let Some(&(lost, _)) = kept(i)
+            } else if let Some(&(lost, _)) = lost_sender(i)
                 && self.in_neighbors[i].iter().all(|&(from, _)| from >= n)
             {
                 BreakCause::UsesLastPosition { lost_in_neighbor: lost - n }
-            } else if contained && !held[i] {
+            } else if contained && !has_hull[i] {
                 BreakCause::Uncontained
-            } else if !led[i] {
+            } else if !is_led[i] {
                 BreakCause::LeaderUnreachable { leader }
-            } else if let Some(&(lost, _)) = kept(i) {
+            } else if let Some(&(lost, _)) = lost_sender(i) {
                 BreakCause::UsesLastPosition { lost_in_neighbor: lost - n }
             } else {
-                let stray = |&&(from, _): &&(usize, Vec2)| dragged[from];
-                let by = self.in_neighbors[i].iter().find(stray);
-                BreakCause::InNeighborLeftBehind { in_neighbor: by.map_or(leader, |&(by, _)| by) }
+                let holds_back = |&&(from, _): &&(usize, Vec2)| is_held_back[from];
+                let slow_neighbor = self.in_neighbors[i].iter().find(holds_back);
+                BreakCause::InNeighborLeftBehind {
+                    in_neighbor: slow_neighbor.map_or(leader, |&(slow_neighbor, _)| slow_neighbor),
+                }
             };
             causes[i] = Some(BrokenPrediction {
                 robot: i,

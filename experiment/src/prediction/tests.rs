@@ -33,12 +33,12 @@ fn formation_scenario(
     lead: Option<LeadBrief>,
 ) -> Scenario {
     let mut scenario = row_of_three();
-    let like = scenario.robots[0].clone();
+    let template = scenario.robots[0].clone();
     scenario.robots = roles
         .iter()
         .enumerate()
         .map(|(i, &role)| {
-            let mut robot = like.clone();
+            let mut robot = template.clone();
             (robot.role, robot.name) = (role, format!("r{}", i + 1));
             robot
         })
@@ -58,10 +58,10 @@ fn formation_scenario(
 fn predicted_causes(
     scenario: &Scenario,
     dead: &[usize],
-    cut: &[usize],
+    cut_edges: &[usize],
 ) -> Vec<(usize, BreakCause)> {
-    let broken = FailurePredictor::new(scenario).broken_robots(dead, cut, Some(1.0));
-    broken.into_iter().map(|one| (one.robot, one.cause)).collect()
+    let broken = FailurePredictor::new(scenario).broken_robots(dead, cut_edges, Some(1.0));
+    broken.into_iter().map(|prediction| (prediction.robot, prediction.cause)).collect()
 }
 
 /// Returns a line: 0 leads; 1, 2 and 3 follow each other behind it.
@@ -72,7 +72,7 @@ fn line_scenario(lead: Option<LeadBrief>) -> Scenario {
 }
 
 /// Returns a containment: 0 leads, 1 and 2 keep slots, and form a triangle with the corners (0, 0), (-4, 2), (-4, -2).
-/// 3 hears 0 and 1; 4 hears 1, 2 and 3.
+/// 3 receives from 0 and 1; 4 receives from 1, 2 and 3.
 fn containment_scenario(lead: Option<LeadBrief>) -> Scenario {
     let none = [0.0, 0.0];
     let edges = [
@@ -100,11 +100,11 @@ fn moving_line_leaves_robots_after_a_gap_and_still_line_none() {
     assert_eq!(predicted_causes(&line_scenario(moving_leader()), &[1], &[]), expected);
     let mut last = line_scenario(moving_leader());
     last.silence.policy = SilencePolicy::Last;
-    let held = [
+    let expected_last = [
         (2, BreakCause::UsesLastPosition { lost_in_neighbor: 1 }),
         (3, BreakCause::LeaderUnreachable { leader: 0 }),
     ];
-    assert_eq!(predicted_causes(&last, &[1], &[]), held);
+    assert_eq!(predicted_causes(&last, &[1], &[]), expected_last);
     assert_eq!(predicted_causes(&line_scenario(moving_leader()), &[], &[1]), expected);
     assert_eq!(predicted_causes(&line_scenario(moving_leader()), &[3], &[]), []);
     for dead in 0..4 {
@@ -125,9 +125,9 @@ fn robots_of_a_dead_leader_stop_after_their_overrun() {
     let predictor = FailurePredictor::new(&scenario);
     let broken = predictor.broken_robots(&[0], &[], Some(1.0));
     assert_eq!(broken.len(), 3);
-    for one in &broken {
-        assert_eq!(one.cause, BreakCause::LeaderDead { leader: 0 });
-        assert!((one.slot_distance_m.unwrap() - 0.09).abs() < 1e-9, "{one:?}");
+    for robot in &broken {
+        assert_eq!(robot.cause, BreakCause::LeaderDead { leader: 0 });
+        assert!((robot.slot_distance_m.unwrap() - 0.09).abs() < 1e-9, "{robot:?}");
     }
     assert_eq!(predictor.with_broken_threshold(0.11).broken_robots(&[0], &[], Some(1.0)), []);
 }
@@ -147,7 +147,7 @@ fn follower_of_leader_and_stranded_robot_is_held_back() {
 
 #[test]
 fn robot_that_lost_one_of_two_stops_or_holds_by_policy() {
-    // 2 hears 0 and 1.
+    // 2 receives from 0 and 1.
     let edges = [(0, 1, [-1.0, 0.0]), (0, 2, [0.0, -1.0]), (1, 2, [1.0, -1.0])];
     let mut scenario =
         formation_scenario(&[LEADER_ROLE, FORMATION_ROLE, FORMATION_ROLE], &edges, moving_leader());
@@ -172,28 +172,28 @@ fn contained_robot_moves_to_the_mean_with_its_followers() {
         // r4 was in the middle of (0, 0) and (-4, 2), r5 in that of (-4, 2), (-4, -2), (-2, 1).
         let predictor = FailurePredictor::new(&containment_scenario(lead));
         let broken = predictor.broken_robots(&[2], &[], Some(1.0));
-        let [one] = broken[..] else { panic!("{broken:?}") };
+        let [prediction] = broken[..] else { panic!("{broken:?}") };
         assert_eq!(
-            (one.robot, one.cause),
+            (prediction.robot, prediction.cause),
             (4, BreakCause::DesiredPositionChanged { lost_in_neighbor: 2 })
         );
         // It goes from (-10/3, 1/3) to (-3, 3/2).
-        let off_m = Vec2::new(-10.0 / 3.0 + 3.0, 1.0 / 3.0 - 1.5).norm();
-        assert!((one.slot_distance_m.unwrap() - off_m).abs() < 1e-9, "{one:?}");
-        assert_eq!(one.hull_distance_m, None);
+        let expected_m = Vec2::new(-10.0 / 3.0 + 3.0, 1.0 / 3.0 - 1.5).norm();
+        assert!((prediction.slot_distance_m.unwrap() - expected_m).abs() < 1e-9, "{prediction:?}");
+        assert_eq!(prediction.hull_distance_m, None);
     }
 }
 
 #[test]
 fn robot_with_one_neighbor_stops_at_standoff_from_its_slot() {
-    // Without 1, robot 3 hears only the leader; 4, which hears 2 and 3, follows.
+    // Without 1, robot 3 receives only from the leader; 4, which receives from 2 and 3, follows.
     let broken = FailurePredictor::new(&containment_scenario(standing_leader())).broken_robots(
         &[],
         &[3],
         Some(1.0),
     );
     let causes: Vec<(usize, BreakCause)> =
-        broken.iter().map(|one| (one.robot, one.cause)).collect();
+        broken.iter().map(|prediction| (prediction.robot, prediction.cause)).collect();
     assert_eq!(
         causes,
         [
@@ -202,9 +202,9 @@ fn robot_with_one_neighbor_stops_at_standoff_from_its_slot() {
         ]
     );
     // It came from (-2, 1), and stops 0.25 m before the leader.
-    let off_m = 5.0f64.sqrt() - 0.25;
-    assert!((broken[0].slot_distance_m.unwrap() - off_m).abs() < 1e-3, "{broken:?}");
-    assert!((broken[1].slot_distance_m.unwrap() - off_m / 3.0).abs() < 1e-3, "{broken:?}");
+    let expected_m = 5.0f64.sqrt() - 0.25;
+    assert!((broken[0].slot_distance_m.unwrap() - expected_m).abs() < 1e-3, "{broken:?}");
+    assert!((broken[1].slot_distance_m.unwrap() - expected_m / 3.0).abs() < 1e-3, "{broken:?}");
     let scenario = containment_scenario(standing_leader());
     let name = |i: usize| scenario.robots[i].name.as_str();
     assert_eq!(broken[0].describe(name), "desired position occupied by r1 (Remark 1)");
@@ -212,7 +212,7 @@ fn robot_with_one_neighbor_stops_at_standoff_from_its_slot() {
 
 #[test]
 fn contained_robots_without_leaders_have_an_empty_hull() {
-    // 2 and 3 hear each other; only 2 hears 1, which keeps a slot.
+    // 2 and 3 receive from each other; only 2 receives from 1, which keeps a slot.
     let none = [0.0, 0.0];
     let edges = [(0, 1, [-2.0, 0.0]), (1, 2, none), (2, 3, none), (3, 2, none), (0, 3, none)];
     let scenario = formation_scenario(
@@ -220,9 +220,9 @@ fn contained_robots_without_leaders_have_an_empty_hull() {
         &edges,
         moving_leader(),
     );
-    let cut = [1, 4];
+    let cut_edges = [1, 4];
     assert_eq!(
-        predicted_causes(&scenario, &[], &cut),
+        predicted_causes(&scenario, &[], &cut_edges),
         [(2, BreakCause::Uncontained), (3, BreakCause::Uncontained)]
     );
 }
@@ -240,16 +240,16 @@ fn leaderless_consistent_offsets_do_not_move_after_death() {
 
 #[test]
 fn inconsistent_offsets_shift_the_slot_to_the_mean() {
-    // 2 hears 0 and 1, whose offsets disagree by 0.1 m: it settles in the middle, and moves by half of that.
+    // 2 receives from 0 and 1, whose offsets disagree by 0.1 m: it settles in the middle, and moves by half of that.
     let edges = [(0, 1, [1.0, 0.0]), (0, 2, [0.0, 1.0]), (1, 2, [-0.9, 1.0]), (0, 3, [-1.0, 0.0])];
     let scenario = formation_scenario(&[FORMATION_ROLE; 4], &edges, None);
     let broken = FailurePredictor::new(&scenario).broken_robots(&[1], &[], None);
-    let [one] = broken[..] else { panic!("{broken:?}") };
+    let [prediction] = broken[..] else { panic!("{broken:?}") };
     assert_eq!(
-        (one.robot, one.cause),
+        (prediction.robot, prediction.cause),
         (2, BreakCause::DesiredPositionChanged { lost_in_neighbor: 1 })
     );
-    assert!((one.slot_distance_m.unwrap() - 0.05).abs() < 1e-9, "{one:?}");
+    assert!((prediction.slot_distance_m.unwrap() - 0.05).abs() < 1e-9, "{prediction:?}");
 }
 
 #[test]
@@ -289,24 +289,24 @@ fn draw_formation(seed: u64) -> Scenario {
         (formation::random::draw_unit_by_number(seed, drawn) * bound as f64) as usize
     };
     let n = 2 + below(7);
-    let led = below(3) > 0;
+    let has_leader = below(3) > 0;
     let contained = if below(3) == 0 { 3 } else { 0 };
     let role = |i: usize, draw: usize| match i {
-        0 if led => LEADER_ROLE,
+        0 if has_leader => LEADER_ROLE,
         _ if draw < contained => CONTAINED_ROLE,
         _ => FORMATION_ROLE,
     };
     let roles: Vec<Role> = (0..n).map(|i| role(i, below(10))).collect();
-    let (density, strays) = (1 + below(9), below(2));
-    let place = |i: usize| [2.0 * (i % 3) as f64, 2.0 * (i / 3) as f64];
+    let (density, draws_errors) = (1 + below(9), below(2));
+    let slot = |i: usize| [2.0 * (i % 3) as f64, 2.0 * (i / 3) as f64];
     let (mut edges, mut spares) = (Vec::new(), Vec::new());
     for from in 0..n {
-        for to in (0..n).filter(|&to| to != from && !(led && to == 0)) {
-            let ([x, y], [from_x, from_y]) = (place(to), place(from));
-            let stray = if strays > 0 && below(8) == 0 { 0.5 } else { 0.0 };
+        for to in (0..n).filter(|&to| to != from && !(has_leader && to == 0)) {
+            let ([x, y], [from_x, from_y]) = (slot(to), slot(from));
+            let error_m = if draws_errors > 0 && below(8) == 0 { 0.5 } else { 0.0 };
             let edge = match roles[to].reference {
                 Reference::NeighborMean => (from, to, [0.0, 0.0]),
-                _ => (from, to, [x - from_x + stray, y - from_y]),
+                _ => (from, to, [x - from_x + error_m, y - from_y]),
             };
             if below(10) < density {
                 edges.push(edge);
@@ -316,7 +316,7 @@ fn draw_formation(seed: u64) -> Scenario {
         }
     }
     let lead = if below(2) == 0 { moving_leader() } else { standing_leader() };
-    let mut scenario = formation_scenario(&roles, &edges, lead.filter(|_| led));
+    let mut scenario = formation_scenario(&roles, &edges, lead.filter(|_| has_leader));
     scenario.silence.policy =
         [SilencePolicy::Last, SilencePolicy::Ignore, SilencePolicy::Keep, SilencePolicy::Stop]
             [below(4)];
@@ -326,27 +326,29 @@ fn draw_formation(seed: u64) -> Scenario {
 
 #[test]
 fn single_cuts_are_predicted_as_one_by_one() {
-    let (mut quick, mut all) = (0, 0);
+    let (mut skipped, mut all) = (0, 0);
     for seed in 0..400 {
         let scenario = draw_formation(seed);
         let predictor = FailurePredictor::new(&scenario);
-        let cuts = predictor.single_cut_predictor();
+        let cut_predictor = predictor.single_cut_predictor();
         for edge in 0..scenario.graph.edges().len() {
             let expected = predictor.broken_robots(&[], &[edge], None);
             assert_eq!(
-                cuts.broken_by_cut(edge),
+                cut_predictor.broken_by_cut(edge),
                 expected,
                 "seed {seed}, edge {edge}: {scenario:?}"
             );
-            (quick, all) = (quick + usize::from(cuts.cut_breaks_no_robot(edge)), all + 1);
+            (skipped, all) =
+                (skipped + usize::from(cut_predictor.cut_breaks_no_robot(edge)), all + 1);
         }
     }
-    assert!(quick > all / 10 && quick < all, "{quick} of {all} without a whole prediction");
+    assert!(skipped > all / 10 && skipped < all, "{skipped} of {all} without a whole prediction");
 }
 
 #[test]
 fn deputy_behind_a_stopped_robot_does_not_lead() {
-    // 1 hears the leader 0 and 3. Without 3 it stops, and still relays the leader's frame to its out-neighbor 2.
+    // 1 receives from the leader 0 and from 3. Without 3 it stops, and still relays the leader's frame to its
+    // out-neighbor 2.
     let edges =
         [(0, 1, [-1.0, 0.0]), (0, 3, [-1.0, 1.0]), (3, 1, [0.0, -1.0]), (1, 2, [-1.0, 0.0])];
     let mut scenario = formation_scenario(

@@ -49,29 +49,29 @@ impl Availability {
         Availability { dead_until_ns: vec![Some(0); robots], frozen_until_ns: vec![0; robots] }
     }
 
-    /// Returns the robots that are neither dead nor frozen at `at_ns`.
-    pub(super) fn available_robots(&self, at_ns: u64) -> Vec<usize> {
+    /// Returns the robots that are neither dead nor frozen at `time_ns`.
+    pub(super) fn available_robots(&self, time_ns: u64) -> Vec<usize> {
         (0..self.frozen_until_ns.len())
-            .filter(|&robot| !self.is_dead_or_frozen(robot, at_ns))
+            .filter(|&robot| !self.is_dead_or_frozen(robot, time_ns))
             .collect()
     }
 
-    /// Returns an error if the robot is dead or frozen at `at_ns`.
-    fn is_dead_or_frozen(&self, robot: usize, at_ns: u64) -> bool {
-        self.is_dead(robot, at_ns) || self.frozen_until_ns[robot] > at_ns
+    /// Returns whether the robot is dead or frozen at `time_ns`.
+    fn is_dead_or_frozen(&self, robot: usize, time_ns: u64) -> bool {
+        self.is_dead(robot, time_ns) || self.frozen_until_ns[robot] > time_ns
     }
 
-    fn is_dead(&self, robot: usize, at_ns: u64) -> bool {
-        self.dead_until_ns[robot].is_none_or(|until_ns| until_ns >= at_ns && until_ns > 0)
+    fn is_dead(&self, robot: usize, time_ns: u64) -> bool {
+        self.dead_until_ns[robot].is_none_or(|until_ns| until_ns >= time_ns && until_ns > 0)
     }
 
     /// Records a fault, which must not start before those recorded earlier. Returns an error if its robot is dead or
     /// frozen.
     pub(super) fn record_fault(&mut self, fault: &Fault) -> Result<(), ImpossibleFault> {
-        let at_ns = fault.start_ns;
+        let start_ns = fault.start_ns;
         match fault.kind {
             FaultKind::Kill { robot, .. } | FaultKind::Freeze { robot }
-                if self.is_dead(robot, at_ns) =>
+                if self.is_dead(robot, start_ns) =>
             {
                 return Err(ImpossibleFault::RobotDead {
                     robot,
@@ -79,12 +79,12 @@ impl Availability {
                 });
             }
             FaultKind::Kill { robot, restart_after_ns } => {
-                self.dead_until_ns[robot] = restart_after_ns.map(|after_ns| at_ns + after_ns);
+                self.dead_until_ns[robot] = restart_after_ns.map(|after_ns| start_ns + after_ns);
                 self.frozen_until_ns[robot] = 0;
             }
             FaultKind::Freeze { robot } => {
                 let until_ns = self.frozen_until_ns[robot];
-                if until_ns > at_ns {
+                if until_ns > start_ns {
                     return Err(ImpossibleFault::RobotFrozen { robot, until_ns });
                 }
                 self.frozen_until_ns[robot] = fault.end_ns().unwrap_or(u64::MAX);

@@ -48,7 +48,8 @@ struct RandomPartitions {
 
 impl RandomPartitions {
     fn read(table: &TableReader<'_, keys::Chaos>) -> Result<Option<RandomPartitions>, Diagnostic> {
-        let Some(between_s) = table.optional_number(keys::Chaos::mean_time_between_partitions_s)?
+        let Some(mean_interval_s) =
+            table.optional_number(keys::Chaos::mean_time_between_partitions_s)?
         else {
             return Ok(None);
         };
@@ -56,14 +57,14 @@ impl RandomPartitions {
         let Some(hosts) = table.get(keys::Chaos::hosts) else {
             return Err(table.missing_key_error(keys::Chaos::hosts, expected));
         };
-        let names = hosts.texts(&format!("expected {expected}"))?;
-        if names.is_empty() {
+        let host_names = hosts.texts(&format!("expected {expected}"))?;
+        if host_names.is_empty() {
             return Err(hosts.error_about_key("is empty", format!("expected {expected}")));
         }
         Ok(Some(RandomPartitions {
-            mean_interval_s: between_s,
+            mean_interval_s,
             mean_duration_s: table.number(keys::Chaos::mean_partition_s)?,
-            hosts: names,
+            hosts: host_names,
         }))
     }
 }
@@ -98,7 +99,8 @@ impl Chaos {
             earliest_start_ns: from_ns,
             latest_start_ns: until_ns.min(duration_ns),
         };
-        let between_partitions_s = chaos.partitions.as_ref().map(|drawn| drawn.mean_interval_s);
+        let between_partitions_s =
+            chaos.partitions.as_ref().map(|partitions| partitions.mean_interval_s);
         let means_s = [
             chaos.mean_time_between_kills_s,
             chaos.mean_time_between_freezes_s,
@@ -122,36 +124,36 @@ impl Chaos {
 
     /// Returns the faults that `seed` draws. Each affects a robot that is up at that time.
     pub(super) fn draw(&self, seed: u64, availability: &mut Availability) -> Vec<Fault> {
-        let mut dice =
+        let mut rng =
             RandomSequence { seed: seed ^ u64::from_le_bytes(*b"in chaos"), draw_count: 0 };
         let mut times = Vec::new();
-        for (mean_s, freezes) in
+        for (mean_s, is_freeze) in
             [(self.mean_time_between_kills_s, false), (self.mean_time_between_freezes_s, true)]
         {
             let Some(mean_s) = mean_s else { continue };
             times.extend(
-                self.draw_event_times_ns(mean_s, &mut dice)
+                self.draw_event_times_ns(mean_s, &mut rng)
                     .into_iter()
-                    .map(|at_ns| (at_ns, freezes)),
+                    .map(|start_ns| (start_ns, is_freeze)),
             );
         }
         times.sort_unstable();
         times.truncate(2 * FAULTS_MAX);
         let mut faults = Vec::new();
-        for (at_ns, freezes) in times {
-            let up = availability.available_robots(at_ns);
-            if up.is_empty() {
+        for (start_ns, is_freeze) in times {
+            let available = availability.available_robots(start_ns);
+            if available.is_empty() {
                 continue;
             }
-            let robot = up[(dice.next_unit() * up.len() as f64) as usize];
-            let fault = if freezes {
+            let robot = available[(rng.next_unit() * available.len() as f64) as usize];
+            let fault = if is_freeze {
                 // At least 1 ns, because a fault must have a duration.
-                let for_ns = Some(dice.next_exponential_ns(self.mean_freeze_s).max(1));
-                Fault { start_ns: at_ns, duration_ns: for_ns, kind: FaultKind::Freeze { robot } }
+                let duration_ns = Some(rng.next_exponential_ns(self.mean_freeze_s).max(1));
+                Fault { start_ns, duration_ns, kind: FaultKind::Freeze { robot } }
             } else {
                 let restart_after_ns = Some(self.restart_after_ns);
                 Fault {
-                    start_ns: at_ns,
+                    start_ns,
                     duration_ns: None,
                     kind: FaultKind::Kill { robot, restart_after_ns },
                 }
@@ -161,31 +163,33 @@ impl Chaos {
                 faults.push(fault);
             }
         }
-        faults.extend(self.partitions.iter().flat_map(|drawn| self.draw_partitions(seed, drawn)));
+        faults.extend(
+            self.partitions.iter().flat_map(|partitions| self.draw_partitions(seed, partitions)),
+        );
         faults.sort_by_key(|fault| fault.start_ns);
         faults
     }
 
     /// Draws partitions. Their random numbers are independent, so they do not change the other faults.
-    fn draw_partitions(&self, seed: u64, drawn: &RandomPartitions) -> Vec<Fault> {
-        let mut dice =
+    fn draw_partitions(&self, seed: u64, partitions: &RandomPartitions) -> Vec<Fault> {
+        let mut rng =
             RandomSequence { seed: seed ^ u64::from_le_bytes(*b"of hosts"), draw_count: 0 };
-        let times = self.draw_event_times_ns(drawn.mean_interval_s, &mut dice);
-        let fault = |at_ns| {
-            let host = (dice.next_unit() * drawn.hosts.len() as f64) as usize;
-            let for_ns = Some(dice.next_exponential_ns(drawn.mean_duration_s).max(1));
-            let kind = FaultKind::Partition { hosts: vec![drawn.hosts[host].clone()] };
-            Fault { start_ns: at_ns, duration_ns: for_ns, kind }
+        let times = self.draw_event_times_ns(partitions.mean_interval_s, &mut rng);
+        let fault = |start_ns| {
+            let host = (rng.next_unit() * partitions.hosts.len() as f64) as usize;
+            let duration_ns = Some(rng.next_exponential_ns(partitions.mean_duration_s).max(1));
+            let kind = FaultKind::Partition { hosts: vec![partitions.hosts[host].clone()] };
+            Fault { start_ns, duration_ns, kind }
         };
         times.into_iter().map(fault).collect()
     }
 
     /// Draws the times of events with the mean interval `mean_s`, ns (Poisson process).
-    fn draw_event_times_ns(&self, mean_s: f64, dice: &mut RandomSequence) -> Vec<u64> {
+    fn draw_event_times_ns(&self, mean_s: f64, rng: &mut RandomSequence) -> Vec<u64> {
         let mut times = Vec::new();
         let mut at_ns = self.earliest_start_ns;
         loop {
-            at_ns = at_ns.saturating_add(dice.next_exponential_ns(mean_s));
+            at_ns = at_ns.saturating_add(rng.next_exponential_ns(mean_s));
             // The limit is reached for less than one seed in a million.
             if at_ns >= self.latest_start_ns || times.len() == 2 * FAULTS_MAX {
                 return times;
@@ -245,22 +249,26 @@ mod tests {
         let hosts = vec!["b".to_owned(), "c".to_owned()];
         let partitions =
             Some(RandomPartitions { mean_interval_s: 1.0, mean_duration_s: 0.5, hosts });
-        let both = Chaos { partitions, ..example_chaos() };
+        let chaos = Chaos { partitions, ..example_chaos() };
         for seed in 0..20 {
-            let all = both.draw(seed, &mut Availability::new(3));
+            let all = chaos.draw(seed, &mut Availability::new(3));
             assert!(all.is_sorted_by_key(|fault| fault.start_ns));
-            let (apart, others): (Vec<Fault>, Vec<Fault>) = all
+            let (partitions, others): (Vec<Fault>, Vec<Fault>) = all
                 .into_iter()
                 .partition(|fault| matches!(fault.kind, FaultKind::Partition { .. }));
             assert_eq!(others, draw_faults(seed));
             // The expected number is 100.
-            assert!((60..140).contains(&apart.len()), "seed {seed}: {}", apart.len());
-            let of = |name: &str| {
+            assert!((60..140).contains(&partitions.len()), "seed {seed}: {}", partitions.len());
+            let count = |name: &str| {
                 let host = FaultKind::Partition { hosts: vec![name.to_owned()] };
-                apart.iter().filter(|fault| fault.kind == host).count()
+                partitions.iter().filter(|fault| fault.kind == host).count()
             };
-            assert!(of("b") > 20 && of("c") > 20 && of("b") + of("c") == apart.len());
-            assert!(apart.iter().all(|fault| fault.duration_ns.is_some_and(|for_ns| for_ns > 0)));
+            assert!(
+                count("b") > 20 && count("c") > 20 && count("b") + count("c") == partitions.len()
+            );
+            assert!(
+                partitions.iter().all(|fault| fault.duration_ns.is_some_and(|for_ns| for_ns > 0))
+            );
         }
     }
 
@@ -273,8 +281,11 @@ mod tests {
             // The expected numbers are 200 and 100. Few find no robot that is up.
             assert!((140..240).contains(&kills), "seed {seed}: {kills} kills");
             assert!((60..135).contains(&freezes), "seed {seed}: {freezes} freezes");
-            let within = |fault: &Fault| (2_000_000_000..102_000_000_000).contains(&fault.start_ns);
-            assert!(faults.is_sorted_by_key(|fault| fault.start_ns) && faults.iter().all(within));
+            let is_in_window =
+                |fault: &Fault| (2_000_000_000..102_000_000_000).contains(&fault.start_ns);
+            assert!(
+                faults.is_sorted_by_key(|fault| fault.start_ns) && faults.iter().all(is_in_window)
+            );
             let mut availability = Availability::new(3);
             for fault in &faults {
                 assert_eq!(availability.record_fault(fault), Ok(()), "seed {seed}: {fault:?}");

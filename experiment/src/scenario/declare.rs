@@ -5,7 +5,7 @@
 /// Declares a group of keys, each by one row:
 ///
 /// ```text
-/// KEY: TYPE [as FIELD: RUST_TYPE] => .default("TOML", "description").bounds("range").guesses("words");
+/// KEY: TYPE [as FIELD: RUST_TYPE] => .default("TOML", "description").with_bounds("range").with_synonyms("words");
 /// ```
 ///
 /// `.required`, `.default`, `.rule` or `.optional` comes first; see the methods of [`super::format::KeySpec`]. A row

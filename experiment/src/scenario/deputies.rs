@@ -14,52 +14,61 @@ use super::table::TableReader;
 /// Returns the succession of every secondary leader that declares deputies.
 pub(super) fn parse_successions(
     scenario: &Scenario,
-    ties: &[NeighborKeys<'_>],
+    neighbor_keys: &[NeighborKeys<'_>],
 ) -> Result<Vec<Succession>, Diagnostic> {
     let robots = &scenario.robots;
     let name = |robot: usize| &robots[robot].name;
-    let hears =
+    let receives_from =
         |to: usize, from: usize| scenario.graph.incoming_edges(to).any(|edge| edge.from == from);
     let mut all: Vec<Succession> = Vec::new();
-    for (leader, tie) in ties.iter().enumerate() {
-        let Some(list) = &tie.deputies else { continue };
-        let led = scenario.leader().is_some();
-        if !led || robots[leader].role.reference != Reference::Offsets {
+    for (leader, robot_keys) in neighbor_keys.iter().enumerate() {
+        let Some(list) = &robot_keys.deputies else { continue };
+        let has_leader = scenario.leader().is_some();
+        if !has_leader || robots[leader].role.reference != Reference::Offsets {
             return Err(list.error_at_value(
                 format!("{} has deputies, but keeps no slot relative to a main leader", name(leader)),
                 "expected `deputies` in the table of a secondary leader; those of the main leader are a key \
                  at the top level of the file",
             ));
         }
-        let of = name(leader);
+        let leader_name = name(leader);
         let mut deputies: Vec<usize> = Vec::new();
         for value in list.elements("expected a list of names of robots: [\"r2\", \"r3\"]")? {
             let deputy = parse_robot_index(&value, robots)?;
             let other = name(deputy);
-            let wrong = |what: String, expected: String| Err(value.error_at_value(what, expected));
+            let error =
+                |message: String, expected: String| Err(value.error_at_value(message, expected));
             if robots[deputy].role.reference != Reference::NeighborMean {
-                let what = format!("{other} is a deputy of {of}, but has a slot of its own");
-                return wrong(what, "expected contained robots".to_owned());
+                let message =
+                    format!("{other} is a deputy of {leader_name}, but has a slot of its own");
+                return error(message, "expected contained robots".to_owned());
             }
-            if !hears(deputy, leader) {
-                let what =
-                    format!("{other} does not hear {of}, and cannot detect whether it is lost");
-                return wrong(what, format!("expected contained robots that hear {of}"));
-            }
-            let named = all.iter().map(|one| (one.leader, &one.deputies));
-            let is_one = |(_, deputies): &(usize, &Vec<usize>)| deputies.contains(&deputy);
-            let first = named.chain([(leader, &deputies)]).find(is_one).map(|(first, _)| first);
-            if let Some(first) = first {
-                let what = format!("{other} is a deputy of {} already", name(first));
-                return wrong(what, "expected each deputy once".to_owned());
-            }
-            let mut by = scenario.graph.incoming_edges(leader).map(|edge: &Edge| edge.from);
-            if by.all(|from| hears(deputy, from)) {
-                let what = format!("{other} hears all in-neighbors of {of}");
-                let expected = format!(
-                    "expected a robot that does not: it cannot move to their mean and keep the slot of {of}"
+            if !receives_from(deputy, leader) {
+                let message = format!(
+                    "{other} does not hear {leader_name}, and cannot detect whether it is lost"
                 );
-                return wrong(what, expected);
+                return error(
+                    message,
+                    format!("expected contained robots that hear {leader_name}"),
+                );
+            }
+            let successions =
+                all.iter().map(|succession| (succession.leader, &succession.deputies));
+            let has_deputy = |(_, deputies): &(usize, &Vec<usize>)| deputies.contains(&deputy);
+            let first =
+                successions.chain([(leader, &deputies)]).find(has_deputy).map(|(first, _)| first);
+            if let Some(first) = first {
+                let message = format!("{other} is a deputy of {} already", name(first));
+                return error(message, "expected each deputy once".to_owned());
+            }
+            let mut in_neighbors =
+                scenario.graph.incoming_edges(leader).map(|edge: &Edge| edge.from);
+            if in_neighbors.all(|from| receives_from(deputy, from)) {
+                let message = format!("{other} hears all in-neighbors of {leader_name}");
+                let expected = format!(
+                    "expected a robot that does not: it cannot move to their mean and keep the slot of {leader_name}"
+                );
+                return error(message, expected);
             }
             deputies.push(deputy);
         }
@@ -79,39 +88,47 @@ pub(super) fn parse_deputies(
     for value in list.elements("expected a list of names of robots: [\"r2\", \"r3\"]")? {
         let deputy = parse_robot_index(&value, robots)?;
         let name = &robots[deputy].name;
-        let wrong = |what: String, expected: String| Err(value.error_at_value(what, expected));
+        let error =
+            |message: String, expected: String| Err(value.error_at_value(message, expected));
         let Some(leader) = scenario.leader() else {
-            let what = format!(
+            let message = format!(
                 "{name} is a deputy, but there is no leader: it has no trajectory to track"
             );
-            return wrong(what, "expected a robot with a leader's law and `trajectory`".to_owned());
+            return error(
+                message,
+                "expected a robot with a leader's law and `trajectory`".to_owned(),
+            );
         };
         let leader = &robots[leader].name;
         match robots[deputy].role.reference {
             Reference::Offsets => {}
             Reference::Trajectory => {
-                let what = format!("the leader {name} cannot be its own deputy");
-                return wrong(what, "expected robots that keep a slot relative to it".to_owned());
+                let message = format!("the leader {name} cannot be its own deputy");
+                return error(
+                    message,
+                    "expected robots that keep a slot relative to it".to_owned(),
+                );
             }
             Reference::NeighborMean | Reference::Goal | Reference::LawTarget => {
-                let what = format!("{name} keeps no slot relative to {leader}, so it cannot lead");
-                return wrong(what, "expected a robot with a formation law".to_owned());
+                let message =
+                    format!("{name} keeps no slot relative to {leader}, so it cannot lead");
+                return error(message, "expected a robot with a formation law".to_owned());
             }
         }
-        if let Some(careful) = robots.iter().find(|robot| robot.liars_max() > 0) {
-            let what = format!(
+        if let Some(resilient) = robots.iter().find(|robot| robot.liars_max() > 0) {
+            let message = format!(
                 "{} has a resilient law: it cannot distinguish {name}, which leads in place of {leader}, \
                  from a Byzantine robot",
-                careful.name
+                resilient.name
             );
-            return wrong(what, "expected no deputies, or no formation-robust".to_owned());
+            return error(message, "expected no deputies, or no formation-robust".to_owned());
         }
         if deputies.contains(&deputy) {
-            return wrong(format!("{name} is a deputy twice"), "expected it once".to_owned());
+            return error(format!("{name} is a deputy twice"), "expected it once".to_owned());
         }
         if deputies.len() as u64 == DEPUTIES_MAX {
-            let what = format!("{name} is deputy {}", DEPUTIES_MAX + 1);
-            return wrong(what, format!("expected at most {DEPUTIES_MAX}"));
+            let message = format!("{name} is deputy {}", DEPUTIES_MAX + 1);
+            return error(message, format!("expected at most {DEPUTIES_MAX}"));
         }
         deputies.push(deputy);
     }

@@ -68,11 +68,12 @@ impl SourceLocation {
     /// value over several lines is underlined on its first line.
     fn snippet<'s>(
         &'s self,
-        mark: impl FnOnce(Range<usize>) -> Annotation<'s>,
+        annotate: impl FnOnce(Range<usize>) -> Annotation<'s>,
     ) -> Option<Snippet<'s, Annotation<'s>>> {
-        let [start, end] = self.span.map(|at| at as usize);
-        let line_start = self.text[..start].rfind('\n').map_or(0, |at| at + 1);
-        let line_end = self.text[start..].find('\n').map_or(self.text.len(), |at| start + at);
+        let [start, end] = self.span.map(|position| position as usize);
+        let line_start = self.text[..start].rfind('\n').map_or(0, |position| position + 1);
+        let line_end =
+            self.text[start..].find('\n').map_or(self.text.len(), |position| start + position);
         if line_end - line_start > SNIPPET_LINE_BYTES_MAX {
             return None;
         }
@@ -83,7 +84,7 @@ impl SourceLocation {
         let marked = marked_from..line.len();
         line += &escape_lines(self.text[end..line_end].trim_end_matches('\r'));
         let snippet = Snippet::source(line).line_start(self.line as usize);
-        Some(snippet.path(self.file.as_ref()).annotation(mark(marked)))
+        Some(snippet.path(self.file.as_ref()).annotation(annotate(marked)))
     }
 }
 
@@ -119,23 +120,23 @@ impl Diagnostic {
         };
         let (message, expected) =
             (escape_to_one_line(&self.message), escape_to_one_line(&self.expected));
-        let Some(place) = &self.context else {
+        let Some(context) = &self.context else {
             return format!("{word}: {message}; {expected}");
         };
-        let ErrorContext { location, import_location: imported_by, note } = place.as_ref();
-        let here = |span| AnnotationKind::Primary.span(span).label(expected.as_ref());
-        let Some(snippet) = location.snippet(here) else {
-            let imported =
-                imported_by.iter().map(|location| format!("\n ::: {location}: imported here"));
+        let ErrorContext { location, import_location, note } = context.as_ref();
+        let annotate = |span| AnnotationKind::Primary.span(span).label(expected.as_ref());
+        let Some(snippet) = location.snippet(annotate) else {
+            let imported_text =
+                import_location.iter().map(|location| format!("\n ::: {location}: imported here"));
             return format!(
                 "{word}: {message}; {expected}\n --> {location}{}",
-                imported.collect::<String>()
+                imported_text.collect::<String>()
             );
         };
         let mut group = level.primary_title(message.as_ref()).element(snippet);
-        if let Some(importer) = imported_by {
-            let there = |span| AnnotationKind::Context.span(span).label("imported here");
-            group = match importer.snippet(there) {
+        if let Some(importer) = import_location {
+            let annotate_import = |span| AnnotationKind::Context.span(span).label("imported here");
+            group = match importer.snippet(annotate_import) {
                 Some(snippet) => group.element(snippet),
                 None => group.element(Level::NOTE.message(format!("imported by {importer}"))),
             };
@@ -271,17 +272,17 @@ impl SourceText {
     /// Returns the file, line and column of a range of bytes. In a spliced text they are those of the file that it
     /// comes from.
     pub(crate) fn original_location(&self, span: &Range<usize>) -> String {
-        let place = self.error_at(span, "", "").context.expect("an error of a text has a place");
-        place.location.to_string()
+        let context = self.error_at(span, "", "").context.expect("an error of a text has a place");
+        context.location.to_string()
     }
 
-    /// Returns the largest character boundary that is at most `at`.
-    fn floor_char_boundary(&self, at: usize) -> usize {
-        let mut at = at.min(self.text.len());
-        while !self.text.is_char_boundary(at) {
-            at -= 1;
+    /// Returns the largest character boundary that is at most `position`.
+    fn floor_char_boundary(&self, position: usize) -> usize {
+        let mut position = position.min(self.text.len());
+        while !self.text.is_char_boundary(position) {
+            position -= 1;
         }
-        at
+        position
     }
 }
 
@@ -306,25 +307,27 @@ pub fn most_similar_word<'k>(
     known: impl IntoIterator<Item = &'k str>,
 ) -> Option<&'k str> {
     // No key is longer. A longer word is no typing error.
-    let begins: String = word.chars().take(64).collect();
-    let close = |candidate: &str| {
+    let word_start: String = word.chars().take(64).collect();
+    let distance_if_close = |candidate: &str| {
         let longest = word.chars().count().max(candidate.chars().count());
-        let unit_forgotten =
+        let is_prefix =
             word.len() >= 3 && (candidate.starts_with(word) || word.starts_with(candidate));
-        let distance = strsim::osa_distance(&begins, candidate);
-        (distance <= (longest / 3).clamp(1, 3) || unit_forgotten).then_some(distance)
+        let distance = strsim::osa_distance(&word_start, candidate);
+        (distance <= (longest / 3).clamp(1, 3) || is_prefix).then_some(distance)
     };
     known
         .into_iter()
-        .filter_map(|candidate| close(candidate).map(|distance| (distance, candidate)))
+        .filter_map(|candidate| distance_if_close(candidate).map(|distance| (distance, candidate)))
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, candidate)| candidate)
 }
 
-/// Returns the first `most` names, and their number if there are more.
-pub fn format_list(names: &[&str], most: usize) -> String {
+/// Returns the first `count_max` names, and their number if there are more.
+pub fn format_list(names: &[&str], count_max: usize) -> String {
     match names.len() {
-        count if count > most => format!("{}, ... ({count} in all)", names[..most].join(", ")),
+        count if count > count_max => {
+            format!("{}, ... ({count} in all)", names[..count_max].join(", "))
+        }
         _ => names.join(", "),
     }
 }
@@ -342,9 +345,9 @@ mod tests {
             for end in 0..text.len() + 3 {
                 let error =
                     SourceText::new(Path::new("t"), text, true).error_at(&(start..end), "m", "e");
-                let shown = error.render(false);
+                let rendered = error.render(false);
                 assert!(error.render(true).contains("\u{1b}["));
-                assert!(!shown.is_empty() && !shown.contains('\u{1b}'), "{shown:?}");
+                assert!(!rendered.is_empty() && !rendered.contains('\u{1b}'), "{rendered:?}");
             }
         }
     }

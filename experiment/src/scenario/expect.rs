@@ -18,7 +18,7 @@ pub(super) fn parse_expectations(
 ) -> Result<Expectations, Diagnostic> {
     let table = root.table(keys::Root::expect)?;
     let number = |key| table.optional_number(key);
-    let whole = |key| table.get(key).map(|value| value.integer()).transpose();
+    let integer = |key| table.get(key).map(|value| value.integer()).transpose();
     let converged_by_s = table.optional_number(keys::Expect::converged_by_s)?;
     if let (Some(by_s), Some(value)) = (converged_by_s, table.get(keys::Expect::converged_by_s))
         && by_s > ns_to_seconds(duration_ns)
@@ -51,8 +51,8 @@ pub(super) fn parse_expectations(
             .get(keys::Expect::alive_at_end)
             .map(|value| parse_alive_at_end(&value, robots))
             .transpose()?,
-        deadline_misses_max: whole(keys::Expect::deadline_misses_max)?,
-        exit_code: whole(keys::Expect::exit)?.map(|code| code as u8),
+        deadline_misses_max: integer(keys::Expect::deadline_misses_max)?,
+        exit_code: integer(keys::Expect::exit)?.map(|code| code as u8),
         metrics: parse_metric_bounds(&table, metrics)?,
         converged_error_m: table.number(keys::Expect::converged_error_m)?,
     })

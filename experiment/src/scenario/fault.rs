@@ -1,8 +1,8 @@
 //! Text form of faults, as on the command line (`kill r2 @10 restart 2`) and in reports.
 //!
 //! This module checks only the syntax. The text becomes a `[[fault]]` table like those of the file, and a table becomes
-//! text, both by `FORMS`. `faults` converts between tables and faults, and checks that the robot exists and is alive at
-//! that time.
+//! text, both by `FAULT_SYNTAXES`. `faults` converts between tables and faults, and checks that the robot exists and is
+//! alive at that time.
 
 use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind};
 use toml_edit::{Array, Item, Table, Value, value};
@@ -72,35 +72,28 @@ enum ParameterType {
 }
 
 const fn optional_parameter(
-    word: &'static str,
-    value: ParameterType,
+    keyword: &'static str,
+    value_type: ParameterType,
     key: &'static str,
 ) -> ParameterSyntax {
-    ParameterSyntax { keyword: word, key, value_type: value, is_required: false }
+    ParameterSyntax { keyword, key, value_type, is_required: false }
 }
 
 const fn required_parameter(
-    word: &'static str,
-    value: ParameterType,
+    keyword: &'static str,
+    value_type: ParameterType,
     key: &'static str,
 ) -> ParameterSyntax {
-    ParameterSyntax { is_required: true, ..optional_parameter(word, value, key) }
+    ParameterSyntax { is_required: true, ..optional_parameter(keyword, value_type, key) }
 }
 
-/// Creates the form of a fault with a duration and without parameters.
+/// Creates the syntax of a fault with a duration and without parameters.
 const fn fault_syntax(
     kind: &'static str,
-    subject: FaultTarget,
+    target: FaultTarget,
     description: &'static str,
 ) -> FaultSyntax {
-    FaultSyntax {
-        kind,
-        description,
-        target: subject,
-        has_duration: true,
-        parameters: &[],
-        grammar: "",
-    }
+    FaultSyntax { kind, description, target, has_duration: true, parameters: &[], grammar: "" }
 }
 
 impl FaultSyntax {
@@ -108,8 +101,8 @@ impl FaultSyntax {
         FaultSyntax { grammar, ..self }
     }
 
-    const fn with_parameters(self, details: &'static [ParameterSyntax]) -> FaultSyntax {
-        FaultSyntax { parameters: details, ..self }
+    const fn with_parameters(self, parameters: &'static [ParameterSyntax]) -> FaultSyntax {
+        FaultSyntax { parameters, ..self }
     }
 
     const fn without_duration(self) -> FaultSyntax {
@@ -157,7 +150,7 @@ const LIE_PARAMETERS: &[ParameterSyntax] = &[
     optional_parameter("flips", Number, "message_bit_flips"),
 ];
 
-/// All forms of faults. A kind that affects links and also streams or beacons has a form for each.
+/// Syntaxes of all faults. A kind that affects links and also streams or beacons has a syntax for each.
 pub(crate) const FAULT_SYNTAXES: &[FaultSyntax] = &[
     fault_syntax("kill", Robot, "kills the process of a robot, or the plant (SIGKILL)")
         .with_grammar("kill ROBOT|plant @SECONDS [restart SECONDS]")
@@ -213,48 +206,55 @@ pub(crate) const FAULT_SYNTAXES: &[FaultSyntax] = &[
 ];
 
 impl FaultSyntax {
-    /// Returns the form of `kind`, or `None` if there is no such kind. If the kind has several forms, `is_robot_stream`
+    /// Returns the syntax of `kind`, or `None` if there is no such kind. If the kind has several, `is_robot_stream`
     /// selects the one for a stream or the beacons of a robot.
     pub(crate) fn find(kind: &str, is_robot_stream: bool) -> Option<&'static FaultSyntax> {
-        let mut forms = FAULT_SYNTAXES.iter().filter(|form| form.kind == kind);
-        let suits = |form: &&FaultSyntax| form.affects_messages_of_robot() == is_robot_stream;
-        forms.clone().find(suits).or_else(|| forms.next())
+        let mut syntaxes = FAULT_SYNTAXES.iter().filter(|syntax| syntax.kind == kind);
+        let is_suitable =
+            |syntax: &&FaultSyntax| syntax.affects_messages_of_robot() == is_robot_stream;
+        syntaxes.clone().find(is_suitable).or_else(|| syntaxes.next())
     }
 
-    /// Returns whether the form affects a stream or the beacons of a robot.
+    /// Returns whether the fault affects a stream or the beacons of a robot.
     fn affects_messages_of_robot(&self) -> bool {
         matches!(self.target, Stream | Beacons)
     }
 
     /// Returns the keys that are required in addition to `kind`.
     pub(crate) fn required_keys(&self) -> Vec<&'static str> {
-        let details =
-            self.parameters.iter().filter(|detail| detail.is_required).map(|detail| detail.key);
-        let subject = self.target.keys().iter().copied();
-        ["at_s"].into_iter().chain(subject).chain(details).collect()
+        let parameters = self
+            .parameters
+            .iter()
+            .filter(|parameter| parameter.is_required)
+            .map(|parameter| parameter.key);
+        let target = self.target.keys().iter().copied();
+        ["at_s"].into_iter().chain(target).chain(parameters).collect()
     }
 
     /// Returns the optional keys.
     pub(crate) fn optional_keys(&self) -> Vec<&'static str> {
-        let details =
-            self.parameters.iter().filter(|detail| !detail.is_required).map(|detail| detail.key);
-        details.chain(self.has_duration.then_some("for_s")).collect()
+        let parameters = self
+            .parameters
+            .iter()
+            .filter(|parameter| !parameter.is_required)
+            .map(|parameter| parameter.key);
+        parameters.chain(self.has_duration.then_some("for_s")).collect()
     }
 }
 
 impl Fault {
     /// Returns the fault and its duration as text.
     pub fn describe(&self, scenario: &Scenario) -> String {
-        let what = self.kind.describe(scenario);
-        let lasts = |ns| format!("{} s", in_seconds(ns));
+        let text = self.kind.describe(scenario);
+        let duration = |ns| format!("{} s", in_seconds(ns));
         match (&self.kind, self.duration_ns) {
-            (FaultKind::KillPlant, _) => what,
-            (FaultKind::Kill { restart_after_ns: None, .. }, _) => format!("{what}, for good"),
+            (FaultKind::KillPlant, _) => text,
+            (FaultKind::Kill { restart_after_ns: None, .. }, _) => format!("{text}, for good"),
             (FaultKind::Kill { restart_after_ns: Some(after_ns), .. }, _) => {
-                format!("{what}, back after {}", lasts(*after_ns))
+                format!("{text}, back after {}", duration(*after_ns))
             }
-            (_, None) => format!("{what}, to the end"),
-            (_, Some(for_ns)) => format!("{what}, for {}", lasts(for_ns)),
+            (_, None) => format!("{text}, to the end"),
+            (_, Some(duration_ns)) => format!("{text}, for {}", duration(duration_ns)),
         }
     }
 }
@@ -269,41 +269,36 @@ impl FaultKind {
 
     /// Returns the component that the fault affects.
     pub fn affected_component(&self, scenario: &Scenario) -> AffectedComponent {
-        let strikes =
+        let affects =
             |robot| AffectedComponent { robot: Some(robot), ..AffectedComponent::default() };
-        let silences = |robot| AffectedComponent {
+        let silenced = |robot| AffectedComponent {
             silenced_source: SilencedSource::Robot(robot),
-            ..strikes(robot)
+            ..affects(robot)
         };
         match *self {
-            FaultKind::Kill { robot, .. } | FaultKind::Freeze { robot } => silences(robot),
+            FaultKind::Kill { robot, .. } | FaultKind::Freeze { robot } => silenced(robot),
             FaultKind::Slowdown { robot, .. }
             | FaultKind::Stream { robot, .. }
-            | FaultKind::Wheels { robot, .. } => strikes(robot),
+            | FaultKind::Wheels { robot, .. } => affects(robot),
             FaultKind::Link { edge, ref kind } => {
-                let ends = scenario.graph.edges()[edge];
-                let silenced = match kind {
+                let endpoints = scenario.graph.edges()[edge];
+                let silenced_source = match kind {
                     LinkFaultKind::Cut => SilencedSource::Edge(edge),
                     _ => SilencedSource::NoSource,
                 };
-                let (robot, hearer) = (Some(ends.from), Some(ends.to));
-                AffectedComponent {
-                    robot,
-                    receiver: hearer,
-                    silenced_source: silenced,
-                    is_byzantine: false,
-                }
+                let (robot, receiver) = (Some(endpoints.from), Some(endpoints.to));
+                AffectedComponent { robot, receiver, silenced_source, is_byzantine: false }
             }
-            FaultKind::Lie { robot, receiver: hearer, .. } => {
-                AffectedComponent { receiver: hearer, is_byzantine: true, ..strikes(robot) }
+            FaultKind::Lie { robot, receiver, .. } => {
+                AffectedComponent { receiver, is_byzantine: true, ..affects(robot) }
             }
             // A robot without odometry sends no beacons.
             FaultKind::Sensor {
                 robot,
                 sensor: Sensor::Odometry,
                 kind: SensorFaultKind::Blackout,
-            } => silences(robot),
-            FaultKind::Sensor { robot, .. } => strikes(robot),
+            } => silenced(robot),
+            FaultKind::Sensor { robot, .. } => affects(robot),
             FaultKind::KillPlant | FaultKind::Partition { .. } | FaultKind::Load { .. } => {
                 AffectedComponent::default()
             }
@@ -340,38 +335,40 @@ pub fn format_fault(table: &Table) -> String {
         text.unwrap_or_else(|| panic!("a fault has the text `{key}`"))
     };
     let kind = text("kind");
-    let form =
+    let syntax =
         FaultSyntax::find(kind, table.contains_key("robot")).expect("a fault has a known kind");
-    let mut words = vec![kind.to_owned()];
-    match form.target {
-        Robot => words.push(text("robot").to_owned()),
-        Link => words.push(format!("{}->{}", text("from"), text("to"))),
-        Stream => words.push(format!("{} {}", text("robot"), text("stream"))),
-        Beacons => words.push(format!("{} beacons", text("robot"))),
-        FaultTarget::Sensor => words.push(format!("{} {}", text("robot"), text("sensor"))),
+    let mut parts = vec![kind.to_owned()];
+    match syntax.target {
+        Robot => parts.push(text("robot").to_owned()),
+        Link => parts.push(format!("{}->{}", text("from"), text("to"))),
+        Stream => parts.push(format!("{} {}", text("robot"), text("stream"))),
+        Beacons => parts.push(format!("{} beacons", text("robot"))),
+        FaultTarget::Sensor => parts.push(format!("{} {}", text("robot"), text("sensor"))),
         Hosts => {
             let hosts = table["hosts"].as_array().into_iter().flatten();
             let hosts: Vec<&str> = hosts.filter_map(|host| host.as_str()).collect();
-            words.push(hosts.join(","));
+            parts.push(hosts.join(","));
         }
         Machine => {}
     }
-    for detail in form.parameters {
-        if let Some(value) = table.get(detail.key) {
-            words.push(detail.keyword.to_owned());
-            words.extend(format_number(value));
+    for parameter in syntax.parameters {
+        if let Some(value) = table.get(parameter.key) {
+            parts.push(parameter.keyword.to_owned());
+            parts.extend(format_number(value));
         }
     }
-    words.extend(table.get("at_s").and_then(format_number).map(|at| format!("@{at}")));
-    words.extend(table.get("for_s").and_then(format_number).map(|lasts| format!("for {lasts}")));
-    words.join(" ")
+    parts.extend(table.get("at_s").and_then(format_number).map(|at| format!("@{at}")));
+    parts.extend(
+        table.get("for_s").and_then(format_number).map(|duration| format!("for {duration}")),
+    );
+    parts.join(" ")
 }
 
 /// Returns a number or a pair of numbers as text, or `None` for other values.
 fn format_number(item: &Item) -> Option<String> {
     let number = |value: &Value| {
-        let whole = value.as_integer().map(|whole| whole.to_string());
-        whole.or_else(|| Some(DisplayedNumber(value.as_float()?).to_string()))
+        let integer = value.as_integer().map(|integer| integer.to_string());
+        integer.or_else(|| Some(DisplayedNumber(value.as_float()?).to_string()))
     };
     match item.as_value()? {
         Value::Array(pair) => {
@@ -402,76 +399,81 @@ pub fn parse(argument: &str) -> Result<Table, FaultSyntaxError> {
     // The syntax of a link has an arrow.
     let is_link = words.clone().next().is_some_and(|subject| subject.contains("->"));
     let is_robot_stream = !is_link && words.clone().next().is_some();
-    let form = FaultSyntax::find(kind, is_robot_stream).ok_or_else(|| unknown_kind_error(kind))?;
-    let wrong =
-        |reason: String| FaultSyntaxError { reason, remedy: format!("expected {}", form.grammar) };
-    let no_word = |word: &str, reason: String| {
-        let known = form.grammar.split(|sign: char| !sign.is_ascii_lowercase());
-        let mistaken = wrong(reason);
-        match most_similar_word(word, known.filter(|known| !known.is_empty())) {
+    let syntax =
+        FaultSyntax::find(kind, is_robot_stream).ok_or_else(|| unknown_kind_error(kind))?;
+    let error = |reason: String| FaultSyntaxError {
+        reason,
+        remedy: format!("expected {}", syntax.grammar),
+    };
+    let word_error = |word: &str, reason: String| {
+        let known_words = syntax.grammar.split(|sign: char| !sign.is_ascii_lowercase());
+        let syntax_error = error(reason);
+        match most_similar_word(word, known_words.filter(|known| !known.is_empty())) {
             Some(close) => FaultSyntaxError {
-                remedy: format!("did you mean `{close}`? {}", mistaken.remedy),
-                ..mistaken
+                remedy: format!("did you mean `{close}`? {}", syntax_error.remedy),
+                ..syntax_error
             },
-            None => mistaken,
+            None => syntax_error,
         }
     };
     let mut table = Table::new();
     table["kind"] = value(kind);
-    for &key in form.target.keys().iter().filter(|key| **key != "to") {
-        let needs = |what: &str| wrong(format!("`{kind}` needs {what}"));
+    for &key in syntax.target.keys().iter().filter(|key| **key != "to") {
+        let missing = |what: &str| error(format!("`{kind}` needs {what}"));
         let word = words.next();
         let item = match key {
             "from" => {
                 let link = word.and_then(|link| link.split_once("->"));
-                let (from, to) = link.ok_or_else(|| needs("a link, such as r1->r2"))?;
+                let (from, to) = link.ok_or_else(|| missing("a link, such as r1->r2"))?;
                 table["from"] = value(from);
                 table["to"] = value(to);
                 continue;
             }
             "hosts" => {
                 let hosts = word.filter(|word| !word.starts_with('@'));
-                let hosts = hosts.ok_or_else(|| needs("a host of the fleet"))?;
+                let hosts = hosts.ok_or_else(|| missing("a host of the fleet"))?;
                 value(Array::from_iter(hosts.split(',')))
             }
             "stream" => {
                 let stream = word.filter(|word| ["odometry", "commands"].contains(word));
                 let what = "a link, such as r1->r2, or a robot's odometry or commands";
                 let reason = || format!("`{kind}` needs {what}");
-                value(stream.ok_or_else(|| no_word(word.unwrap_or_default(), reason()))?)
+                value(stream.ok_or_else(|| word_error(word.unwrap_or_default(), reason()))?)
             }
-            key => value(word.ok_or_else(|| needs(&format!("a {key}")))?),
+            key => value(word.ok_or_else(|| missing(&format!("a {key}")))?),
         };
         table[key] = item;
     }
-    let beacons = if form.target == Beacons { words.next() } else { Some("beacons") };
+    let beacons = if syntax.target == Beacons { words.next() } else { Some("beacons") };
     if beacons != Some("beacons") {
         let reason = format!("`{kind}` needs a link, such as r1->r2, or a robot's beacons");
-        return Err(no_word(beacons.unwrap_or_default(), reason));
+        return Err(word_error(beacons.unwrap_or_default(), reason));
     }
     while let Some(word) = words.next() {
-        let of_time = match word {
-            "for" if form.has_duration => Some("for_s"),
+        let duration_key = match word {
+            "for" if syntax.has_duration => Some("for_s"),
             _ => None,
         };
-        let detail = form.parameters.iter().find(|detail| detail.keyword == word);
-        let (key, item) = match (word.strip_prefix('@'), of_time, detail) {
-            (Some(at), ..) => ("at_s", value(parse_nonnegative(at).map_err(wrong)?)),
+        let parameter = syntax.parameters.iter().find(|parameter| parameter.keyword == word);
+        let (key, item) = match (word.strip_prefix('@'), duration_key, parameter) {
+            (Some(start), ..) => ("at_s", value(parse_nonnegative(start).map_err(error)?)),
             (None, Some(key), _) => {
-                (key, value(parse_number_after(word, &mut words).map_err(wrong)?))
+                (key, value(parse_number_after(word, &mut words).map_err(error)?))
             }
-            (None, None, Some(detail)) => (detail.key, detail.read(&mut words).map_err(wrong)?),
+            (None, None, Some(parameter)) => {
+                (parameter.key, parameter.read(&mut words).map_err(error)?)
+            }
             (None, None, None) => {
-                return Err(no_word(word, format!("`{word}` is not expected here")));
+                return Err(word_error(word, format!("`{word}` is not expected here")));
             }
         };
         if table.contains_key(key) {
-            return Err(wrong(format!("`{word}` is given twice")));
+            return Err(error(format!("`{word}` is given twice")));
         }
         table[key] = item;
     }
     if !table.contains_key("at_s") {
-        return Err(wrong(format!("`{kind}` needs a time, such as @10")));
+        return Err(error(format!("`{kind}` needs a time, such as @10")));
     }
     Ok(table)
 }
@@ -507,8 +509,8 @@ impl ParameterSyntax {
             }
             SignedNumber => {
                 let number = words.next().ok_or(format!("`{word}` needs a number after it"))?;
-                let wrong = || format!("`{number}` is not a number");
-                value(number.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(wrong)?)
+                let invalid = || format!("`{number}` is not a number");
+                value(number.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(invalid)?)
             }
             Pair => {
                 let mut text = String::new();
@@ -610,13 +612,13 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
         }
     }
 
-    /// Returns a table of a form, with values drawn from `seed`.
-    fn draw_table(form: &FaultSyntax, seed: u64) -> Table {
-        let mut dice = formation::random::SplitMix64::new(seed);
-        let mut draw = |most: u64| dice.next_u64() % most;
+    /// Returns a table of a fault with this syntax, with values drawn from `seed`.
+    fn draw_table(syntax: &FaultSyntax, seed: u64) -> Table {
+        let mut rng = formation::random::SplitMix64::new(seed);
+        let mut draw = |bound: u64| rng.next_u64() % bound;
         let mut table = Table::new();
-        table["kind"] = value(form.kind);
-        for &key in form.target.keys() {
+        table["kind"] = value(syntax.kind);
+        for &key in syntax.target.keys() {
             table[key] = match key {
                 "stream" => value(["odometry", "commands"][draw(2) as usize]),
                 "sensor" => value(["odometry", "proximity"][draw(2) as usize]),
@@ -626,10 +628,10 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
                 _ => value(["r1", "a-b_2", "*"][draw(3) as usize]),
             };
         }
-        for detail in form.parameters {
+        for parameter in syntax.parameters {
             let number = |drawn: u64| drawn as f64 / [1e9, 1e3, 1.0, 1e-3][drawn as usize % 4];
-            if detail.is_required || draw(2) == 0 {
-                table[detail.key] = match detail.value_type {
+            if parameter.is_required || draw(2) == 0 {
+                table[parameter.key] = match parameter.value_type {
                     Flag => value(true),
                     Number => value(number(draw(1 << 40))),
                     SignedNumber => value(number(draw(1 << 40)) - 1e3),
@@ -641,7 +643,7 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
             }
         }
         table["at_s"] = value(draw(1 << 40) as f64 / 1e9);
-        if form.has_duration && draw(2) == 0 {
+        if syntax.has_duration && draw(2) == 0 {
             table["for_s"] = value(draw(1 << 40) as f64 / 1e9);
         }
         table
@@ -661,13 +663,13 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
 
     #[test]
     fn every_syntax_error_of_a_fault_is_named() {
-        for (argument, word) in split_rows(INVALID_ARGUMENTS) {
+        for (argument, expected_part) in split_rows(INVALID_ARGUMENTS) {
             let error = parse(argument).unwrap_err();
-            assert!(error.to_string().contains(word), "{argument}: {error}");
+            assert!(error.to_string().contains(expected_part), "{argument}: {error}");
             assert!(!error.remedy.is_empty());
         }
         assert!(parse(" ").unwrap_err().to_string().contains("empty"));
-        for (argument, meant) in [
+        for (argument, suggestion) in [
             ("frezze r1 @1", "freeze"),
             ("kill r2 @10 restrt 2", "restart"),
             ("freeze r2 @1 fro 2", "for"),
@@ -675,7 +677,7 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
             ("lie r2 beacon by [1, 0] @2", "beacons"),
         ] {
             let expected = parse(argument).unwrap_err().remedy;
-            assert!(expected.starts_with(&format!("did you mean `{meant}`?")), "{expected}");
+            assert!(expected.starts_with(&format!("did you mean `{suggestion}`?")), "{expected}");
         }
         assert!(parse("kill r2 @1 flurb").unwrap_err().remedy.starts_with("expected kill"));
     }

@@ -31,27 +31,32 @@ pub(super) struct FaultContext<'a> {
 /// Returns all faults sorted by time: those of the file and those that `[chaos]` draws.
 pub(super) fn parse_faults(
     root: &TableReader<'_, keys::Root>,
-    scene: &FaultContext<'_>,
+    context: &FaultContext<'_>,
 ) -> Result<Vec<Fault>, Diagnostic> {
     let mut planned = Vec::new();
     for table in root.tables(keys::Root::fault)? {
-        let at = table.required_value(keys::Fault::at_s)?;
-        planned
-            .extend(parse_fault(&table, &at, scene)?.into_iter().map(|fault| (fault, at.clone())));
+        let start = table.required_value(keys::Fault::at_s)?;
+        planned.extend(
+            parse_fault(&table, &start, context)?.into_iter().map(|fault| (fault, start.clone())),
+        );
     }
     planned.sort_by_key(|(fault, _)| fault.start_ns);
-    let mut availability = Availability::new(scene.robots.len());
-    for (fault, at) in &planned {
-        availability.record_fault(fault).map_err(|why| {
-            let name = |robot: usize| scene.robots[robot].name.as_str();
-            let (is, expected) = why.describe(name);
-            at.error_about_key(format!("is {}, when {is}", ns_to_seconds(fault.start_ns)), expected)
+    let mut availability = Availability::new(context.robots.len());
+    for (fault, start) in &planned {
+        availability.record_fault(fault).map_err(|impossible| {
+            let name = |robot: usize| context.robots[robot].name.as_str();
+            let (state, expected) = impossible.describe(name);
+            start.error_about_key(
+                format!("is {}, when {state}", ns_to_seconds(fault.start_ns)),
+                expected,
+            )
         })?;
     }
     let mut faults: Vec<Fault> = planned.into_iter().map(|(fault, _)| fault).collect();
     if let Some(chaos) = root.get(keys::Root::chaos) {
-        let drawn = Chaos::read(&chaos, scene.duration_ns)?.draw(scene.seed, &mut availability);
-        faults.extend(drawn);
+        let chaos_faults =
+            Chaos::read(&chaos, context.duration_ns)?.draw(context.seed, &mut availability);
+        faults.extend(chaos_faults);
         faults.sort_by_key(|fault| fault.start_ns);
     }
     Ok(faults)
@@ -60,60 +65,60 @@ pub(super) fn parse_faults(
 /// Parses a `[[fault]]` table, which can affect several robots or links.
 fn parse_fault(
     table: &TableReader<'_, keys::Fault>,
-    at: &TypedValue<'_, kinds::Time>,
-    scene: &FaultContext<'_>,
+    start: &TypedValue<'_, kinds::Time>,
+    context: &FaultContext<'_>,
 ) -> Result<Vec<Fault>, Diagnostic> {
     let kind = table.kind_unchecked()?;
     let is_robot_stream =
         table.get(keys::Fault::robot).is_some() || table.get(keys::Fault::stream).is_some();
-    let form = FaultSyntax::find(kind, is_robot_stream).expect("a kind has a form");
-    table.check_kind_and_keys(&[form.required_keys(), form.optional_keys()].concat())?;
-    let at_ns = at.time_ns()?;
-    if at_ns >= scene.duration_ns {
-        return Err(at.error_about_key(
-            format!("is {}, when the run is over", ns_to_seconds(at_ns)),
+    let syntax = FaultSyntax::find(kind, is_robot_stream).expect("a kind has a form");
+    table.check_kind_and_keys(&[syntax.required_keys(), syntax.optional_keys()].concat())?;
+    let start_ns = start.time_ns()?;
+    if start_ns >= context.duration_ns {
+        return Err(start.error_about_key(
+            format!("is {}, when the run is over", ns_to_seconds(start_ns)),
             format!(
                 "expected less than `duration_s`, {} s; `--set fault=[]` runs it without faults",
-                ns_to_seconds(scene.duration_ns)
+                ns_to_seconds(context.duration_ns)
             ),
         ));
     }
-    let for_ns = table.optional_time_ns(keys::Fault::for_s)?;
-    let each = |kind: &dyn Fn(usize) -> FaultKind| -> Result<Vec<FaultKind>, Diagnostic> {
-        Ok(parse_robots(table, scene)?.into_iter().map(kind).collect())
+    let duration_ns = table.optional_time_ns(keys::Fault::for_s)?;
+    let for_each_robot = |kind: &dyn Fn(usize) -> FaultKind| -> Result<Vec<FaultKind>, Diagnostic> {
+        Ok(parse_robots(table, context)?.into_iter().map(kind).collect())
     };
-    let struck = match kind {
+    let kinds = match kind {
         "kill" if table.required_value(keys::Fault::robot)?.text("expected a name")? == "plant" => {
             parse_plant_kill(table)?
         }
         "kill" => {
             let restart_after_ns = table.optional_time_ns(keys::Fault::restart_after_s)?;
-            each(&|robot| FaultKind::Kill { robot, restart_after_ns })?
+            for_each_robot(&|robot| FaultKind::Kill { robot, restart_after_ns })?
         }
-        "freeze" => each(&|robot| FaultKind::Freeze { robot })?,
+        "freeze" => for_each_robot(&|robot| FaultKind::Freeze { robot })?,
         "slow" => {
             let delay_ns = table.time_ns(keys::Fault::delay_s)?;
-            each(&|robot| FaultKind::Slowdown { robot, delay_ns })?
+            for_each_robot(&|robot| FaultKind::Slowdown { robot, delay_ns })?
         }
         "blackout" | "noise" => {
             let sensor = table.read_word(keys::Fault::sensor)?;
             let kind = parse_sensor_fault(kind, sensor, table)?;
-            each(&|robot| FaultKind::Sensor { robot, sensor, kind })?
+            for_each_robot(&|robot| FaultKind::Sensor { robot, sensor, kind })?
         }
         "wheels" => {
             let kind = parse_wheel_fault(table)?;
-            each(&|robot| FaultKind::Wheels { robot, kind })?
+            for_each_robot(&|robot| FaultKind::Wheels { robot, kind })?
         }
         "partition" => {
             let hosts = table.required_value(keys::Fault::hosts)?;
             let expected = "expected a list of names of hosts, such as [\"b\"]";
-            let names = hosts.texts(expected)?;
-            if names.is_empty() {
+            let host_names = hosts.texts(expected)?;
+            if host_names.is_empty() {
                 return Err(hosts.error_about_key("is empty", expected));
             }
-            vec![FaultKind::Partition { hosts: names }]
+            vec![FaultKind::Partition { hosts: host_names }]
         }
-        "lie" => parse_lies(table, scene, is_robot_stream)?,
+        "lie" => parse_lies(table, context, is_robot_stream)?,
         "load" => {
             vec![FaultKind::Load { processes: table.integer(keys::Fault::processes)? as usize }]
         }
@@ -122,17 +127,14 @@ fn parse_fault(
             let kind = || kind.clone();
             if is_robot_stream {
                 let stream: RobotStream = table.read_word(keys::Fault::stream)?;
-                each(&|robot| FaultKind::Stream { robot, stream, kind: kind() })?
+                for_each_robot(&|robot| FaultKind::Stream { robot, stream, kind: kind() })?
             } else {
-                let edges = parse_edges(table, scene)?.into_iter();
+                let edges = parse_edges(table, context)?.into_iter();
                 edges.map(|edge| FaultKind::Link { edge, kind: kind() }).collect()
             }
         }
     };
-    Ok(struck
-        .into_iter()
-        .map(|kind| Fault { start_ns: at_ns, duration_ns: for_ns, kind })
-        .collect())
+    Ok(kinds.into_iter().map(|kind| Fault { start_ns, duration_ns, kind }).collect())
 }
 
 impl Fault {
@@ -145,8 +147,8 @@ impl Fault {
     fn to_table(&self, scenario: &Scenario) -> toml_edit::Table {
         let mut table = self.kind.to_table(scenario);
         table["at_s"] = value(ns_to_seconds(self.start_ns));
-        if let Some(for_ns) = self.duration_ns {
-            table["for_s"] = value(ns_to_seconds(for_ns));
+        if let Some(duration_ns) = self.duration_ns {
+            table["for_s"] = value(ns_to_seconds(duration_ns));
         }
         table
     }
@@ -178,29 +180,33 @@ impl FaultKind {
                 ("delay_s", value(ns_to_seconds(delay_ns))),
             ]),
             FaultKind::Link { edge, ref kind } => {
-                let ends = scenario.graph.edges()[edge];
-                let (word, entries) = link_fault_entries(kind);
-                set(vec![("kind", value(word)), ("from", name(ends.from)), ("to", name(ends.to))]);
+                let edge = scenario.graph.edges()[edge];
+                let (keyword, entries) = link_fault_entries(kind);
+                set(vec![
+                    ("kind", value(keyword)),
+                    ("from", name(edge.from)),
+                    ("to", name(edge.to)),
+                ]);
                 set(entries);
             }
             FaultKind::Stream { robot, stream, ref kind } => {
-                let (word, entries) = link_fault_entries(kind);
+                let (keyword, entries) = link_fault_entries(kind);
                 let stream = value(stream.keyword());
-                set(vec![("kind", value(word)), ("robot", name(robot)), ("stream", stream)]);
+                set(vec![("kind", value(keyword)), ("robot", name(robot)), ("stream", stream)]);
                 set(entries);
             }
-            FaultKind::Lie { robot, receiver: hearer, lie } => {
+            FaultKind::Lie { robot, receiver, lie } => {
                 set(vec![("kind", value("lie"))]);
-                set(match hearer {
-                    Some(hearer) => vec![("from", name(robot)), ("to", name(hearer))],
+                set(match receiver {
+                    Some(receiver) => vec![("from", name(robot)), ("to", name(receiver))],
                     None => vec![("robot", name(robot))],
                 });
                 set(lie_entries(lie));
             }
             FaultKind::Sensor { robot, sensor, kind } => {
-                let (word, entries) = sensor_fault_entries(kind);
+                let (keyword, entries) = sensor_fault_entries(kind);
                 let sensor = value(sensor_keyword(sensor));
-                set(vec![("kind", value(word)), ("robot", name(robot)), ("sensor", sensor)]);
+                set(vec![("kind", value(keyword)), ("robot", name(robot)), ("sensor", sensor)]);
                 set(entries);
             }
             FaultKind::Wheels { robot, kind } => {
@@ -226,19 +232,19 @@ impl FaultKind {
 /// Returns the indices of the robots that `robot` names.
 fn parse_robots(
     table: &TableReader<'_, keys::Fault>,
-    scene: &FaultContext<'_>,
+    context: &FaultContext<'_>,
 ) -> Result<Vec<usize>, Diagnostic> {
     let value = table.required_value(keys::Fault::robot)?;
     match value.text("expected a name")? {
-        EVERY_ROBOT => Ok((0..scene.robots.len()).collect()),
-        _ => parse_robot_index(&value, scene.robots).map(|robot| vec![robot]),
+        EVERY_ROBOT => Ok((0..context.robots.len()).collect()),
+        _ => parse_robot_index(&value, context.robots).map(|robot| vec![robot]),
     }
 }
 
 /// Parses Byzantine faults to one out-neighbor or to all.
 fn parse_lies(
     table: &TableReader<'_, keys::Fault>,
-    scene: &FaultContext<'_>,
+    context: &FaultContext<'_>,
     is_robot_stream: bool,
 ) -> Result<Vec<FaultKind>, Diagnostic> {
     let pair = |key| Ok(table.get(key).map(|value| value.pair()).transpose()?.unwrap_or_default());
@@ -257,19 +263,25 @@ fn parse_lies(
         return Err(table.error_at_table("the lie changes nothing", expected));
     }
     if !is_robot_stream {
-        let ends = parse_edges(table, scene)?.into_iter().map(|edge| scene.graph.edges()[edge]);
-        let ends = ends.map(|ends| (ends.from, Some(ends.to))).collect();
-        return lie_fault_kinds(table, scene, lie, ends);
+        let edges =
+            parse_edges(table, context)?.into_iter().map(|edge| context.graph.edges()[edge]);
+        let edges = edges.map(|edge| (edge.from, Some(edge.to))).collect();
+        return lie_fault_kinds(table, context, lie, edges);
     }
-    let mut liars = parse_robots(table, scene)?;
-    liars.retain(|&robot| scene.graph.outgoing_edges(robot).next().is_some());
-    if liars.is_empty() {
+    let mut byzantine_robots = parse_robots(table, context)?;
+    byzantine_robots.retain(|&robot| context.graph.outgoing_edges(robot).next().is_some());
+    if byzantine_robots.is_empty() {
         let value = table.required_value(keys::Fault::robot)?;
-        let said = value.text("expected a name")?;
-        let what = format!("is \"{said}\", which no robot hears");
-        return Err(value.error_about_key(what, "expected a robot that another one hears"));
+        let name = value.text("expected a name")?;
+        let message = format!("is \"{name}\", which no robot hears");
+        return Err(value.error_about_key(message, "expected a robot that another one hears"));
     }
-    lie_fault_kinds(table, scene, lie, liars.into_iter().map(|robot| (robot, None)).collect())
+    lie_fault_kinds(
+        table,
+        context,
+        lie,
+        byzantine_robots.into_iter().map(|robot| (robot, None)).collect(),
+    )
 }
 
 /// Parses the false data in messages.
@@ -286,50 +298,53 @@ fn parse_message_lie(table: &TableReader<'_, keys::Fault>) -> Result<MessageLie,
 /// Parses a probability above 0.
 fn parse_probability(value: &TypedValue<'_, kinds::Number>) -> Result<f64, Diagnostic> {
     match value.number()? {
-        share if share > 1.0 => Err(value
-            .error_about_key(format!("is {share}"), "expected a fraction above 0 and at most 1")),
-        share => Ok(share),
+        probability if probability > 1.0 => Err(value.error_about_key(
+            format!("is {probability}"),
+            "expected a fraction above 0 and at most 1",
+        )),
+        probability => Ok(probability),
     }
 }
 
-/// Returns the faults that give `lie` to robots, each to one out-neighbor or, with `None`, to all. A lie in nothing but
-/// messages is left out where the law of the robot sends none.
+/// Returns the faults in which robots send the false data `lie`, each to one out-neighbor or, with `None`, to all. A
+/// lie in nothing but messages is left out where the law of the robot sends none.
 fn lie_fault_kinds(
     table: &TableReader<'_, keys::Fault>,
-    scene: &FaultContext<'_>,
+    context: &FaultContext<'_>,
     lie: Lie,
-    mut liars: Vec<(usize, Option<usize>)>,
+    mut senders: Vec<(usize, Option<usize>)>,
 ) -> Result<Vec<FaultKind>, Diagnostic> {
-    let format = |robot: usize| scene.robots[robot].message_format;
-    let names = |liars: &[(usize, Option<usize>)]| {
+    let format = |robot: usize| context.robots[robot].message_format;
+    let names = |senders: &[(usize, Option<usize>)]| {
         let mut names: Vec<&str> =
-            liars.iter().map(|(robot, _)| scene.robots[*robot].name.as_str()).collect();
+            senders.iter().map(|(robot, _)| context.robots[*robot].name.as_str()).collect();
         names.dedup();
         names.join(", ")
     };
-    if !lie.message.is_none() && liars.iter().all(|(robot, _)| format(*robot).is_none()) {
+    if !lie.message.is_none() && senders.iter().all(|(robot, _)| format(*robot).is_none()) {
         return Err(table.error_at_table(
-            format!("the lie changes messages, but the law of {} sends none", names(&liars)),
+            format!("the lie changes messages, but the law of {} sends none", names(&senders)),
             "expected a robot whose law has `message` or `message_bytes_max`, or a lie without a key `message_...`",
         ));
     }
     let is_in_beacons = Lie { message: MessageLie::default(), ..lie } != Lie::default();
-    liars.retain(|(robot, _)| is_in_beacons || format(*robot).is_some());
+    senders.retain(|(robot, _)| is_in_beacons || format(*robot).is_some());
     let without_numbers =
-        |liar: &&(usize, Option<usize>)| format(liar.0).is_some_and(|f| f.is_bytes());
-    if let (true, Some(liar)) = (lie.message.changes_numbers(), liars.iter().find(without_numbers))
+        |sender: &&(usize, Option<usize>)| format(sender.0).is_some_and(|f| f.is_bytes());
+    if let (true, Some(sender)) =
+        (lie.message.changes_numbers(), senders.iter().find(without_numbers))
     {
         return Err(table.error_at_table(
             format!(
                 "the lie changes numbers, but {} sends bytes without a structure",
-                names(&[*liar])
+                names(&[*sender])
             ),
             "expected `message_bit_flips` alone, or a law with `message = { NAME = SHAPE }`",
         ));
     }
-    Ok(liars
+    Ok(senders
         .into_iter()
-        .map(|(robot, hearer)| FaultKind::Lie { robot, receiver: hearer, lie })
+        .map(|(robot, receiver)| FaultKind::Lie { robot, receiver, lie })
         .collect())
 }
 
@@ -348,14 +363,15 @@ fn parse_link_fault(
     kind: &str,
     table: &TableReader<'_, keys::Fault>,
 ) -> Result<LinkFaultKind, Diagnostic> {
-    let share = || parse_probability(&table.required_value(keys::Fault::probability)?);
+    let probability = || parse_probability(&table.required_value(keys::Fault::probability)?);
     Ok(match kind {
         "cut" => LinkFaultKind::Cut,
-        "loss" => {
-            LinkFaultKind::Loss { probability: share()?, burst: table.integer(keys::Fault::burst)? }
-        }
+        "loss" => LinkFaultKind::Loss {
+            probability: probability()?,
+            burst: table.integer(keys::Fault::burst)?,
+        },
         "bursts" => LinkFaultKind::Bursts {
-            probability: share()?,
+            probability: probability()?,
             mean_burst_ns: table.time_ns(keys::Fault::mean_burst_s)?,
         },
         "fading" => LinkFaultKind::Fading {
@@ -370,14 +386,14 @@ fn parse_link_fault(
     })
 }
 
-/// Returns the kind and the other keys of the fault of a link or a stream: the inverse of [`link_fault`].
+/// Returns the kind and the other keys of the fault of a link or a stream: the inverse of [`parse_link_fault`].
 fn link_fault_entries(kind: &LinkFaultKind) -> (&'static str, Vec<(&'static str, Item)>) {
     match *kind {
         LinkFaultKind::Cut => ("cut", Vec::new()),
         LinkFaultKind::Loss { probability, burst } => {
             let burst = (burst != 1).then(|| ("burst", value(burst as i64)));
-            let share = ("probability", value(probability));
-            ("loss", [share].into_iter().chain(burst).collect())
+            let probability_entry = ("probability", value(probability));
+            ("loss", [probability_entry].into_iter().chain(burst).collect())
         }
         LinkFaultKind::Bursts { probability, mean_burst_ns } => {
             let mean = ("mean_burst_s", value(ns_to_seconds(mean_burst_ns)));
@@ -423,13 +439,14 @@ fn sensor_keyword(sensor: Sensor) -> &'static str {
     }
 }
 
-/// Returns the kind and the other keys of the fault of a sensor: the inverse of [`sensor_fault`].
+/// Returns the kind and the other keys of the fault of a sensor: the inverse of [`parse_sensor_fault`].
 fn sensor_fault_entries(kind: SensorFaultKind) -> (&'static str, Vec<(&'static str, Item)>) {
     match kind {
         SensorFaultKind::Blackout => ("blackout", Vec::new()),
         SensorFaultKind::Noise { bound_m, heading_bound_rad } => {
-            let turned = heading_bound_rad != 0.0;
-            let heading = turned.then(|| ("heading_bound_rad", value(heading_bound_rad)));
+            let has_heading_error = heading_bound_rad != 0.0;
+            let heading =
+                has_heading_error.then(|| ("heading_bound_rad", value(heading_bound_rad)));
             ("noise", [("bound_m", value(bound_m))].into_iter().chain(heading).collect())
         }
     }
@@ -479,36 +496,42 @@ fn parse_wheel_fault(table: &TableReader<'_, keys::Fault>) -> Result<WheelFaultK
 /// Returns the indices of the edges that `from` and `to` name.
 fn parse_edges(
     table: &TableReader<'_, keys::Fault>,
-    scene: &FaultContext<'_>,
+    context: &FaultContext<'_>,
 ) -> Result<Vec<usize>, Diagnostic> {
     let (from, to) =
         (table.required_value(keys::Fault::from)?, table.required_value(keys::Fault::to)?);
     let named = |value: &TypedValue<'_, kinds::Text>| match value.text("expected a name")? {
         EVERY_ROBOT => Ok(None),
-        _ => parse_robot_index(value, scene.robots).map(Some),
+        _ => parse_robot_index(value, context.robots).map(Some),
     };
-    let [speaker, hearer] = [named(&from)?, named(&to)?];
-    let (Some(speaker), Some(hearer)) = (speaker, hearer) else {
-        let of = |robot: Option<usize>, end: usize| robot.is_none_or(|robot| robot == end);
-        let edges = scene.graph.edges().iter().enumerate();
-        let meant = edges.filter(|(_, edge)| of(speaker, edge.from) && of(hearer, edge.to));
-        let meant: Vec<usize> = meant.map(|(place, _)| place).collect();
-        return match meant.is_empty() {
-            false => Ok(meant),
+    let [sender, receiver] = [named(&from)?, named(&to)?];
+    let (Some(sender), Some(receiver)) = (sender, receiver) else {
+        let matches = |expected: Option<usize>, robot: usize| {
+            expected.is_none_or(|expected| expected == robot)
+        };
+        let edges = context.graph.edges().iter().enumerate();
+        let matching =
+            edges.filter(|(_, edge)| matches(sender, edge.from) && matches(receiver, edge.to));
+        let matching: Vec<usize> = matching.map(|(index, _)| index).collect();
+        return match matching.is_empty() {
+            false => Ok(matching),
             true => Err(to.error_about_key("names no link", "expected one that exists")),
         };
     };
-    let ends = [speaker, hearer];
-    let found = scene.graph.edges().iter().position(|edge| [edge.from, edge.to] == ends);
-    found.map(|place| vec![place]).ok_or_else(|| {
-        let [speaker, hearer] = ends.map(|end| scene.robots[end].name.as_str());
-        let heard = scene.graph.incoming_edges(ends[1]);
-        let heard: Vec<&str> = heard.map(|edge| scene.robots[edge.from].name.as_str()).collect();
-        let expected = match heard[..] {
-            [] => format!("expected a link that exists: {hearer} hears no robot"),
-            _ => format!("expected a link that exists: {hearer} hears {}", heard.join(", ")),
+    let endpoints = [sender, receiver];
+    let found = context.graph.edges().iter().position(|edge| [edge.from, edge.to] == endpoints);
+    found.map(|index| vec![index]).ok_or_else(|| {
+        let [sender, receiver] = endpoints.map(|robot| context.robots[robot].name.as_str());
+        let in_neighbors = context.graph.incoming_edges(endpoints[1]);
+        let in_neighbors: Vec<&str> =
+            in_neighbors.map(|edge| context.robots[edge.from].name.as_str()).collect();
+        let expected = match in_neighbors[..] {
+            [] => format!("expected a link that exists: {receiver} hears no robot"),
+            _ => {
+                format!("expected a link that exists: {receiver} hears {}", in_neighbors.join(", "))
+            }
         };
-        to.error_about_key(format!("is \"{hearer}\", which does not hear {speaker}"), expected)
+        to.error_about_key(format!("is \"{receiver}\", which does not hear {sender}"), expected)
     })
 }
 
@@ -583,7 +606,7 @@ mod tests {
         }]),
     };
 
-    /// Faults of all kinds in [`row_of_three`], in which r2 hears r1, and r3 hears r2.
+    /// Faults of all kinds in [`row_of_three`], in which r2 receives from r1, and r3 from r2.
     fn any_fault_kind() -> impl Strategy<Value = FaultKind> {
         let robot = || 0..3usize;
         let stream = prop_oneof![Just(RobotStream::Odometry), Just(RobotStream::Commands)];
@@ -614,10 +637,8 @@ mod tests {
                 .prop_map(|(edge, kind)| FaultKind::Link { edge, kind }),
             (robot(), stream, any_message_fault_kind())
                 .prop_map(|(robot, stream, kind)| FaultKind::Stream { robot, stream, kind }),
-            (0..2usize, any::<bool>(), any_lie()).prop_map(|(robot, one, lie)| FaultKind::Lie {
-                robot,
-                receiver: one.then_some(robot + 1),
-                lie
+            (0..2usize, any::<bool>(), any_lie()).prop_map(|(robot, has_receiver, lie)| {
+                FaultKind::Lie { robot, receiver: has_receiver.then_some(robot + 1), lie }
             }),
             (robot(), sensor_kind).prop_map(|(robot, (sensor, kind))| FaultKind::Sensor {
                 robot,
@@ -636,14 +657,14 @@ mod tests {
         fn printed_faults_of_all_kinds_parse_to_the_same(
             kind in any_fault_kind(),
             start_ns in 0..FAULT_TIME_NS_MAX,
-            lasts_ns in prop::option::of(any_time_ns()),
+            duration_ns in prop::option::of(any_time_ns()),
         ) {
             let mut scenario = row_of_three();
             scenario.robots.iter_mut().for_each(|robot| robot.message_format = Some(&POINT_MESSAGE_FORMAT));
-            let lasts = !matches!(kind, FaultKind::Kill { .. } | FaultKind::KillPlant);
-            let planned = Fault { start_ns, duration_ns: lasts_ns.filter(|_| lasts), kind };
-            let words = planned.format_argument(&scenario);
-            let parsed = fault::parse(&words).unwrap_or_else(|error| panic!("{words}: {error}"));
+            let has_duration = !matches!(kind, FaultKind::Kill { .. } | FaultKind::KillPlant);
+            let planned = Fault { start_ns, duration_ns: duration_ns.filter(|_| has_duration), kind };
+            let argument = planned.format_argument(&scenario);
+            let parsed = fault::parse(&argument).unwrap_or_else(|error| panic!("{argument}: {error}"));
             let text = format!("[[fault]]\n{parsed}");
             let format = FileFormat::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
             let document = Document::new(SourceText::new(Path::new("t.toml"), &text, false), &format);
@@ -651,9 +672,9 @@ mod tests {
             let root: TableReader<'_, keys::Root> = TableReader::root(&document, entries.get_ref(), "the scenario");
             let table = &root.tables(keys::Root::fault).unwrap()[0];
             let (robots, graph) = (&scenario.robots[..], &scenario.graph);
-            let scene = FaultContext { robots, graph, duration_ns: FAULT_TIME_NS_MAX, seed: 1 };
-            let read = super::parse_fault(table, &table.required_value(keys::Fault::at_s).unwrap(), &scene);
-            prop_assert_eq!(read.unwrap(), [planned], "{}", words);
+            let context = FaultContext { robots, graph, duration_ns: FAULT_TIME_NS_MAX, seed: 1 };
+            let read = super::parse_fault(table, &table.required_value(keys::Fault::at_s).unwrap(), &context);
+            prop_assert_eq!(read.unwrap(), [planned], "{}", argument);
         }
     }
 }

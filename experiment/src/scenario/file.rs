@@ -8,7 +8,7 @@ use protocol::regular_file::{self, SymlinkPolicy};
 
 use super::diagnostic::Diagnostic;
 
-/// Maximum file size, bytes. Sufficient for 256 robots that all hear each other, and for 1,024 that hear 100 others
+/// Maximum file size, bytes. Sufficient for 256 robots with edges between all, and for 1,024 with 100 in-neighbors
 /// each.
 pub const FILE_BYTES_MAX: u64 = 8 << 20;
 
@@ -66,18 +66,18 @@ pub fn load_text(path: &Path, expected: &'static str) -> Result<String, FileErro
 
 /// Returns the bytes of a file. Fails in the same cases as [`load_text`], except for invalid UTF-8.
 pub fn load_bytes(path: &Path, expected: &'static str) -> Result<Vec<u8>, FileError> {
-    let trouble = |what: String| FileError { problem: what, remedy: expected };
-    let cannot = |error: std::io::Error| match error.kind() {
-        std::io::ErrorKind::NotFound => trouble("does not exist".into()),
-        std::io::ErrorKind::PermissionDenied => trouble("may not be read by this user".into()),
-        _ => trouble(format!("cannot be read: {error}")),
+    let file_error = |problem: String| FileError { problem, remedy: expected };
+    let cannot_read = |error: std::io::Error| match error.kind() {
+        std::io::ErrorKind::NotFound => file_error("does not exist".into()),
+        std::io::ErrorKind::PermissionDenied => file_error("may not be read by this user".into()),
+        _ => file_error(format!("cannot be read: {error}")),
     };
-    let metadata = std::fs::metadata(path).map_err(cannot)?;
+    let metadata = std::fs::metadata(path).map_err(cannot_read)?;
     if metadata.is_dir() {
-        return Err(trouble("is a directory".into()));
+        return Err(file_error("is a directory".into()));
     }
     if !metadata.is_file() {
-        return Err(trouble("is not a regular file".into()));
+        return Err(file_error("is not a regular file".into()));
     }
     let too_large = |bytes: u64| FileError {
         problem: format!("has {bytes} bytes"),
@@ -87,5 +87,5 @@ pub fn load_bytes(path: &Path, expected: &'static str) -> Result<Vec<u8>, FileEr
         return Err(too_large(metadata.len()));
     }
     // The file may have grown in the meantime.
-    regular_file::read(path, SymlinkPolicy::Followed, FILE_BYTES_MAX).map_err(cannot)
+    regular_file::read(path, SymlinkPolicy::Followed, FILE_BYTES_MAX).map_err(cannot_read)
 }

@@ -194,8 +194,8 @@ impl KeySpec {
     }
 
     /// Sets the text of the accepted range, for a key with more checks than the range of its type.
-    pub fn with_bounds(self, bounds: &'static str) -> KeySpec {
-        KeySpec { range_text: bounds, ..self }
+    pub fn with_bounds(self, range_text: &'static str) -> KeySpec {
+        KeySpec { range_text, ..self }
     }
 
     /// Sets the former names of the key, which are accepted with a warning.
@@ -204,8 +204,8 @@ impl KeySpec {
     }
 
     /// Sets the words that users write for this key, in lower case, without unit, separated by spaces.
-    pub fn with_synonyms(self, guesses: &'static str) -> KeySpec {
-        KeySpec { synonyms: guesses, ..self }
+    pub fn with_synonyms(self, synonyms: &'static str) -> KeySpec {
+        KeySpec { synonyms, ..self }
     }
 
     /// Returns the name of the key and its former names.
@@ -231,7 +231,7 @@ impl KeySpec {
         }
     }
 
-    /// Returns whether a user probably means this key by `word`: it is the name without unit, or one of the `guesses`.
+    /// Returns whether a user probably means this key by `word`: it is the name without unit, or one of the `synonyms`.
     pub(crate) fn is_meant_by(&self, word: &str) -> bool {
         let guess = normalize_word(word);
         normalize_word(self.name) == guess || self.synonyms.split(' ').any(|known| known == guess)
@@ -256,14 +256,15 @@ impl Section {
     }
 
     /// Adds the keys of earlier versions that have no successor.
-    pub(crate) fn with_withdrawn_keys(self, withdrawn: &'static [WithdrawnKeys]) -> Section {
-        Section { withdrawn_keys: withdrawn, ..self }
+    pub(crate) fn with_withdrawn_keys(self, withdrawn_keys: &'static [WithdrawnKeys]) -> Section {
+        Section { withdrawn_keys, ..self }
     }
 
     /// Returns the remedy for the withdrawn key `word`, or `None` if it was never a key.
     pub(crate) fn withdrawn_key_remedy(&self, word: &str) -> Option<&'static str> {
-        let lost = self.withdrawn_keys.iter().find(|lost| lost.names.contains(&word));
-        lost.map(|lost| lost.remedy)
+        let withdrawn =
+            self.withdrawn_keys.iter().find(|withdrawn| withdrawn.names.contains(&word));
+        withdrawn.map(|withdrawn| withdrawn.remedy)
     }
 
     /// Returns the row of the key `name`, or `None` if the section has none.
@@ -273,22 +274,27 @@ impl Section {
 
     /// Returns the values of the key `kind`, without repetitions.
     pub fn kind_names(&self) -> Vec<&'static str> {
-        let mut words: Vec<&str> = self.kinds.iter().map(|kind| kind.name).collect();
-        words.dedup();
-        words
+        let mut names: Vec<&str> = self.kinds.iter().map(|kind| kind.name).collect();
+        names.dedup();
+        names
     }
 }
 
 impl KindSpec {
-    /// Creates a kind. `needs` and `may` are lists of keys, separated by spaces.
+    /// Creates a kind. `required_keys` and `optional_keys` are lists of keys, separated by spaces.
     pub(crate) fn new(
-        word: &'static str,
+        name: &'static str,
         description: &'static str,
-        needs: &'static str,
-        may: &'static str,
+        required_keys: &'static str,
+        optional_keys: &'static str,
     ) -> KindSpec {
-        let list = |keys: &'static str| keys.split_whitespace().collect();
-        KindSpec { name: word, description, required_keys: list(needs), optional_keys: list(may) }
+        let split_keys = |keys: &'static str| keys.split_whitespace().collect();
+        KindSpec {
+            name,
+            description,
+            required_keys: split_keys(required_keys),
+            optional_keys: split_keys(optional_keys),
+        }
     }
 
     /// Returns whether the kind requires or allows `key`.
@@ -325,25 +331,28 @@ impl FileFormat {
             section.keys.iter().find(|key| key.is_meant_by(word)).map(|key| key.name)
         };
         let tables = ["avoidance", "realtime", "silence", "expect"];
-        let within = |table: &&str| Some(format!("{table}.{}", key(self.section(table))?));
-        key(self.root()).map(str::to_owned).or_else(|| tables.iter().find_map(within))
+        let key_in_table = |table: &&str| Some(format!("{table}.{}", key(self.section(table))?));
+        key(self.root()).map(str::to_owned).or_else(|| tables.iter().find_map(key_in_table))
     }
 
     /// Returns the remedy for the unknown key `word`: the most similar key, or the list of allowed keys. `rows` are the
-    /// allowed keys of the section. If `elsewhere` is set, keys of other sections are suggested, too.
+    /// allowed keys of the section. If `suggests_other_tables` is set, keys of other sections are suggested, too.
     pub(crate) fn unknown_key_remedy(
         &self,
         section: &Section,
         rows: &[&KeySpec],
         word: &str,
-        elsewhere: bool,
+        suggests_other_tables: bool,
     ) -> String {
         let names = || rows.iter().map(|key| key.name);
         let guessed = rows.iter().find(|key| key.is_meant_by(word)).map(|key| key.name);
         if let Some(close) = guessed.or_else(|| most_similar_word(word, names())) {
             return format!("did you mean `{close}`?");
         }
-        let others = self.sections.iter().filter(|other| elsewhere && other.name != section.name);
+        let others = self
+            .sections
+            .iter()
+            .filter(|other| suggests_other_tables && other.name != section.name);
         let mut keys = others.flat_map(|other| other.keys.iter().map(move |key| (other, key)));
         match keys.find(|(_, key)| key.is_meant_by(word)) {
             Some((other, key)) if std::ptr::eq(other, self.root()) => {
@@ -370,7 +379,7 @@ const UNIT_SUFFIXES: &[(&str, &str)] = &[
     ("_s", "s"),
 ];
 
-/// Returns `word` as in `guesses`: in lower case, without unit.
+/// Returns `word` as in `synonyms`: in lower case, without unit.
 fn normalize_word(word: &str) -> String {
     let word = word.to_lowercase().replace('-', "_");
     let suffix = UNIT_SUFFIXES.iter().find_map(|(suffix, _)| word.strip_suffix(suffix));

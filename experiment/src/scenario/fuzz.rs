@@ -50,10 +50,13 @@ fn mutate_text(original: &str, seed: u64) -> String {
     };
     let mut text: Vec<char> = original.chars().collect();
     for _ in 0..1 + below(4) {
-        let at = below(text.len() + 1);
-        let cut = below(6).min(text.len() - at);
+        let position = below(text.len() + 1);
+        let removed = below(6).min(text.len() - position);
         let piece = if below(3) == 0 { "" } else { pieces[below(pieces.len())] };
-        text.splice(at..at + cut, piece.replace('_', " ").replace('~', "\n").chars());
+        text.splice(
+            position..position + removed,
+            piece.replace('_', " ").replace('~', "\n").chars(),
+        );
     }
     text.into_iter().collect()
 }
@@ -79,14 +82,14 @@ fn fuzzed_scenario_never_panics_and_diagnostics_are_printable() {
         read_repository_file("scenarios/triangle-kill.toml"),
         TRIANGLE_WITH_HEADED_TABLES.to_owned(),
     ];
-    let set = vec!["robot.r1.pose.x_m=0.1".to_owned()];
+    let assignments = vec!["robot.r1.pose.x_m=0.1".to_owned()];
     let overrides = [
         Overrides::default(),
-        Overrides { assignments: set, seed: Some(3), ..Overrides::default() },
+        Overrides { assignments, seed: Some(3), ..Overrides::default() },
         Overrides { faults: vec!["kill r3 @1".into()], ..Overrides::default() },
     ];
     let path = Path::new("test.toml");
-    let read = (0..texts).filter(|&seed| {
+    let accepted = (0..texts).filter(|&seed| {
         let original = if seed % 10 == 0 { "" } else { originals[(seed % 2) as usize].as_str() };
         let text = mutate_text(original, seed);
         let overrides = &overrides[(seed % 3) as usize];
@@ -101,22 +104,22 @@ fn fuzzed_scenario_never_panics_and_diagnostics_are_printable() {
         assert_eq!(again, scenario, "seed {seed}");
         true
     });
-    let read = read.count() as u64;
-    assert!(read > texts / 30 && read < texts, "{read} of {texts} were read");
+    let accepted = accepted.count() as u64;
+    assert!(accepted > texts / 30 && accepted < texts, "{accepted} of {texts} were read");
 }
 
 #[test]
 fn no_fault_on_the_command_line_makes_the_reader_panic() {
     let specs = 4000 * repetition_factor();
     let triangle = triangle_text();
-    let read = (0..specs).filter(|&seed| {
+    let accepted = (0..specs).filter(|&seed| {
         let spec =
             mutate_text(FAULT_ARGUMENTS[(seed % FAULT_ARGUMENTS.len() as u64) as usize], seed);
         let overrides = Overrides { faults: vec![spec], ..Overrides::default() };
         is_accepted(Path::new("test.toml"), &triangle, &overrides)
     });
-    let read = read.count() as u64;
-    assert!(read > specs / 1000 && read < specs, "{read} of {specs} were read");
+    let accepted = accepted.count() as u64;
+    assert!(accepted > specs / 1000 && accepted < specs, "{accepted} of {specs} were read");
 }
 
 /// Mutations of valid graphs, in scenarios that are sometimes mutated, too, or have no robots or edges. The effective
@@ -144,28 +147,28 @@ fn fuzzed_graph_never_panics_and_round_trips() {
     ];
     let folder = tempfile::tempdir_in("/dev/shm").unwrap();
     let path = folder.path().join("test.toml");
-    let mut read = 0;
+    let mut accepted = 0;
     for seed in 0..texts {
-        let which = (seed % 6) as usize;
+        let index = (seed % 6) as usize;
         let graph = match draw_unit_by_number(seed, 100) < 0.3 {
-            true => originals[which].clone(),
-            false => mutate_text(&originals[which], seed),
+            true => originals[index].clone(),
+            false => mutate_text(&originals[index], seed),
         };
-        std::fs::write(folder.path().join(graphs[which]), graph).unwrap();
+        std::fs::write(folder.path().join(graphs[index]), graph).unwrap();
         let head = heads[(draw_unit_by_number(seed, 101) * 4.0) as usize];
-        let text = format!("graph = \"{}\" # g\n{head}", graphs[which]);
+        let text = format!("graph = \"{}\" # g\n{head}", graphs[index]);
         let text =
             if draw_unit_by_number(seed, 102) < 0.3 { mutate_text(&text, !seed) } else { text };
         let overrides = Overrides { seed: (seed % 5 == 0).then_some(7), ..Overrides::default() };
         if is_accepted(&path, &text, &overrides) {
-            read += 1;
+            accepted += 1;
             let (scenario, effective, _) =
                 read_text(&path, &text, &overrides, &test_catalog()).unwrap();
-            let elsewhere = Path::new("/nowhere/test.toml");
-            let again = read_text(elsewhere, &effective, &Overrides::default(), &test_catalog());
-            let (again, same, _) = again.unwrap();
-            assert_eq!((again, same), (scenario, effective), "seed {seed}");
+            let other_path = Path::new("/nowhere/test.toml");
+            let again = read_text(other_path, &effective, &Overrides::default(), &test_catalog());
+            let (again, same_text, _) = again.unwrap();
+            assert_eq!((again, same_text), (scenario, effective), "seed {seed}");
         }
     }
-    assert!(read > texts / 30 && read < texts, "{read} of {texts} were read");
+    assert!(accepted > texts / 30 && accepted < texts, "{accepted} of {texts} were read");
 }

@@ -20,10 +20,10 @@ const DISK_ROBOTS_MAX: usize = 64;
 /// Default of `hysteresis_m`, as a fraction of the radius.
 const HYSTERESIS_FRACTION_DEFAULT: f64 = 0.05;
 
-/// Communication by distance: some edges of the graph exist only while their ends are near each other.
+/// Communication by distance: some edges of the graph exist only while their robots are near each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiskGraph {
-    /// Distances at which these edges come and go.
+    /// Distances at which these edges appear and disappear.
     pub range: RangeBrief,
     /// Index of the first of these edges; all edges after it are by distance too.
     pub first_edge_index: usize,
@@ -37,30 +37,29 @@ type EdgeParams = BTreeMap<[usize; 2], toml::Table>;
 pub(super) fn parse_graph(
     root: &TableReader<'_, keys::Root>,
     robots: &[Robot],
-    ties: &[NeighborKeys<'_>],
+    neighbor_keys: &[NeighborKeys<'_>],
 ) -> Result<(FormationGraph, Option<DiskGraph>, EdgeParams), Diagnostic> {
     let mut params = EdgeParams::new();
-    let into_leaders = root.boolean(keys::Root::drop_edges_to_leaders)?;
-    let (list, seen) = (Vec::new(), BTreeMap::new());
-    let mut edges = GraphBuilder {
+    let drops_edges_into_leaders = root.boolean(keys::Root::drop_edges_to_leaders)?;
+    let mut builder = GraphBuilder {
         robots,
-        neighbor_keys: ties,
-        drops_edges_into_leaders: into_leaders,
-        edges: list,
-        locations: seen,
+        neighbor_keys,
+        drops_edges_into_leaders,
+        edges: Vec::new(),
+        locations: BTreeMap::new(),
     };
     for table in root.tables(keys::Root::edge)? {
         table.check_keys()?;
-        table.record_location(&format!("edge.{}", edges.edges.len()));
+        table.record_location(&format!("edge.{}", builder.edges.len()));
         let from = table.required_value(keys::Edge::from)?;
         let to = table.required_value(keys::Edge::to)?;
-        let ends = [parse_robot_index(&from, robots)?, parse_robot_index(&to, robots)?];
-        let whole = |message, expected| table.error_at_table(message, expected);
-        edges.add_edge(ends, &to, &whole, table.get(keys::Edge::offset_m))?;
-        if let Some(given) = table.get(keys::Edge::params) {
-            let to = &robots[ends[1]];
+        let endpoints = [parse_robot_index(&from, robots)?, parse_robot_index(&to, robots)?];
+        let error_at_edge = |message, expected| table.error_at_table(message, expected);
+        builder.add_edge(endpoints, &to, &error_at_edge, table.get(keys::Edge::offset_m))?;
+        if let Some(edge_params) = table.get(keys::Edge::params) {
+            let to = &robots[endpoints[1]];
             if !to.takes_params {
-                return Err(given.error_about_key(
+                return Err(edge_params.error_about_key(
                     format!(
                         "is given, but the law \"{}\" of {} takes no parameters",
                         to.law, to.name
@@ -68,24 +67,24 @@ pub(super) fn parse_graph(
                     "expected no such key, or a law that is a program: `[laws.NAME]`",
                 ));
             }
-            params.insert(ends, given.any_table()?);
+            params.insert(endpoints, edge_params.any_table()?);
         }
     }
-    for (hearer, tie) in ties.iter().enumerate() {
-        let Some(hears) = &tie.hears else { continue };
+    for (receiver, robot_keys) in neighbor_keys.iter().enumerate() {
+        let Some(senders) = &robot_keys.hears else { continue };
         let expected = "expected a list of names of robots: [\"r2\", \"r3\"]";
-        for heard in hears.elements(expected)? {
-            heard.record_location(&format!("edge.{}", edges.edges.len()));
-            let ends = [parse_robot_index(&heard, robots)?, hearer];
-            edges.add_edge(
-                ends,
-                &heard,
-                &|message, expected| heard.error_at_value(message, expected),
+        for sender in senders.elements(expected)? {
+            sender.record_location(&format!("edge.{}", builder.edges.len()));
+            let endpoints = [parse_robot_index(&sender, robots)?, receiver];
+            builder.add_edge(
+                endpoints,
+                &sender,
+                &|message, expected| sender.error_at_value(message, expected),
                 None,
             )?;
         }
     }
-    let mut edges = edges.edges;
+    let mut edges = builder.edges;
     let disk =
         root.get(keys::Root::graph).map(|graph| parse_disk_graph(&graph, robots, &mut edges));
     Ok((FormationGraph::new(robots.len(), edges), disk.transpose()?, params))
@@ -119,13 +118,14 @@ fn parse_disk_graph(
              list them",
         ));
     }
-    let first_edge = edges.len();
-    let given: BTreeSet<[usize; 2]> = edges.iter().map(|edge| [edge.from, edge.to]).collect();
+    let first_edge_index = edges.len();
+    let existing: BTreeSet<[usize; 2]> = edges.iter().map(|edge| [edge.from, edge.to]).collect();
     for to in receivers {
-        let others = (0..robots.len()).filter(|&from| from != to && !given.contains(&[from, to]));
+        let others =
+            (0..robots.len()).filter(|&from| from != to && !existing.contains(&[from, to]));
         edges.extend(others.map(|from| Edge { from, to, offset_m: Vec2::zeros() }));
     }
-    Ok(DiskGraph { range: RangeBrief { radius_m, hysteresis_m }, first_edge_index: first_edge })
+    Ok(DiskGraph { range: RangeBrief { radius_m, hysteresis_m }, first_edge_index })
 }
 
 /// Graph under construction.
@@ -140,17 +140,17 @@ struct GraphBuilder<'a, 't> {
 }
 
 impl GraphBuilder<'_, '_> {
-    /// Adds an edge. An error points at the receiver, or at the `whole` edge.
+    /// Adds an edge. An error points at `receiver`; `error_at_edge` points at the whole edge.
     fn add_edge<T>(
         &mut self,
-        ends: [usize; 2],
-        hearer: &TypedValue<'_, T>,
-        whole: &dyn Fn(String, String) -> Diagnostic,
+        endpoints: [usize; 2],
+        receiver: &TypedValue<'_, T>,
+        error_at_edge: &dyn Fn(String, String) -> Diagnostic,
         offset: Option<TypedValue<'_, kinds::Pair>>,
     ) -> Result<(), Diagnostic> {
-        let [from, to] = ends.map(|end| &self.robots[end]);
-        if ends[0] == ends[1] {
-            return Err(hearer.error_at_value(
+        let [from, to] = endpoints.map(|robot| &self.robots[robot]);
+        if endpoints[0] == endpoints[1] {
+            return Err(receiver.error_at_value(
                 format!("an edge leads from {} to itself", to.name),
                 "expected another robot",
             ));
@@ -158,9 +158,9 @@ impl GraphBuilder<'_, '_> {
         if to.role.reference == Reference::Trajectory && self.drops_edges_into_leaders {
             return Ok(());
         }
-        if let Some(first) = self.locations.insert(ends, hearer.span()) {
-            let first = hearer.location(&first);
-            return Err(hearer.error_at_value(
+        if let Some(first) = self.locations.insert(endpoints, receiver.span()) {
+            let first = receiver.location(&first);
+            return Err(receiver.error_at_value(
                 format!(
                     "the edge from {} to {} is given twice, first at {first}",
                     from.name, to.name
@@ -170,50 +170,52 @@ impl GraphBuilder<'_, '_> {
         }
         let [x, y] = match (to.role.reference, offset) {
             (Reference::Trajectory, _) => {
-                return Err(hearer.error_at_value(
+                return Err(receiver.error_at_value(
                     format!("an edge makes the leader {} hear {}", to.name, from.name),
                     "expected no edge into the leader: it follows its trajectory and hears no robot; \
                      `drop_edges_to_leaders = true` drops such edges, as an undirected `graph` has them",
                 ));
             }
             (Reference::Offsets, Some(offset)) => offset.pair()?,
-            (Reference::Offsets, None) => self.offset_between_slots(ends, whole)?,
+            (Reference::Offsets, None) => self.offset_between_slots(endpoints, error_at_edge)?,
             (Reference::LawTarget, Some(offset)) => offset.pair()?,
-            (Reference::LawTarget, None) => match ends.map(|end| self.neighbor_keys[end].place_m) {
-                [Some(from), Some(to)] => [to[0] - from[0], to[1] - from[1]],
-                _ => [0.0, 0.0],
-            },
+            (Reference::LawTarget, None) => {
+                match endpoints.map(|robot| self.neighbor_keys[robot].place_m) {
+                    [Some(from), Some(to)] => [to[0] - from[0], to[1] - from[1]],
+                    _ => [0.0, 0.0],
+                }
+            }
             (Reference::NeighborMean | Reference::Goal, None) => [0.0, 0.0],
             (reference @ (Reference::NeighborMean | Reference::Goal), Some(offset)) => {
-                let does = match reference {
+                let reason = match reference {
                     Reference::Goal => "goes to a goal",
                     _ => "is contained",
                 };
                 return Err(offset.error_about_key(
-                    format!("is given, but {} {does}: its law uses no offsets", to.name),
+                    format!("is given, but {} {reason}: its law uses no offsets", to.name),
                     "expected no `offset_m` here, or a formation law for that robot",
                 ));
             }
         };
-        self.edges.push(Edge { from: ends[0], to: ends[1], offset_m: Vec2::new(x, y) });
+        self.edges.push(Edge { from: endpoints[0], to: endpoints[1], offset_m: Vec2::new(x, y) });
         Ok(())
     }
 
     /// Returns the offset from one robot's slot to the other's.
     fn offset_between_slots(
         &self,
-        ends: [usize; 2],
-        whole: &dyn Fn(String, String) -> Diagnostic,
+        endpoints: [usize; 2],
+        error_at_edge: &dyn Fn(String, String) -> Diagnostic,
     ) -> Result<[f64; 2], Diagnostic> {
-        let [from, to] = ends.map(|end| &self.robots[end].name);
-        let without = match ends.map(|end| self.neighbor_keys[end].place_m) {
+        let [from, to] = endpoints.map(|robot| &self.robots[robot].name);
+        let missing = match endpoints.map(|robot| self.neighbor_keys[robot].place_m) {
             [Some(from), Some(to)] => return Ok([to[0] - from[0], to[1] - from[1]]),
             [None, None] => "neither robot has a".to_owned(),
             [None, Some(_)] => format!("{from} has no"),
             [Some(_), None] => format!("{to} has no"),
         };
-        Err(whole(
-            format!("the edge from {from} to {to} has no `offset_m`, and {without} `place_m`"),
+        Err(error_at_edge(
+            format!("the edge from {from} to {to} has no `offset_m`, and {missing} `place_m`"),
             format!(
                 "expected `place_m` = [x, y] in both robots, their slots in the formation; or an edge \
                  with `offset_m` = [x, y], the desired position of {to} relative to {from}"

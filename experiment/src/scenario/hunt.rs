@@ -36,7 +36,7 @@ pub(super) fn parse_hunt(
     let kinds = parse_words(&table, Hunt::kinds, &|word| {
         FAULT_KINDS.iter().find(|known| **known == word).copied()
     })?;
-    let named = match table.get(Hunt::robots) {
+    let robot_indices = match table.get(Hunt::robots) {
         None => (0..robots.len()).collect(),
         Some(list) => {
             let names = list.elements("expected a list of names of robots")?;
@@ -70,11 +70,11 @@ pub(super) fn parse_hunt(
     }
     let box_m = parse_positive_pair(&table, Hunt::box_m, [4.0 * d_m; 2])?;
     let gain_factors = parse_positive_pair(&table, Hunt::gain_factors, [0.5, 2.0])?;
-    if let ([least, most], Some(key)) = (gain_factors, table.get(Hunt::gain_factors))
-        && least >= most
+    if let ([factor_min, factor_max], Some(key)) = (gain_factors, table.get(Hunt::gain_factors))
+        && factor_min >= factor_max
     {
         let expected = "expected the smaller factor first, such as [0.5, 2.0]";
-        return Err(key.error_about_key(format!("is [{least}, {most}]"), expected));
+        return Err(key.error_about_key(format!("is [{factor_min}, {factor_max}]"), expected));
     }
     Ok(HuntBounds {
         varied_parts: vary
@@ -83,7 +83,7 @@ pub(super) fn parse_hunt(
         // Few control laws tolerate Byzantine robots.
         fault_kinds: kinds
             .unwrap_or_else(|| FAULT_KINDS.iter().copied().filter(|kind| *kind != "lie").collect()),
-        robots: named,
+        robots: robot_indices,
         earliest_fault_start_ns: from_ns,
         latest_fault_end_ns: until_ns,
         start_box_m: box_m,
@@ -111,7 +111,7 @@ fn parse_words<T>(
     let expected = format!("expected one or more of {}", known.join(", "));
     let words = list.elements(&expected)?;
     check_not_empty(&list, &words)?;
-    let meant_by = |word: &TypedValue<'_, kinds::Texts>| {
+    let parse_word = |word: &TypedValue<'_, kinds::Texts>| {
         let text = word.text(&expected)?;
         meaning(text).ok_or_else(|| {
             let close = most_similar_word(text, known.iter().copied());
@@ -122,7 +122,7 @@ fn parse_words<T>(
             )
         })
     };
-    words.iter().map(meant_by).collect::<Result<_, _>>().map(Some)
+    words.iter().map(parse_word).collect::<Result<_, _>>().map(Some)
 }
 
 fn check_not_empty<T>(
@@ -138,13 +138,13 @@ fn check_not_empty<T>(
     }
 }
 
-/// Parses two numbers above 0. `otherwise` is the default.
+/// Parses two numbers above 0.
 fn parse_positive_pair(
     table: &TableReader<'_, Hunt>,
     key: TypedKey<Hunt, kinds::Pair>,
-    otherwise: [f64; 2],
+    default: [f64; 2],
 ) -> Result<[f64; 2], Diagnostic> {
-    let Some(value) = table.get(key) else { return Ok(otherwise) };
+    let Some(value) = table.get(key) else { return Ok(default) };
     match value.pair()? {
         pair if pair.iter().all(|number| *number > 0.0) => Ok(pair),
         [a, b] => {

@@ -95,7 +95,7 @@ fn parse_law_description(
     let gains = parse_gains(table, catalog, format)?;
     let ranges = gain_ranges(table, &gains)?;
     let params = table.get(keys::Law::params).map(|params| params.any_table()).transpose()?;
-    let bound = table
+    let correction_max = table
         .get(keys::Law::correction_max)
         .map(|key| parse_bounding_gain(&key, &gains, &ranges))
         .transpose()?;
@@ -106,7 +106,7 @@ fn parse_law_description(
         gain_keys: intern_list(gains),
         gain_ranges: intern_ranges(ranges),
         feed_forward: table.boolean(keys::Law::feed_forward)?,
-        correction_max: bound,
+        correction_max,
         params: Some(intern_params(params)),
         message_format: parse_message_format(table)?.map(intern_format),
         queued_messages_max: table.integer(keys::Law::message_queue)? as usize,
@@ -296,9 +296,11 @@ fn parse_bounding_gain(
     found.copied().ok_or_else(|| value.error_about_key(format!("is \"{key}\""), expected))
 }
 
-fn is_name(name: &str, may: impl Fn(char) -> bool) -> bool {
-    let first = |c: char| c.is_ascii_alphabetic() && may(c);
-    name.starts_with(first) && name.len() <= NAME_BYTES_MAX && name.chars().all(may)
+fn is_name(name: &str, is_allowed: impl Fn(char) -> bool) -> bool {
+    let is_first_allowed = |c: char| c.is_ascii_alphabetic() && is_allowed(c);
+    name.starts_with(is_first_allowed)
+        && name.len() <= NAME_BYTES_MAX
+        && name.chars().all(is_allowed)
 }
 
 /// Maximum length of the name of a law or gain, bytes.
@@ -335,13 +337,13 @@ fn intern_ranges(ranges: Vec<GainRange>) -> &'static [GainRange] {
     ranges
 }
 
-fn intern<T: PartialEq>(kept: &Mutex<Vec<&'static T>>, value: T) -> &'static T {
-    let mut kept = kept.lock().expect("no thread panics while it holds the lock");
-    if let Some(known) = kept.iter().find(|known| ***known == value) {
+fn intern<T: PartialEq>(interned: &Mutex<Vec<&'static T>>, value: T) -> &'static T {
+    let mut interned = interned.lock().expect("no thread panics while it holds the lock");
+    if let Some(known) = interned.iter().find(|known| ***known == value) {
         return known;
     }
     let value = Box::leak(Box::new(value));
-    kept.push(value);
+    interned.push(value);
     value
 }
 

@@ -64,8 +64,8 @@ fn parse_trajectory_table(
         }
         "lissajous" => {
             let cycles = table.required_value(keys::Trajectory::cycles)?;
-            let whole = cycles.pair()?.map(|n| n as u32);
-            if cycles.pair()? != whole.map(f64::from) || whole.contains(&0) {
+            let cycle_counts = cycles.pair()?.map(|n| n as u32);
+            if cycles.pair()? != cycle_counts.map(f64::from) || cycle_counts.contains(&0) {
                 return Err(
                     cycles.error_about_key("are no cycles", "expected two whole numbers above 0")
                 );
@@ -73,7 +73,7 @@ fn parse_trajectory_table(
             Trajectory::Lissajous {
                 center_m,
                 radii_m: table.required_value(keys::Trajectory::radii_m)?.pair()?,
-                cycles: whole,
+                cycles: cycle_counts,
                 phase_rad: table.number(keys::Trajectory::phase_rad)?,
                 period_s: period()?,
             }

@@ -214,10 +214,11 @@ pub(super) fn parse_metric_bounds(
                 format!("the metric `{name}` has no bound"),
                 format!("expected `metrics.{name}.min`, `metrics.{name}.max`, or both"),
             )),
-            (Some(least), Some(most)) if least > most => Err(table.error_at_table(
-                format!("`min` is {least}, above `max`, {most}"),
-                "expected `min` to be at most `max`",
-            )),
+            (Some(min_value), Some(max_value)) if min_value > max_value => Err(table
+                .error_at_table(
+                    format!("`min` is {min_value}, above `max`, {max_value}"),
+                    "expected `min` to be at most `max`",
+                )),
             _ => Ok(MetricBounds { metric: name.to_owned(), min, max }),
         }
     };

@@ -129,7 +129,7 @@ pub struct Scenario {
     pub edge_params: BTreeMap<[usize; 2], toml::Table>,
     /// Backup neighbors and backup leaders.
     pub repair_plan: RepairPlan,
-    /// Time for which an in-neighbor must be lost before a backup neighbor replaces it, and heard again before it is
+    /// Time for which an in-neighbor must be lost before a backup neighbor replaces it, and received again before it is
     /// restored, ns. `None`: no topology repair.
     pub repair_after_ns: Option<u64>,
     /// Reference trajectory and scale of the main leader, if there is one.
@@ -342,7 +342,7 @@ pub enum FaultKind {
     Link { edge: usize, kind: LinkFaultKind },
     /// A message stream of a robot that drops or delays messages.
     Stream { robot: usize, stream: RobotStream, kind: LinkFaultKind },
-    /// A Byzantine robot: its beacons to `hearer`, or to all out-neighbors if that is `None`, are falsified.
+    /// A Byzantine robot: its beacons to `receiver`, or to all out-neighbors if that is `None`, are falsified.
     Lie { robot: usize, receiver: Option<usize>, lie: Lie },
     /// A sensor with a dropout or noise.
     Sensor { robot: usize, sensor: Sensor, kind: SensorFaultKind },
@@ -475,14 +475,15 @@ impl Scenario {
                 _ => None,
             })
         };
-        let late_ns = |i: usize, of: RobotStream, looked_at_ns: u64| {
-            let of_stream = delays().filter(|&(robot, stream, _)| (robot, stream) == (i, of));
-            let delay_ns = of_stream.map(|(.., delay_ns)| delay_ns).max().unwrap_or(0);
-            delay_ns.next_multiple_of(looked_at_ns)
+        let delay_ns_of = |i: usize, affected_stream: RobotStream, polling_period_ns: u64| {
+            let delays_of_stream =
+                delays().filter(|&(robot, stream, _)| (robot, stream) == (i, affected_stream));
+            let delay_ns = delays_of_stream.map(|(.., delay_ns)| delay_ns).max().unwrap_or(0);
+            delay_ns.next_multiple_of(polling_period_ns)
         };
-        let of_robot_ns = |i| {
-            late_ns(i, RobotStream::Odometry, self.period_ns)
-                + late_ns(i, RobotStream::Commands, plant_tick_ns)
+        let robot_delay_ns = |i| {
+            delay_ns_of(i, RobotStream::Odometry, self.period_ns)
+                + delay_ns_of(i, RobotStream::Commands, plant_tick_ns)
         };
         let between_hosts_ns = match pace {
             Pace::Lockstep => 0,
@@ -490,7 +491,7 @@ impl Scenario {
                 self.realtime.between_hosts_latency_ns.next_multiple_of(self.period_ns)
             }
         };
-        between_hosts_ns + delays().map(|(robot, ..)| of_robot_ns(robot)).max().unwrap_or(0)
+        between_hosts_ns + delays().map(|(robot, ..)| robot_delay_ns(robot)).max().unwrap_or(0)
     }
 
     /// Returns the format of the messages of robot `i`; `None` if its law sends none.
@@ -527,8 +528,8 @@ impl Scenario {
 
     /// Returns all external programs that the run starts: those of robots, plant and metrics.
     pub fn programs(&self) -> impl Iterator<Item = &ExternalProgram> {
-        let of_metrics = self.metric_programs().into_iter().map(|metrics| metrics.program);
-        self.process_programs().chain(of_metrics)
+        let metric_programs = self.metric_programs().into_iter().map(|metrics| metrics.program);
+        self.process_programs().chain(metric_programs)
     }
 
     /// Returns the external programs that robots and plant run.
@@ -538,8 +539,8 @@ impl Scenario {
 
     /// Returns the laws of programs that a robot has.
     pub(crate) fn used_program_laws(&self) -> impl Iterator<Item = &ProgramLaw> {
-        let followed = |law: &&ProgramLaw| self.robots.iter().any(|robot| robot.law == law.name);
-        self.laws.iter().filter(followed)
+        let is_used = |law: &&ProgramLaw| self.robots.iter().any(|robot| robot.law == law.name);
+        self.laws.iter().filter(is_used)
     }
 
     /// Returns the distances within which this edge of the graph exists; `None` if it is permanent.
@@ -575,11 +576,13 @@ impl Scenario {
 
     /// Returns the maximum delay of the answers of `robot` by faults, ns.
     pub fn slow_fault_delay_ns_max(&self, robot: usize) -> u64 {
-        let slow = self.faults.iter().filter_map(|fault| match fault.kind {
-            FaultKind::Slowdown { robot: slow, delay_ns } if slow == robot => Some(delay_ns),
+        let delays = self.faults.iter().filter_map(|fault| match fault.kind {
+            FaultKind::Slowdown { robot: slow_robot, delay_ns } if slow_robot == robot => {
+                Some(delay_ns)
+            }
             _ => None,
         });
-        slow.max().unwrap_or(0)
+        delays.max().unwrap_or(0)
     }
 
     /// Returns the time after which no planned event is pending, ns: no fault starts or ends, the scale is constant and
@@ -595,24 +598,25 @@ impl Scenario {
             Some(scale) => scale.constant_start_s()?,
             None => 0.0,
         };
-        let over = |fault: &Fault| match fault.kind {
+        let end_ns = |fault: &Fault| match fault.kind {
             FaultKind::Kill { restart_after_ns, .. } => {
                 fault.start_ns.saturating_add(restart_after_ns.unwrap_or(0))
             }
             _ => fault.end_ns().unwrap_or(fault.start_ns),
         };
-        let faults_ns = self.faults.iter().map(over).max().unwrap_or(0);
+        let faults_ns = self.faults.iter().map(end_ns).max().unwrap_or(0);
         Some(faults_ns.max((lead_s.max(scale_s) * 1e9).ceil() as u64))
     }
 
     /// Returns the indices of the leaders of a containment: the main leader and all robots that keep a slot.
     pub fn leaders(&self) -> Vec<usize> {
-        let heard = self.contained_robots().into_iter().flat_map(|i| self.graph.incoming_edges(i));
-        let heard: Vec<usize> = heard.map(|edge| edge.from).collect();
+        let senders =
+            self.contained_robots().into_iter().flat_map(|i| self.graph.incoming_edges(i));
+        let senders: Vec<usize> = senders.map(|edge| edge.from).collect();
         let mut leaders = self.robots_with_role(|role| role.reference != Reference::NeighborMean);
-        // A free robot belongs to the hull only of the robots that hear it.
+        // A free robot belongs only to the hull of the robots that receive from it.
         leaders.retain(|i| {
-            self.robots[*i].role.reference != Reference::LawTarget || heard.contains(i)
+            self.robots[*i].role.reference != Reference::LawTarget || senders.contains(i)
         });
         leaders
     }
@@ -629,10 +633,10 @@ impl Scenario {
 
     /// Returns the reachability analysis of another graph of these robots.
     pub fn reachability_of(&self, graph: &FormationGraph) -> Reachability {
-        let alone = self.robots_with_role(|role| {
+        let independent = self.robots_with_role(|role| {
             matches!(role.reference, Reference::Goal | Reference::LawTarget)
         });
-        Reachability::new(graph, self.leader(), &self.contained_robots(), &alone)
+        Reachability::new(graph, self.leader(), &self.contained_robots(), &independent)
     }
 
     /// Returns the references of all robots after failures.
@@ -690,8 +694,8 @@ impl Scenario {
         FormationGraph::new(self.robots.len(), edges.copied().collect())
     }
 
-    fn robots_with_role(&self, of: impl Fn(Role) -> bool) -> Vec<usize> {
-        (0..self.robots.len()).filter(|&i| of(self.robots[i].role)).collect()
+    fn robots_with_role(&self, predicate: impl Fn(Role) -> bool) -> Vec<usize> {
+        (0..self.robots.len()).filter(|&i| predicate(self.robots[i].role)).collect()
     }
 
     /// Returns the edges whose offsets are used, with their indices: the in-edges of robots that keep a slot.
@@ -709,12 +713,12 @@ impl Scenario {
     /// smallest distance of a front point above 0, and the lowest rank.
     pub fn avoidance_conditions(&self) -> MethodConditions<'_> {
         let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
-        let least_m = front_points_m.filter(|ell_m| *ell_m > 0.0).reduce(f64::min);
+        let front_point_min_m = front_points_m.filter(|ell_m| *ell_m > 0.0).reduce(f64::min);
         MethodConditions {
             avoidance: &self.avoidance,
             period_s: ns_to_seconds(self.period_ns),
             command_timeout_s: ns_to_seconds(self.command_lifetime_ns_max()),
-            front_point_m: least_m.unwrap_or(0.0),
+            front_point_m: front_point_min_m.unwrap_or(0.0),
             rank: (0..self.robots.len()).map(|i| self.yield_rank(i)).max().unwrap_or_default(),
         }
     }
@@ -731,9 +735,9 @@ impl Scenario {
         if self.avoidance_method.distance_guarantee != DistanceGuarantee::Unconditional {
             return None;
         }
-        let words = self.plant_program.as_ref()?.command_line.join(" ");
+        let command = self.plant_program.as_ref()?.command_line.join(" ");
         Some(format!(
-            "`{words}` moves the robots, and the {} is proven for another plant",
+            "`{command}` moves the robots, and the {} is proven for another plant",
             self.avoidance_method.name
         ))
     }
@@ -752,8 +756,9 @@ impl Scenario {
     pub fn steering_distances_m(&self) -> Option<Vec<f64>> {
         let (_, distance_m) = self.avoidance_method.steering_distance?;
         let briefs = self.avoidance_of_all(Pace::Lockstep);
-        let distance_m =
-            |(i, own): (usize, &Cow<'_, AvoidanceBrief>)| distance_m(&self.conditions_of(i, own));
+        let distance_m = |(i, avoidance): (usize, &Cow<'_, AvoidanceBrief>)| {
+            distance_m(&self.conditions_of(i, avoidance))
+        };
         Some(briefs.iter().enumerate().map(distance_m).collect())
     }
 
@@ -762,11 +767,11 @@ impl Scenario {
     pub fn pair_steering_distance_m(&self, [i, j]: [usize; 2]) -> Option<f64> {
         let (_, distance_m) = self.avoidance_method.steering_distance?;
         let steering_distance_m = |robot: usize| {
-            let mut own = self.avoidance_of(robot, Pace::Lockstep).into_owned();
+            let mut avoidance = self.avoidance_of(robot, Pace::Lockstep).into_owned();
             if self.classes_sensed {
-                own.distance_min_m = self.pair_distance_min_m([i, j]);
+                avoidance.distance_min_m = self.pair_distance_min_m([i, j]);
             }
-            distance_m(&self.conditions_of(robot, &own))
+            distance_m(&self.conditions_of(robot, &avoidance))
         };
         Some(steering_distance_m(i).max(steering_distance_m(j)))
     }
@@ -774,8 +779,8 @@ impl Scenario {
     /// Returns the minimum sensing radius that the method requires, m.
     pub fn sensing_radius_needed_m(&self) -> f64 {
         let briefs = self.avoidance_of_all(Pace::Realtime);
-        let radius_m = |(i, own): (usize, &Cow<'_, AvoidanceBrief>)| {
-            (self.avoidance_method.sensing_radius_m)(&self.conditions_of(i, own))
+        let radius_m = |(i, avoidance): (usize, &Cow<'_, AvoidanceBrief>)| {
+            (self.avoidance_method.sensing_radius_m)(&self.conditions_of(i, avoidance))
         };
         briefs.iter().enumerate().map(radius_m).fold(0.0, f64::max)
     }

@@ -65,18 +65,18 @@ fn is_graph_assignment(argument: &str) -> bool {
 
 /// Applies one assignment `key=value`.
 fn apply_assignment(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
-    let wrong = |reason: String| {
+    let error = |reason: String| {
         Diagnostic::without_location(
             format!("`--set {argument}`: {reason}"),
             "expected key=value, such as avoidance.kind=focus",
         )
     };
-    let (key, text) = argument.split_once('=').ok_or_else(|| wrong("there is no `=`".into()))?;
+    let (key, text) = argument.split_once('=').ok_or_else(|| error("there is no `=`".into()))?;
     let keys = Key::parse(&quote_edges(key))
-        .map_err(|_| wrong(format!("`{}` is not a key", key.trim())))?;
+        .map_err(|_| error(format!("`{}` is not a key", key.trim())))?;
     let text = text.trim();
     if text.is_empty() {
-        return Err(wrong("there is no value".into()));
+        return Err(error("there is no value".into()));
     }
     let mut value = text.parse::<Value>().unwrap_or_else(|_| Value::from(text));
     value.decor_mut().clear();
@@ -84,23 +84,24 @@ fn apply_assignment(document: &mut DocumentMut, argument: &str) -> Result<(), Di
     let (last, parents) = keys.split_last().expect("a parsed key has a part");
     let mut table: &mut dyn TableLike = document.as_table_mut();
     // Within an inline value, a missing table is written inline, too.
-    let mut inline = false;
+    let mut is_inline = false;
     let mut names = parents.iter();
     while let Some(name) = names.next() {
         let name = name.get();
-        let item = table.entry(name).or_insert_with(|| match inline {
+        let item = table.entry(name).or_insert_with(|| match is_inline {
             true => Item::Value(InlineTable::new().into()),
             false => toml_edit::table(),
         });
-        inline |= item.is_value();
+        is_inline |= item.is_value();
         table = if item.is_array() || item.is_array_of_tables() {
-            let wanted = names.next().ok_or_else(|| {
-                wrong(format!("`{name}` is a list: say which of them by its name"))
+            let element_name = names.next().ok_or_else(|| {
+                error(format!("`{name}` is a list: say which of them by its name"))
             })?;
-            find_named_table(item, wanted.get())
-                .ok_or_else(|| wrong(format!("there is no {name} named `{}`", wanted.get())))?
+            find_named_table(item, element_name.get()).ok_or_else(|| {
+                error(format!("there is no {name} named `{}`", element_name.get()))
+            })?
         } else {
-            item.as_table_like_mut().ok_or_else(|| wrong(format!("`{name}` is not a table")))?
+            item.as_table_like_mut().ok_or_else(|| error(format!("`{name}` is not a table")))?
         };
     }
     if table.get(last.get()).is_some_and(is_list_of_tables) {
@@ -109,7 +110,7 @@ fn apply_assignment(document: &mut DocumentMut, argument: &str) -> Result<(), Di
             return Ok(());
         }
         let name = last.get();
-        return Err(wrong(format!("`{name}` is a list of tables; {name}=[] removes them")));
+        return Err(error(format!("`{name}` is a list of tables; {name}=[] removes them")));
     }
     replace_value(table, last.get(), value);
     Ok(())
@@ -149,8 +150,9 @@ fn find_named_table<'i>(list: &'i mut Item, name: &str) -> Option<&'i mut dyn Ta
 }
 
 fn is_list_of_tables(item: &Item) -> bool {
-    let tables = |array: &Array| !array.is_empty() && array.iter().all(Value::is_inline_table);
-    item.is_array_of_tables() || item.as_array().is_some_and(tables)
+    let has_only_tables =
+        |array: &Array| !array.is_empty() && array.iter().all(Value::is_inline_table);
+    item.is_array_of_tables() || item.as_array().is_some_and(has_only_tables)
 }
 
 /// Replaces a value and keeps the comment after it.

@@ -40,14 +40,14 @@ impl ExternalProgram {
         program: &TypedValue<'_, kinds::Texts>,
         table: &TableReader<'_, S>,
     ) -> Result<ExternalProgram, Diagnostic> {
-        let words = program.texts(PROGRAM_REMEDY)?;
-        if words.first().is_none_or(|word| word.is_empty()) {
+        let command_line = program.texts(PROGRAM_REMEDY)?;
+        if command_line.first().is_none_or(|word| word.is_empty()) {
             return Err(program.error_about_key("names no program", PROGRAM_REMEDY));
         }
         let files = table.get(keys::ProgramFiles::files);
         let memory = table.get(keys::ProgramFiles::memory_max_mb).map(|memory| memory.integer());
         Ok(ExternalProgram {
-            command_line: words,
+            command_line,
             files: files.map_or(Ok(Vec::new()), |files| files.texts("expected a list of files"))?,
             memory_max_mb: memory.transpose()?,
         })
@@ -71,22 +71,27 @@ impl ExternalProgram {
         table: &TableReader<'_, S>,
         folder: &Path,
     ) -> Result<(), Diagnostic> {
-        let words = program.elements(PROGRAM_REMEDY)?;
-        let mut option = false;
-        for (at, value) in words.iter().enumerate() {
-            let word = value.text(PROGRAM_REMEDY)?;
-            let by_name = at == 0 && !word.contains('/');
-            if by_name && !is_on_path(word) {
+        let arguments = program.elements(PROGRAM_REMEDY)?;
+        let mut is_after_option = false;
+        for (index, value) in arguments.iter().enumerate() {
+            let argument = value.text(PROGRAM_REMEDY)?;
+            let by_name = index == 0 && !argument.contains('/');
+            if by_name && !is_on_path(argument) {
                 let expected =
                     "expected a program in a folder of PATH, or a file as in \"./my_law\"";
-                return Err(
-                    value.error_about_key(format!("is \"{word}\", which does not exist"), expected)
-                );
+                return Err(value.error_about_key(
+                    format!("is \"{argument}\", which does not exist"),
+                    expected,
+                ));
             }
-            if !by_name && (at == 0 || word.contains('/') || !option && looks_like_file(word)) {
-                check_file_exists(value, word, folder)?;
+            if !by_name
+                && (index == 0
+                    || argument.contains('/')
+                    || !is_after_option && looks_like_file(argument))
+            {
+                check_file_exists(value, argument, folder)?;
             }
-            option = word.starts_with('-');
+            is_after_option = argument.starts_with('-');
         }
         let files = table
             .get(keys::ProgramFiles::files)
@@ -102,8 +107,11 @@ impl ExternalProgram {
     pub fn files(&self, folder: &Path) -> Vec<(String, PathBuf)> {
         let mut found: Vec<(String, PathBuf)> = Vec::new();
         for name in self.command_line.iter().chain(&self.files) {
-            let by_name = std::ptr::eq(name, &self.command_line[0]) && !name.contains('/');
-            let Some(path) = find_file(folder, name).filter(|_| !by_name) else { continue };
+            let is_on_search_path =
+                std::ptr::eq(name, &self.command_line[0]) && !name.contains('/');
+            let Some(path) = find_file(folder, name).filter(|_| !is_on_search_path) else {
+                continue;
+            };
             let files = match path.is_dir() {
                 true => list_folder_files(folder, name, &path).unwrap_or_default(),
                 false => vec![(name.clone(), path)],
@@ -119,8 +127,8 @@ impl ExternalProgram {
 
     /// Returns whether `word` names a file or a folder below `folder`.
     pub fn is_program_file(&self, word: &str, folder: &Path) -> bool {
-        let by_name = word == self.command_line[0] && !word.contains('/');
-        !by_name && find_file(folder, word).is_some()
+        let is_on_search_path = word == self.command_line[0] && !word.contains('/');
+        !is_on_search_path && find_file(folder, word).is_some()
     }
 }
 
@@ -145,14 +153,14 @@ fn list_folder_files(
         let entries =
             entries.map_err(|error| format!("has {name}, which cannot be read: {error}"))?;
         for entry in entries.flatten() {
-            let Ok(own) = entry.file_name().into_string() else {
+            let Ok(file_name) = entry.file_name().into_string() else {
                 return Err(format!("has a name in {name} that is no UTF-8"));
             };
-            let (name, path) = (format!("{name}/{own}"), entry.path());
+            let (name, path) = (format!("{name}/{file_name}"), entry.path());
             let is_link = path.symlink_metadata().is_ok_and(|found| found.is_symlink());
             match path.metadata() {
                 Ok(kind) if kind.is_dir() && !is_link => {
-                    if own != "__pycache__" {
+                    if file_name != "__pycache__" {
                         folders.push((name, path));
                     }
                 }
@@ -177,12 +185,12 @@ fn list_folder_files(
 /// Returns the path of the file or folder `name`: in the scenario's folder or, if that is the directory of a run, among
 /// the copies.
 fn find_file(folder: &Path, name: &str) -> Option<PathBuf> {
-    let places = [folder.join(name), folder.join(PROGRAMS_FOLDER).join(name)];
-    let inside = is_path_inside_folder(name);
-    let is_there = |path: &PathBuf| path.is_file() || path.is_dir();
-    places
+    let candidates = [folder.join(name), folder.join(PROGRAMS_FOLDER).join(name)];
+    let is_inside = is_path_inside_folder(name);
+    let exists = |path: &PathBuf| path.is_file() || path.is_dir();
+    candidates
         .into_iter()
-        .find(|path| inside && is_there(path) && check_inside_folder(folder, path).is_ok())
+        .find(|path| is_inside && exists(path) && check_inside_folder(folder, path).is_ok())
 }
 
 /// Returns whether `name` is a path that stays inside the folder.
@@ -194,13 +202,13 @@ fn is_path_inside_folder(name: &str) -> bool {
 
 /// Returns whether `word` looks like a file name with an extension.
 fn looks_like_file(word: &str) -> bool {
-    let ending = word.rsplit_once('.').filter(|(stem, _)| !stem.is_empty());
-    let letters = |ending: &str| {
-        (1..=5).contains(&ending.len())
-            && ending.starts_with(|c: char| c.is_ascii_alphabetic())
-            && ending.chars().all(|c| c.is_ascii_alphanumeric())
+    let extension = word.rsplit_once('.').filter(|(stem, _)| !stem.is_empty());
+    let is_extension = |extension: &str| {
+        (1..=5).contains(&extension.len())
+            && extension.starts_with(|c: char| c.is_ascii_alphabetic())
+            && extension.chars().all(|c| c.is_ascii_alphanumeric())
     };
-    !word.starts_with('-') && ending.is_some_and(|(_, ending)| letters(ending))
+    !word.starts_with('-') && extension.is_some_and(|(_, extension)| is_extension(extension))
 }
 
 fn check_file_exists<T>(
@@ -253,9 +261,9 @@ fn check_file_exists<T>(
 /// Links are not followed: the environment is that of the path.
 fn interpreter_of_environment(path: &Path) -> Option<PathBuf> {
     let environment = path.parent()?.parent()?;
-    let is_one = environment.join("pyvenv.cfg").is_file() && is_executable(path);
+    let is_interpreter = environment.join("pyvenv.cfg").is_file() && is_executable(path);
     let absolute = |path: &Path| Some(path.parent()?.canonicalize().ok()?.join(path.file_name()?));
-    is_one.then(|| absolute(path)).flatten()
+    is_interpreter.then(|| absolute(path)).flatten()
 }
 
 /// Returns whether a folder of PATH has an executable `name`.
@@ -279,7 +287,7 @@ mod tests {
 
     #[test]
     fn word_looks_like_a_file_if_its_extension_has_letters_only() {
-        for (word, does) in [
+        for (word, is_file) in [
             ("my_law.py", true),
             ("law.onnx", true),
             ("0.5", false),
@@ -289,7 +297,7 @@ mod tests {
             ("a.b c", false),
             ("the.end of a sentence", false),
         ] {
-            assert_eq!(looks_like_file(word), does, "{word}");
+            assert_eq!(looks_like_file(word), is_file, "{word}");
         }
     }
 
@@ -305,14 +313,11 @@ mod tests {
         for (name, target) in [("same.py", "law.py"), ("out.py", "/etc/hostname")] {
             std::os::unix::fs::symlink(target, folder.path().join(name)).unwrap();
         }
-        let words =
+        let command_line =
             ["python3", "law.py", "fast", "kept.py", "../law.py", "law.py", "same.py", "out.py"];
-        let words = words.map(str::to_owned).to_vec();
-        let program = ExternalProgram {
-            command_line: words,
-            files: vec!["law.py".into()],
-            memory_max_mb: None,
-        };
+        let command_line = command_line.map(str::to_owned).to_vec();
+        let program =
+            ExternalProgram { command_line, files: vec!["law.py".into()], memory_max_mb: None };
         let found = program.files(folder.path());
         let names: Vec<&str> = found.iter().map(|(name, _)| &**name).collect();
         assert_eq!(names, ["law.py", "kept.py", "same.py"]);
@@ -327,24 +332,21 @@ mod tests {
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, "").unwrap();
         }
-        let words = vec!["python3".to_owned(), "law.py".to_owned()];
-        let program = ExternalProgram {
-            command_line: words,
-            files: vec!["mylaws/".into()],
-            memory_max_mb: None,
-        };
+        let command_line = vec!["python3".to_owned(), "law.py".to_owned()];
+        let program =
+            ExternalProgram { command_line, files: vec!["mylaws/".into()], memory_max_mb: None };
         let files = program.files(folder.path());
         let names: Vec<&str> = files.iter().map(|(name, _)| &**name).collect();
         assert_eq!(names, ["mylaws/deep/more.py", "mylaws/gains.py"]);
         let path = folder.path().join("mylaws");
-        for (name, target, said) in [
+        for (name, target, problem) in [
             ("out.py", "/etc/hostname", "a link to a file outside of the scenario's folder"),
             ("loop", "..", "a link to a folder"),
         ] {
             let link = path.join(name);
             std::os::unix::fs::symlink(target, &link).unwrap();
             let error = list_folder_files(folder.path(), "mylaws", &path).unwrap_err();
-            assert_eq!(error, format!("has mylaws/{name}, {said}"));
+            assert_eq!(error, format!("has mylaws/{name}, {problem}"));
             std::fs::remove_file(link).unwrap();
         }
     }

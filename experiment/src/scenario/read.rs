@@ -88,7 +88,7 @@ fn read_file(
     program_folder: Option<&Path>,
 ) -> ReadResult {
     let expected = "expected a scenario file, such as scenarios/triangle.toml";
-    let text = load_text(path, expected).map_err(|trouble| trouble.into_diagnostic(path))?;
+    let text = load_text(path, expected).map_err(|error| error.into_diagnostic(path))?;
     parse_scenario_text(path, &text, overrides, catalog, program_folder)
 }
 
@@ -137,16 +137,16 @@ fn parse_scenario_text(
     }
     warnings.splice(..0, graph_warnings.into_iter().chain(document.warnings.take()));
 
-    let places = document.key_locations.borrow();
+    let locations = document.key_locations.borrow();
     for finding in check::check_scenario(&scenario) {
-        let place = find_span(&places, &finding.path);
-        let diagnostic = document.source.error_at(&place, finding.message, finding.expected);
+        let location = find_span(&locations, &finding.path);
+        let diagnostic = document.source.error_at(&location, finding.message, finding.expected);
         match finding.severity {
             Severity::Error => return Err(diagnostic),
             Severity::Warning => warnings.push(diagnostic.into_warning()),
         }
     }
-    drop(places);
+    drop(locations);
     Ok((scenario, text, warnings))
 }
 
@@ -182,10 +182,10 @@ fn apply_edit(
 }
 
 /// Returns the source range of `path`, or of the nearest enclosing table in the text.
-fn find_span(places: &KeySpans, path: &str) -> Range<usize> {
+fn find_span(locations: &KeySpans, path: &str) -> Range<usize> {
     let mut path = path;
     loop {
-        if let Some(span) = places.get(path) {
+        if let Some(span) = locations.get(path) {
             return span.clone();
         }
         match path.rsplit_once('.') {
@@ -198,29 +198,30 @@ fn find_span(places: &KeySpans, path: &str) -> Range<usize> {
 /// Returns the diagnostic of a TOML syntax error.
 fn toml_syntax_error(source: &SourceText, span: Option<Range<usize>>, message: &str) -> Diagnostic {
     let message = message.lines().collect::<Vec<_>>().join(", ");
-    let (what, expected) = match message.split_once(", expected ") {
-        Some((what, "nothing")) => (what, "expected nothing more here".to_owned()),
-        Some((what, expected)) => (what, format!("expected {expected}")),
+    let (problem, expected) = match message.split_once(", expected ") {
+        Some((problem, "nothing")) => (problem, "expected nothing more here".to_owned()),
+        Some((problem, expected)) => (problem, format!("expected {expected}")),
         None if message.contains("duplicate key") => {
             (message.as_str(), "expected every key once in its table".to_owned())
         }
         None => (message.as_str(), "expected TOML here".to_owned()),
     };
-    source.error_at(&span.unwrap_or(0..0), format!("this is not TOML: {what}"), expected)
+    source.error_at(&span.unwrap_or(0..0), format!("this is not TOML: {problem}"), expected)
 }
 
 /// Lowers the recording rate and increases the simulation step for many robots, unless the file sets them.
 fn lower_default_rates(
     root: &TableReader<'_, keys::Root>,
-    robots: usize,
+    robot_count: usize,
     settings: &mut Settings,
     realtime: &mut RealtimeSettings,
 ) -> Result<(), Diagnostic> {
     if root.get(keys::Root::record_hz).is_none() {
-        settings.record_hz = settings.record_hz.min(RECORDED_SAMPLES_PER_S_MAX / robots as f64);
+        settings.record_hz =
+            settings.record_hz.min(RECORDED_SAMPLES_PER_S_MAX / robot_count as f64);
     }
     if root.table(keys::Root::realtime)?.get(keys::Realtime::plant_tick_s).is_none() {
-        let tick_ns = robots as u64 * 1_000_000_000 / ODOMETRY_SAMPLES_PER_S_MAX;
+        let tick_ns = robot_count as u64 * 1_000_000_000 / ODOMETRY_SAMPLES_PER_S_MAX;
         realtime.plant_tick_ns = realtime.plant_tick_ns.max(tick_ns.min(settings.period_ns));
     }
     Ok(())
@@ -251,11 +252,11 @@ fn parse_scenario(
         speed_max_m_s,
         hold_periods: realtime.hold_periods,
     };
-    let ParsedRobots { robots, neighbor_keys: ties, mut warnings } =
+    let ParsedRobots { robots, neighbor_keys, mut warnings } =
         parse_robots(root, &catalog.laws, defaults, document)?;
     lower_default_rates(root, robots.len(), &mut settings, &mut realtime)?;
     check_recorded_messages(root, &settings, &robots)?;
-    let (graph, disk, edge_params) = parse_graph(root, &robots, &ties)?;
+    let (graph, disk, edge_params) = parse_graph(root, &robots, &neighbor_keys)?;
     let lead = parse_trajectory(root, &robots)?;
     let walls = parse_walls(root)?;
     let faults =
@@ -298,13 +299,14 @@ fn parse_scenario(
     if avoidance_table.get(keys::Avoidance::sensing_radius_m).is_none() {
         scenario.avoidance.sensing_radius_m = scenario.sensing_radius_useful_m();
     }
-    let of_laws = scenario.used_program_laws().filter_map(|law| law.sensing_radius_m);
-    let radius_m = of_laws.fold(scenario.avoidance.sensing_radius_m, f64::max);
+    let law_radii_m = scenario.used_program_laws().filter_map(|law| law.sensing_radius_m);
+    let radius_m = law_radii_m.fold(scenario.avoidance.sensing_radius_m, f64::max);
     scenario.avoidance.sensing_radius_m = radius_m;
     let scale = parse_scale(root, &scenario)?;
     let scenario = scenario.with_scale(scale);
-    let (repair, repair_after_ns) = parse_repair(root, &scenario, &ties, &mut warnings)?;
-    let scenario = Scenario { repair_plan: repair, repair_after_ns, ..scenario };
+    let (repair_plan, repair_after_ns) =
+        parse_repair(root, &scenario, &neighbor_keys, &mut warnings)?;
+    let scenario = Scenario { repair_plan, repair_after_ns, ..scenario };
     if let Some(end_after) = root.get(keys::Root::end_after_converged_s) {
         check_can_end_early(&scenario, &end_after)?;
     }
@@ -322,7 +324,9 @@ fn parse_name(root: &TableReader<'_, keys::Root>) -> Result<String, Diagnostic> 
         let expected = "expected a name without control characters";
         return Err(name.error_about_key(format!("is \"{text}\""), expected));
     }
-    root.get(keys::Root::description).map(|about| about.text("expected a string")).transpose()?;
+    root.get(keys::Root::description)
+        .map(|description| description.text("expected a string"))
+        .transpose()?;
     Ok(text.to_owned())
 }
 
@@ -394,9 +398,9 @@ fn check_hung_after(
 ) -> Result<(), Diagnostic> {
     let hung_after_ns = settings.hung_after_ns;
     if hung_after_ns < HUNG_AFTER_NS_MIN {
-        let (found, least) = (ns_to_seconds(hung_after_ns), ns_to_seconds(HUNG_AFTER_NS_MIN));
+        let (found, minimum) = (ns_to_seconds(hung_after_ns), ns_to_seconds(HUNG_AFTER_NS_MIN));
         let expected =
-            format!("expected at least {least} s: any process may be delayed for a short time");
+            format!("expected at least {minimum} s: any process may be delayed for a short time");
         let hung_timeout = root.required_value(keys::Root::hung_after_s)?;
         return Err(hung_timeout.error_about_key(format!("is {found}"), expected));
     }
@@ -408,12 +412,12 @@ fn check_ready_after(
     settings: &Settings,
 ) -> Result<(), Diagnostic> {
     let ready_after_ns = settings.ready_after_ns;
-    let [least, most] = READY_AFTER_NS_RANGE.map(ns_to_seconds);
+    let [minimum, maximum] = READY_AFTER_NS_RANGE.map(ns_to_seconds);
     match (READY_AFTER_NS_RANGE[0]..=READY_AFTER_NS_RANGE[1]).contains(&ready_after_ns) {
         true => Ok(()),
         false => Err(root.required_value(keys::Root::ready_after_s)?.error_about_key(
             format!("is {}", ns_to_seconds(ready_after_ns)),
-            format!("expected {least} to {most} s: the time that a program takes to import what it needs, and some more"),
+            format!("expected {minimum} to {maximum} s: the time that a program takes to import what it needs, and some more"),
         )),
     }
 }
@@ -423,9 +427,10 @@ fn check_can_end_early(
     scenario: &Scenario,
     key: &TypedValue<'_, kinds::Time>,
 ) -> Result<(), Diagnostic> {
-    let hears = |i| scenario.graph.incoming_edges(i).next().is_some();
-    let is_judged = |(i, robot): (usize, &Robot)| robot.role.reference.is_local() || hears(i);
-    if !scenario.robots.iter().enumerate().any(is_judged) {
+    let has_in_neighbor = |i| scenario.graph.incoming_edges(i).next().is_some();
+    let has_error =
+        |(i, robot): (usize, &Robot)| robot.role.reference.is_local() || has_in_neighbor(i);
+    if !scenario.robots.iter().enumerate().any(has_error) {
         return Err(key.error_about_key(
             "is given, but no robot has an error, because none leads, has a goal, or hears another",
             "expected an edge, a leader or goals, or no such key",
@@ -442,8 +447,8 @@ fn check_can_end_early(
 
 /// Returns the maximum error of a position, m, and of a heading, rad, that noise faults cause. Simultaneous noise in a
 /// robot's own position and in those of others adds up.
-fn noise_bounds(robots: usize, faults: &[Fault]) -> [f64; 2] {
-    let mut bounds = vec![[0.0; 2]; robots];
+fn noise_bounds(robot_count: usize, faults: &[Fault]) -> [f64; 2] {
+    let mut bounds = vec![[0.0; 2]; robot_count];
     for fault in faults {
         if let FaultKind::Sensor { robot, kind, .. } = fault.kind
             && let SensorFaultKind::Noise { bound_m, heading_bound_rad } = kind
@@ -452,7 +457,7 @@ fn noise_bounds(robots: usize, faults: &[Fault]) -> [f64; 2] {
             bounds[robot][1] += heading_bound_rad;
         }
     }
-    let largest = |[m, rad]: [f64; 2], of: [f64; 2]| [m.max(of[0]), rad.max(of[1])];
+    let largest = |[m, rad]: [f64; 2], other: [f64; 2]| [m.max(other[0]), rad.max(other[1])];
     bounds.into_iter().fold([0.0; 2], largest)
 }
 
@@ -519,7 +524,7 @@ fn parse_avoidance(
         sensing_radius_m: sensing_radius_m.unwrap_or(f64::INFINITY),
         sensing_error_m: error(keys::Avoidance::sensing_error_m)?.max(noise_m),
         heading_error_rad: error(keys::Avoidance::heading_error_rad)?.max(noise_rad),
-        braking_time_max_s: braking_times_s.map(|own| own.braking_time_s).fold(0.0, f64::max),
+        braking_time_max_s: braking_times_s.map(|limits| limits.braking_time_s).fold(0.0, f64::max),
         clearance_m: 0.0,
         command_timeout_max_s: 0.0,
         classes: Vec::new(),

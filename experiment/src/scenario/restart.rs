@@ -46,7 +46,7 @@ impl RestartCondition {
 pub enum DeathReaction {
     /// A replacement process starts `delay_ns` after the exit.
     Restart { delay_ns: u64 },
-    /// No replacement, because the policy does not ask for one.
+    /// No replacement, because the policy does not provide for one.
     StayDead,
     /// No replacement, because `restarts_max` is reached within the window.
     RestartLimitReached,
@@ -55,18 +55,18 @@ pub enum DeathReaction {
 impl RestartPolicy {
     /// Returns the reaction to an exit. `success`: exit code 0. `recent`: number of restarts within the window.
     pub fn action_after_death(&self, success: bool, recent: u32) -> DeathReaction {
-        let wanted = match self.condition {
+        let is_requested = match self.condition {
             RestartCondition::Never => false,
             RestartCondition::OnFailure => !success,
             RestartCondition::Always => true,
         };
-        if !wanted {
+        if !is_requested {
             DeathReaction::StayDead
         } else if recent >= self.restarts_max {
             DeathReaction::RestartLimitReached
         } else {
-            let grown_ns = self.delay_ns.saturating_mul(1 << recent.min(32));
-            DeathReaction::Restart { delay_ns: grown_ns.min(self.delay_ns_max) }
+            let backoff_ns = self.delay_ns.saturating_mul(1 << recent.min(32));
+            DeathReaction::Restart { delay_ns: backoff_ns.min(self.delay_ns_max) }
         }
     }
 }
@@ -75,9 +75,9 @@ impl RestartPolicy {
 mod tests {
     use super::*;
 
-    fn policy(when: RestartCondition) -> RestartPolicy {
+    fn policy(condition: RestartCondition) -> RestartPolicy {
         RestartPolicy {
-            condition: when,
+            condition,
             delay_ns: 100,
             delay_ns_max: 350,
             restarts_max: 3,
@@ -95,17 +95,17 @@ mod tests {
 
     #[test]
     fn successful_exit_restarts_only_with_policy_always() {
-        for (when, success, returns) in [
+        for (condition, success, is_restarted) in [
             (RestartCondition::Never, false, false),
             (RestartCondition::OnFailure, true, false),
             (RestartCondition::OnFailure, false, true),
             (RestartCondition::Always, true, true),
         ] {
-            let found = policy(when).action_after_death(success, 0);
+            let found = policy(condition).action_after_death(success, 0);
             assert_eq!(
                 matches!(found, DeathReaction::Restart { .. }),
-                returns,
-                "{when:?} {success}"
+                is_restarted,
+                "{condition:?} {success}"
             );
         }
     }

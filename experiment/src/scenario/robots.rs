@@ -73,7 +73,7 @@ pub(super) fn parse_robots<'t>(
         ));
     }
     let mut robots: Vec<Robot> = Vec::new();
-    let mut ties = Vec::new();
+    let mut neighbor_keys = Vec::new();
     for table in tables {
         table.check_keys()?;
         let name = table.required_value(keys::Robot::name)?;
@@ -93,8 +93,8 @@ pub(super) fn parse_robots<'t>(
         let table = table.with_title(&format!("robot.{name_text}"), &format!("robot {name_text}"));
         let table = table.with_defaults(defaults.clone());
         let robot = parse_robot(&table, name_text, laws, shared, document)?;
-        let leads = |other: &&Robot| other.role.leads;
-        if let (true, Some(first)) = (robot.role.leads, robots.iter().find(leads)) {
+        let is_leader = |other: &&Robot| other.role.leads;
+        if let (true, Some(first)) = (robot.role.leads, robots.iter().find(is_leader)) {
             return Err(name.error_about_key(
                 format!("is \"{name_text}\", a second leader in addition to {}", first.name),
                 "expected one main leader; the others keep slots relative to it with a formation law",
@@ -104,15 +104,15 @@ pub(super) fn parse_robots<'t>(
             table.get(keys::RobotDefaults::place_m).map(|place| place.pair()).transpose()?;
         let link_keys = [keys::Robot::hears, keys::Robot::spares, keys::Robot::deputies];
         let [hears, spares, deputies] = link_keys.map(|key| table.get(key));
-        ties.push(NeighborKeys { place_m, hears, spares, deputies });
+        neighbor_keys.push(NeighborKeys { place_m, hears, spares, deputies });
         robots.push(robot);
     }
-    let unused = |(key, span): (&str, Range<usize>)| {
+    let unused_gain = |(key, span): (&str, Range<usize>)| {
         let owner = laws.iter().find(|law| law.gain_keys.contains(&key))?;
-        let used = |robot: &Robot| {
+        let uses_gain = |robot: &Robot| {
             laws.iter().any(|law| law.name == robot.law && law.gain_keys.contains(&key))
         };
-        if robots.iter().any(used) {
+        if robots.iter().any(uses_gain) {
             return None;
         }
         let message = format!("`{key}` has no effect: no robot follows the law \"{}\"", owner.name);
@@ -120,8 +120,8 @@ pub(super) fn parse_robots<'t>(
         Some(document.source.error_at(&span, message, expected).into_warning())
     };
     let warnings =
-        defaults.iter().flat_map(|defaults| defaults.keys()).filter_map(unused).collect();
-    Ok(ParsedRobots { robots, neighbor_keys: ties, warnings })
+        defaults.iter().flat_map(|defaults| defaults.keys()).filter_map(unused_gain).collect();
+    Ok(ParsedRobots { robots, neighbor_keys, warnings })
 }
 
 /// Parses one `[[robot]]` table.
@@ -247,8 +247,8 @@ fn parse_wheels(
     table: &TableReader<'_, keys::Robot>,
     model: Option<&RobotModel>,
 ) -> Result<Option<WheelsBrief>, Diagnostic> {
-    let own = model.and_then(RobotModel::wheels);
-    if own.is_none() && table.get(keys::RobotDefaults::wheels).is_none() {
+    let of_model = model.and_then(RobotModel::wheels);
+    if of_model.is_none() && table.get(keys::RobotDefaults::wheels).is_none() {
         return Ok(None);
     }
     let table = table.table(keys::RobotDefaults::wheels)?;
@@ -256,9 +256,13 @@ fn parse_wheels(
         speed_max_m_s: number_or_model_value(
             &table,
             keys::Wheels::speed_max_m_s,
-            own.map(|own| own.speed_max_m_s),
+            of_model.map(|wheels| wheels.speed_max_m_s),
         )?,
-        track_m: number_or_model_value(&table, keys::Wheels::track_m, own.map(|own| own.track_m))?,
+        track_m: number_or_model_value(
+            &table,
+            keys::Wheels::track_m,
+            of_model.map(|wheels| wheels.track_m),
+        )?,
     }))
 }
 
@@ -284,14 +288,14 @@ fn parse_params(
     law: &LawDescription,
 ) -> Result<toml::Table, Diagnostic> {
     let mut params = law.params.cloned().unwrap_or_default();
-    if let Some(own) = table.get(keys::RobotDefaults::params) {
+    if let Some(own_params) = table.get(keys::RobotDefaults::params) {
         if law.params.is_none() {
-            return Err(own.error_about_key(
+            return Err(own_params.error_about_key(
                 format!("is given, but the law \"{}\" takes no parameters", law.name),
                 "expected no such key, or a law that is a program: `[laws.NAME]`",
             ));
         }
-        params.extend(own.any_table()?);
+        params.extend(own_params.any_table()?);
     }
     Ok(params)
 }
@@ -353,11 +357,11 @@ fn parse_goal_m(
             Err(table.missing_key_error(keys::Robot::goal_m, &expected))
         }
         (_, Some(goal)) => {
-            let goes = laws.iter().filter(|law| law.role.reference == Reference::Goal);
-            let goes: Vec<&str> = goes.map(|law| law.name).collect();
+            let goal_laws = laws.iter().filter(|law| law.role.reference == Reference::Goal);
+            let goal_laws: Vec<&str> = goal_laws.map(|law| law.name).collect();
             Err(goal.error_about_key(
                 format!("is given, but {name} follows \"{}\", which goes to no goal", law.name),
-                format!("expected no such key, or a law that does: {}", quote_names(&goes)),
+                format!("expected no such key, or a law that does: {}", quote_names(&goal_laws)),
             ))
         }
         (_, None) => Ok(None),
@@ -453,7 +457,7 @@ fn parse_turn_rate_max(
     }
     let of_wheels = |wheels: &WheelsBrief| 2.0 * wheels.speed_max_m_s / wheels.track_m;
     let of_model = model.and_then(RobotModel::turn_rate_max_rad_s);
-    let Some(most) = of_model.or(wheels.map(of_wheels)) else {
+    let Some(turn_rate_max_rad_s) = of_model.or(wheels.map(of_wheels)) else {
         let expected = match drive.kind {
             DriveKind::Differential => {
                 "above 0, in rad/s, or `wheels` or a `model`: with `front_point_m` = 0 the robot turns independently of \
@@ -465,7 +469,7 @@ fn parse_turn_rate_max(
         };
         return Err(table.missing_key_error(keys::RobotDefaults::turn_rate_max_rad_s, expected));
     };
-    Ok(Some(most))
+    Ok(Some(turn_rate_max_rad_s))
 }
 
 /// Parses the heading at the goal, rad.
@@ -510,13 +514,17 @@ fn parse_limits(
     front_point_m: f64,
     speed_max_m_s: f64,
 ) -> Result<AccelerationLimitsBrief, Diagnostic> {
-    let own = model.map(|model| [model.acceleration_max_m_s2, model.turn_acceleration_max_rad_s2]);
-    let acceleration_m_s2 =
-        number_or_model_value(table, keys::Limits::acceleration_m_s2, own.map(|own| own[0]))?;
+    let of_model =
+        model.map(|model| [model.acceleration_max_m_s2, model.turn_acceleration_max_rad_s2]);
+    let acceleration_m_s2 = number_or_model_value(
+        table,
+        keys::Limits::acceleration_m_s2,
+        of_model.map(|limits| limits[0]),
+    )?;
     let turn_acceleration_rad_s2 = number_or_model_value(
         table,
         keys::Limits::turn_acceleration_rad_s2,
-        own.map(|own| own[1]),
+        of_model.map(|limits| limits[1]),
     )?;
     let braking_time_s = match table.optional_number(keys::Limits::braking_time_s)? {
         Some(braking_time_s) => braking_time_s,
@@ -555,10 +563,10 @@ fn parse_limits(
 fn parse_robot_name<'t>(value: &TypedValue<'t, kinds::Text>) -> Result<&'t str, Diagnostic> {
     let expected = "expected a letter, then at most 30 letters, digits, `-` or `_`";
     let name = value.text(expected)?;
-    let sound = name.starts_with(|c: char| c.is_ascii_alphabetic())
+    let is_valid = name.starts_with(|c: char| c.is_ascii_alphabetic())
         && name.len() <= 31
         && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_');
-    if !sound {
+    if !is_valid {
         return Err(value.error_about_key(format!("is \"{name}\""), expected));
     }
     if RESERVED_NAMES.contains(&name) {
@@ -598,20 +606,21 @@ fn parse_heading(value: &TypedValue<'_, kinds::Number>) -> Result<f64, Diagnosti
 
 /// Parses the restart policy.
 fn parse_restart_policy(table: &TableReader<'_, keys::Robot>) -> Result<RestartPolicy, Diagnostic> {
-    let when = table.read_word(keys::RobotDefaults::restart_policy)?;
+    let condition = table.read_word(keys::RobotDefaults::restart_policy)?;
     let restarts_max = table.integer(keys::RobotDefaults::max_restarts)? as u32;
     let delay_ns = table.time_ns(keys::RobotDefaults::restart_delay_s)?;
-    let ceiling = table.get(keys::RobotDefaults::max_restart_delay_s);
-    let delay_ns_max =
-        ceiling.as_ref().map_or(Ok(delay_ns.max(10_000_000_000)), |ceiling| ceiling.time_ns())?;
-    if let Some(ceiling) = ceiling.filter(|_| delay_ns_max < delay_ns) {
-        return Err(ceiling.error_about_key(
+    let delay_max = table.get(keys::RobotDefaults::max_restart_delay_s);
+    let delay_ns_max = delay_max
+        .as_ref()
+        .map_or(Ok(delay_ns.max(10_000_000_000)), |delay_max| delay_max.time_ns())?;
+    if let Some(delay_max) = delay_max.filter(|_| delay_ns_max < delay_ns) {
+        return Err(delay_max.error_about_key(
             format!("is {}, shorter than the first wait", ns_to_seconds(delay_ns_max)),
             format!("expected at least `restart_delay_s`, {} s", ns_to_seconds(delay_ns)),
         ));
     }
     let window_ns = table.time_ns(keys::RobotDefaults::restart_window_s)?;
-    Ok(RestartPolicy { condition: when, delay_ns, delay_ns_max, restarts_max, window_ns })
+    Ok(RestartPolicy { condition, delay_ns, delay_ns_max, restarts_max, window_ns })
 }
 
 /// Returns the index of the robot that `value` names.

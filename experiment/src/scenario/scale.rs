@@ -17,8 +17,8 @@ pub(super) fn parse_scale(
     scenario: &Scenario,
 ) -> Result<Option<Scale>, Diagnostic> {
     let Some(value) = root.get(keys::Root::scale) else { return Ok(None) };
-    let keeps = |robot: &super::Robot| robot.role.reference == Reference::Offsets;
-    if scenario.lead.is_none() && !scenario.robots.iter().any(keeps) {
+    let keeps_slot = |robot: &super::Robot| robot.role.reference == Reference::Offsets;
+    if scenario.lead.is_none() && !scenario.robots.iter().any(keeps_slot) {
         return Err(value.error_about_key(
             "is given, but no robot leads or keeps a slot",
             "expected a robot with a law of a leader or of a formation",
@@ -38,14 +38,18 @@ fn parse_sine_scale(table: &TableReader<'_, keys::Scale>) -> Result<Scale, Diagn
     let Some(amplitude) = table.get(keys::Scale::amplitude) else {
         return Ok(Scale::Sine { mean, amplitude: 0.0, period_s: 1.0 });
     };
-    let swing = amplitude.number()?;
-    if swing >= mean {
+    let amplitude_value = amplitude.number()?;
+    if amplitude_value >= mean {
         return Err(amplitude.error_about_key(
-            format!("is {swing}: the formation would shrink to a point"),
+            format!("is {amplitude_value}: the formation would shrink to a point"),
             format!("expected less than `mean`, {mean}"),
         ));
     }
-    Ok(Scale::Sine { mean, amplitude: swing, period_s: table.number(keys::Scale::period_s)? })
+    Ok(Scale::Sine {
+        mean,
+        amplitude: amplitude_value,
+        period_s: table.number(keys::Scale::period_s)?,
+    })
 }
 
 /// Parses a scale that is open and then closes. Missing values are computed from slots, starts and speeds.
@@ -58,24 +62,24 @@ fn parse_closing_scale(
     let time_s = |key| Ok(table.optional_time_ns(key)?.map(ns_to_seconds));
     let (from, hold_s, over_s) =
         (table.get(keys::Scale::from), time_s(keys::Scale::hold_s)?, time_s(keys::Scale::over_s)?);
-    let given = from.as_ref().map(|from| from.number()).transpose()?;
-    let or = |given: Option<f64>, of: fn(&Opening) -> f64| {
-        given.or(opening.as_ref().map(of)).ok_or_else(|| {
+    let given_scale = from.as_ref().map(|from| from.number()).transpose()?;
+    let given_or_computed = |given: Option<f64>, compute: fn(&Opening) -> f64| {
+        given.or(opening.as_ref().map(compute)).ok_or_else(|| {
             value.error_about_key(
                 "is incomplete: how far and how long to open does not follow from this graph",
                 "expected `from`, `hold_s` and `over_s`",
             )
         })
     };
-    let from_scale = or(given, |opening| opening.from)?;
+    let from_scale = given_or_computed(given_scale, |opening| opening.from)?;
     if let Some(from) = from.filter(|_| from_scale < 1.0) {
         return Err(from.error_about_key(
             format!("is {from_scale}: the formation would open, not close"),
             "expected 1 or more",
         ));
     }
-    let hold_s = or(hold_s, |opening| opening.hold_s)?;
-    let over_s = or(over_s, |opening| opening.over_s)?;
+    let hold_s = given_or_computed(hold_s, |opening| opening.hold_s)?;
+    let over_s = given_or_computed(over_s, |opening| opening.over_s)?;
     let mut scale = Scale::Closing { from: from_scale, hold_s, over_s, reopen_at_s: Vec::new() };
     let times = table.get(keys::Scale::reopen_at_s).map(|times| times.times_ns()).transpose()?;
     for (time, at_ns) in times.unwrap_or_default() {

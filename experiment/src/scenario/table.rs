@@ -112,12 +112,12 @@ impl<'t> Document<'t> {
     fn entries(
         &'t self,
         section: &str,
-        given: Option<&'t DeTable<'t>>,
+        table: Option<&'t DeTable<'t>>,
         span: Range<usize>,
     ) -> TableEntries<'t> {
         let (document, section) = (self, self.format.section(section));
         let (path, title) = (String::new(), String::new());
-        TableEntries { document, path, title, section, table: given, defaults: None, span }
+        TableEntries { document, path, title, section, table, defaults: None, span }
     }
 }
 
@@ -166,8 +166,8 @@ impl<'t, S> TableReader<'t, S> {
 
     /// Records this table as the source location of `path`.
     pub fn record_location(&self, path: &str) {
-        let mut places = self.entries.document.key_locations.borrow_mut();
-        places.insert(path.to_owned(), self.entries.span.clone());
+        let mut locations = self.entries.document.key_locations.borrow_mut();
+        locations.insert(path.to_owned(), self.entries.span.clone());
     }
 
     /// Returns the source range of the table: its header, if it has one.
@@ -310,10 +310,10 @@ impl<'t, S> TableReader<'t, S> {
         if let Some(value) = self.get(field) {
             return value.table();
         }
-        let (own, key) = (&self.entries, field.name());
-        let table = own.document.entries(I::NAME, None, self.span());
+        let (parent, key) = (&self.entries, field.name());
+        let table = parent.document.entries(I::NAME, None, self.span());
         Ok(TableReader::from_entries(TableEntries {
-            path: own.path_of(key),
+            path: parent.path_of(key),
             title: format!("[{key}]"),
             ..table
         }))
@@ -414,14 +414,14 @@ impl<'t> TableEntries<'t> {
 
     fn check_allowed_keys(
         &self,
-        may: &dyn Fn(&KeySpec) -> bool,
-        elsewhere: bool,
+        is_allowed: &dyn Fn(&KeySpec) -> bool,
+        suggests_other_tables: bool,
     ) -> Result<(), Diagnostic> {
-        let rows = self.section.keys.iter().filter(|key| key.name == "kind" || may(key));
+        let rows = self.section.keys.iter().filter(|key| key.name == "kind" || is_allowed(key));
         let rows: Vec<&KeySpec> = rows.collect();
         let mut keys: Vec<_> = self.keys().collect();
         keys.sort_by_key(|(_, span)| span.start);
-        let wrong =
+        let error =
             |span, message, expected| self.document.source.error_at(span, message, expected);
         for (word, span) in &keys {
             if rows.iter().any(|row| row.name == *word) {
@@ -430,21 +430,25 @@ impl<'t> TableEntries<'t> {
             if let Some(remedy) = self.section.withdrawn_key_remedy(word) {
                 let message =
                     format!("{} has no key `{word}` anymore: it was withdrawn", self.title);
-                return Err(wrong(span, message, remedy.to_owned()));
+                return Err(error(span, message, remedy.to_owned()));
             }
             let Some(row) = rows.iter().find(|row| row.old_names.contains(word)) else {
-                let expected =
-                    self.document.format.unknown_key_remedy(self.section, &rows, word, elsewhere);
-                return Err(wrong(span, format!("{} has no key `{word}`", self.title), expected));
+                let expected = self.document.format.unknown_key_remedy(
+                    self.section,
+                    &rows,
+                    word,
+                    suggests_other_tables,
+                );
+                return Err(error(span, format!("{} has no key `{word}`", self.title), expected));
             };
             let new = row.name;
             if keys.iter().any(|(other, _)| *other == new) {
                 let message = format!("{} has `{new}` and `{word}`, its old name", self.title);
-                return Err(wrong(span, message, format!("expected `{new}` alone")));
+                return Err(error(span, message, format!("expected `{new}` alone")));
             }
             let message = format!("`{word}` is called `{new}` now");
             let expected = format!("expected `{new}`; the old name still works");
-            let warning = wrong(span, message, expected).into_warning();
+            let warning = error(span, message, expected).into_warning();
             self.document.warnings.borrow_mut().push(warning);
         }
         Ok(())
@@ -463,12 +467,12 @@ impl<'t> TableEntries<'t> {
 
     fn get(&self, key: &str) -> Option<TypedValue<'t, ()>> {
         let row = self.row(key);
-        let given = self.table.and_then(|entries| {
-            let old = || row.old_names.iter().find_map(|old| entries.get(*old));
-            entries.get(key).or_else(old)
+        let entry = self.table.and_then(|entries| {
+            let by_old_name = || row.old_names.iter().find_map(|old| entries.get(*old));
+            entries.get(key).or_else(by_old_name)
         });
         let path = self.path_of(key);
-        let Some(found) = given else {
+        let Some(found) = entry else {
             let defaults = self.defaults.as_ref().filter(|d| d.section.find_key(key).is_some())?;
             let value = defaults.get(key)?;
             self.document.key_locations.borrow_mut().insert(path, value.span.clone());
@@ -498,11 +502,11 @@ impl<'t> TableEntries<'t> {
     }
 
     fn missing_key_error(&self, key: &str, expected: &str) -> Diagnostic {
-        let stands_for_it = |(word, _): &(&str, Range<usize>)| {
+        let is_misspelled_key = |(word, _): &(&str, Range<usize>)| {
             let row = self.section.find_key(key).filter(|_| self.section.find_key(word).is_none());
             row.is_some_and(|row| row.is_meant_by(word) || most_similar_word(word, [key]).is_some())
         };
-        if let Some((word, span)) = self.keys().find(stands_for_it) {
+        if let Some((word, span)) = self.keys().find(is_misspelled_key) {
             let message = format!("{} has no key `{word}`", self.title);
             return self.document.source.error_at(&span, message, format!("did you mean `{key}`?"));
         }
@@ -524,7 +528,7 @@ impl<'t> TableEntries<'t> {
 }
 
 impl<'t, T> TypedValue<'t, T> {
-    /// Returns the value as one of another type. The caller knows that its row has that type.
+    /// Returns the value as one of another type. The caller ensures that its row has that type.
     fn cast<U>(self) -> TypedValue<'t, U> {
         let TypedValue { document, path, key, row, value, span, .. } = self;
         TypedValue { document, path, key, row, value, span, marker: PhantomData }
@@ -560,12 +564,12 @@ impl<'t, T> TypedValue<'t, T> {
 
     /// Records this value as the source location of `path`, also for paths below it.
     pub fn record_location(&self, path: &str) {
-        let mut places = self.document.key_locations.borrow_mut();
+        let mut locations = self.document.key_locations.borrow_mut();
         let mut path = path;
-        places.insert(path.to_owned(), self.span.clone());
+        locations.insert(path.to_owned(), self.span.clone());
         while let Some((parent, _)) = path.rsplit_once('.') {
             path = parent;
-            places.entry(path.to_owned()).or_insert_with(|| self.span.clone());
+            locations.entry(path.to_owned()).or_insert_with(|| self.span.clone());
         }
     }
 
@@ -741,7 +745,12 @@ impl<'t, T> TypedValue<'t, T> {
         self.error_about_key(format!("is {}", type_with_article(self.value)), expected)
     }
 
-    fn integer_within(&self, least: u64, most: u64, expected: String) -> Result<u64, Diagnostic> {
+    fn integer_within(
+        &self,
+        minimum: u64,
+        maximum: u64,
+        expected: String,
+    ) -> Result<u64, Diagnostic> {
         let DeValue::Integer(integer) = self.value else {
             return match self.value {
                 DeValue::Float(float) => Err(self.error_about_key(format!("is {float}"), expected)),
@@ -749,7 +758,7 @@ impl<'t, T> TypedValue<'t, T> {
             };
         };
         match u64::from_str_radix(integer.as_str(), integer.radix()) {
-            Ok(number) if (least..=most).contains(&number) => Ok(number),
+            Ok(number) if (minimum..=maximum).contains(&number) => Ok(number),
             _ => Err(self.error_about_key(format!("is {integer}"), expected)),
         }
     }
@@ -833,10 +842,14 @@ impl<'t> TypedValue<'t, kinds::Times> {
 impl TypedValue<'_, kinds::Integer> {
     /// Returns the integer, checked against the range of its row.
     pub fn integer(&self) -> Result<u64, Diagnostic> {
-        let ValueType::Integer(least, most) = self.row.value_type else {
+        let ValueType::Integer(minimum, maximum) = self.row.value_type else {
             unreachable!("by its type")
         };
-        self.integer_within(least, most, format!("expected a whole number from {least} to {most}"))
+        self.integer_within(
+            minimum,
+            maximum,
+            format!("expected a whole number from {minimum} to {maximum}"),
+        )
     }
 }
 
@@ -852,7 +865,7 @@ impl TypedValue<'_, kinds::Boolean> {
     /// Returns the boolean.
     pub fn boolean(&self) -> Result<bool, Diagnostic> {
         match self.value {
-            DeValue::Boolean(truth) => Ok(*truth),
+            DeValue::Boolean(boolean) => Ok(*boolean),
             _ => Err(self.wrong_type_error("expected true or false")),
         }
     }
@@ -944,7 +957,7 @@ pub(crate) fn format_as_toml(value: &DeValue<'_>) -> String {
         DeValue::String(text) => toml::Value::String(text.clone().into_owned()).to_string(),
         DeValue::Integer(integer) => integer.to_string(),
         DeValue::Float(float) => float.to_string(),
-        DeValue::Boolean(truth) => truth.to_string(),
+        DeValue::Boolean(boolean) => boolean.to_string(),
         DeValue::Datetime(date) => date.to_string(),
         DeValue::Array(list) => {
             let list: Vec<String> =

@@ -101,11 +101,11 @@ impl Scenario {
     /// Returns the different pairs of size, m, and speed limit, m/s, that the robots of a team distinguish; none if all
     /// robots are the same.
     fn team_classes(&self) -> Vec<(f64, f64)> {
-        let most = |a: (f64, f64), b: &(f64, f64)| (a.0.max(b.0), a.1.max(b.1));
+        let maximum = |a: (f64, f64), b: &(f64, f64)| (a.0.max(b.0), a.1.max(b.1));
         match (self.is_team(), self.classes_sensed) {
             (false, _) => Vec::new(),
             (true, true) => self.classes(),
-            (true, false) => vec![self.classes().iter().fold((0.0, 0.0), most)],
+            (true, false) => vec![self.classes().iter().fold((0.0, 0.0), maximum)],
         }
     }
 
@@ -118,18 +118,18 @@ impl Scenario {
         if classes.is_empty() {
             return Cow::Borrowed(&self.avoidance);
         }
-        let mut own = self.avoidance.clone();
+        let mut avoidance = self.avoidance.clone();
         let robot = &self.robots[i];
         let class = |&(keep_m, speed_max_m_s): &(f64, f64)| RobotClassBrief {
             distance_min_m: robot.keep_m + keep_m,
             speed_max_m_s,
         };
-        own.classes = classes.iter().map(class).collect();
-        let distances_m = own.classes.iter().map(|class| class.distance_min_m);
-        own.distance_min_m = distances_m.fold(0.0, f64::max);
-        own.speed_max_m_s = robot.speed_max_m_s;
-        own.command_timeout_max_s = ns_to_seconds(self.command_lifetime_ns(pace));
-        Cow::Owned(own)
+        avoidance.classes = classes.iter().map(class).collect();
+        let distances_m = avoidance.classes.iter().map(|class| class.distance_min_m);
+        avoidance.distance_min_m = distances_m.fold(0.0, f64::max);
+        avoidance.speed_max_m_s = robot.speed_max_m_s;
+        avoidance.command_timeout_max_s = ns_to_seconds(self.command_lifetime_ns(pace));
+        Cow::Owned(avoidance)
     }
 
     /// Returns the conditions of robot `i` with the avoidance parameters [`Scenario::avoidance_of`] and the larger H of
@@ -150,17 +150,19 @@ impl Scenario {
         }
     }
 
-    /// Returns what the plant knows of robot `i` as a member of a team; `None` if all robots have the same size, speed
-    /// limit and command timeout.
+    /// Returns the data of robot `i` for the plant as a member of a team; `None` if all robots have the same size,
+    /// speed limit and command timeout.
     pub fn member(&self, i: usize, pace: Pace) -> Option<MemberBrief> {
         let robot = &self.robots[i];
-        let own = (robot.keep_m, robot.speed_max_m_s);
+        let robot_class = (robot.keep_m, robot.speed_max_m_s);
         self.is_team().then(|| MemberBrief {
             keep_m: robot.keep_m,
             speed_max_m_s: self.avoidance_method.clamps_speed.then_some(robot.speed_max_m_s),
             command_lifetime_ns: self.command_lifetime_ns_of(i, pace),
             class: match self.classes_sensed {
-                true => self.classes().iter().position(|class| *class == own).unwrap_or(0) as u8,
+                true => {
+                    self.classes().iter().position(|class| *class == robot_class).unwrap_or(0) as u8
+                }
                 false => 0,
             },
         })
@@ -184,10 +186,10 @@ mod tests {
         scenario.robots[1].keep_m = 0.25;
         scenario.robots[2].speed_max_m_s = 0.5;
         scenario.robots[2].hold_periods = 3;
-        let own = scenario.avoidance_of(1, Pace::Realtime);
-        assert_eq!(pairs(&own), [(0.35, 0.3), (0.5, 0.3), (0.35, 0.5)]);
-        assert_eq!((own.distance_min_m, own.speed_max_m_s), (0.5, 0.3));
-        assert_eq!(own.command_timeout_max_s, 3.001, "T_p + 3 T of r3");
+        let avoidance = scenario.avoidance_of(1, Pace::Realtime);
+        assert_eq!(pairs(&avoidance), [(0.35, 0.3), (0.5, 0.3), (0.35, 0.5)]);
+        assert_eq!((avoidance.distance_min_m, avoidance.speed_max_m_s), (0.5, 0.3));
+        assert_eq!(avoidance.command_timeout_max_s, 3.001, "T_p + 3 T of r3");
         let classes = [0, 1, 2].map(|i| scenario.member(i, Pace::Realtime).unwrap().class);
         assert_eq!(classes, [0, 1, 2]);
         let lifetimes_ns = [0, 2].map(|i| scenario.command_lifetime_ns_of(i, Pace::Realtime));

@@ -174,8 +174,9 @@ fn triangle_scenario_matches_the_chapter() {
     assert_eq!((silence.stale_after_ns, silence.lost_after_ns), (15_000_000, 100_000_000));
     assert_eq!(scenario.robots[1].gains["speed_m_s"], 0.1);
     assert_eq!(scenario.robots[1].restart_policy.condition, RestartCondition::OnFailure);
-    let heard = |i| scenario.graph.incoming_edges(i).map(|edge| edge.from).collect::<Vec<_>>();
-    assert_eq!([0, 1, 2].map(heard), [[1], [2], [0]]);
+    let in_neighbors =
+        |i| scenario.graph.incoming_edges(i).map(|edge| edge.from).collect::<Vec<_>>();
+    assert_eq!([0, 1, 2].map(in_neighbors), [[1], [2], [0]]);
     assert_eq!(scenario.expectations.converged_error_m, 0.01);
     assert!(check_report(&scenario).contains("r1 hears r2 (slot at r2 + (0.150, 0.260) m)"));
 }
@@ -212,7 +213,8 @@ fn parameters_of_laws_robots_and_edges_can_be_set() {
     };
     let scenario = read(&[]);
     assert_eq!(scenario.robots[0].gains["k_per_s"], -1.5);
-    let weight = |scenario: &Scenario, ends| scenario.edge_params[ends]["weight"].as_float();
+    let weight =
+        |scenario: &Scenario, endpoints| scenario.edge_params[endpoints]["weight"].as_float();
     assert_eq!(weight(&scenario, &[2, 1]), Some(0.5));
     assert_eq!(scenario.edge_params.len(), 1);
     let set = read(&[
@@ -224,10 +226,13 @@ fn parameters_of_laws_robots_and_edges_can_be_set() {
     ]);
     let w = |i: usize| set.robots[i].params["w"].to_string();
     assert_eq!([w(0), w(1)], ["[3, 4]", "2"]);
-    assert_eq!([&[2, 1], &[0, 2]].map(|ends| weight(&set, ends)), [Some(0.75), Some(2.0)]);
+    assert_eq!(
+        [&[2, 1], &[0, 2]].map(|endpoints| weight(&set, endpoints)),
+        [Some(0.75), Some(2.0)]
+    );
     assert_eq!(set.robots[1].gains["k_per_s"], 0.5);
-    let told = crate::briefs::agent_brief(&set, 1, Pace::Lockstep, Path::new("/run"));
-    let [edge] = &told.neighbors[..] else { panic!("{:?}", told.neighbors) };
+    let brief = crate::briefs::agent_brief(&set, 1, Pace::Lockstep, Path::new("/run"));
+    let [edge] = &brief.neighbors[..] else { panic!("{:?}", brief.neighbors) };
     assert_eq!(edge.params["weight"].as_float(), Some(0.75));
     for (argument, part) in [
         ("robot.r1.k_per_s=0.6", "expected a number from -2 to 0.5"),
@@ -333,7 +338,10 @@ fn robot_model_supplies_missing_keys() {
     let robot = &scenario.robots[0];
     // The file's own front point, and the rest of the model.
     assert_eq!((robot.front_point_m, robot.body_radius_m), (0.045, Some(0.105)));
-    assert_eq!(robot.wheels.map(|own| [own.speed_max_m_s, own.track_m]), Some([0.22, 0.16]));
+    assert_eq!(
+        robot.wheels.map(|wheels| [wheels.speed_max_m_s, wheels.track_m]),
+        Some([0.22, 0.16])
+    );
     let limits = robot.acceleration_limits.unwrap();
     assert_eq!([limits.acceleration_m_s2, limits.turn_acceleration_rad_s2], [2.5, 3.2]);
     // Half of the largest turn rate: v_max / (2 ell a_w).
@@ -354,7 +362,10 @@ fn robot_model_supplies_missing_keys() {
     assert_eq!(limits.ramp, Ramp::Independent);
     assert_eq!(scenario.missing_guarantee_reason(), None);
     let robot = &scenario.robots[2];
-    assert_eq!(robot.wheels.map(|own| [own.speed_max_m_s, own.track_m]), Some([0.1, 0.16]));
+    assert_eq!(
+        robot.wheels.map(|wheels| [wheels.speed_max_m_s, wheels.track_m]),
+        Some([0.1, 0.16])
+    );
     assert_eq!(robot.body_radius_m, Some(0.2));
 }
 
@@ -455,9 +466,10 @@ nmae => `name`";
 
 #[test]
 fn likely_guesses_of_keys_are_understood() {
-    for (guess, meant) in SYNONYM_EXAMPLES.lines().map(|line| line.split_once(" => ").unwrap()) {
+    for (guess, suggestion) in SYNONYM_EXAMPLES.lines().map(|line| line.split_once(" => ").unwrap())
+    {
         let error = triangle_error(&[&format!("{guess}=1")]);
-        assert_eq!(error.expected, format!("did you mean {meant}?"), "{guess}");
+        assert_eq!(error.expected, format!("did you mean {suggestion}?"), "{guess}");
     }
     let error =
         parse(&TRIANGLE_WITH_HEADED_TABLES.replace("from = ", "source = "), &Overrides::default())
@@ -502,7 +514,7 @@ fn safe_but_unwise_setting_is_a_warning() {
         (triangle_text(), &["avoidance.distance_min_m=0.08"], &["but not bodies"]),
         (triangle_text(), &["avoidance.kind=focus", "avoidance.epsilon_per_s=50"], &["too strong"]),
         (triangle_text(), &other_law, &["`speed_m_s` has no effect"]),
-        // The mean of the positions that r2 and r3 ask for is that of r3.
+        // The mean of the desired positions of r2 and r3 is that of r3.
         (two_ways, &[], &["around a cycle through", "r1 and r3 are 0 m apart"]),
     ] {
         let (_, _, warnings) = parse(&text, &set_overrides(arguments)).unwrap();
@@ -554,7 +566,7 @@ fn every_guess_of_a_key_is_understood() {
     assert_words_deserialize::<campaign::starts::GoalAssignment>(&format, "starts", "goals");
 }
 
-/// Returns a scenario of that number of robots in a row, of which each hears the one before.
+/// Returns a scenario of that number of robots in a row. Each receives from the one before.
 fn row_scenario_text(robots: usize) -> String {
     let head = "name = 'row'\nduration_s = 1\nperiod_s = 0.01\n\
                 avoidance = { kind = 'guard', distance_min_m = 0.2, speed_max_m_s = 0.3 }\n\

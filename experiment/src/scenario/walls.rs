@@ -46,24 +46,25 @@ fn add_parts<S>(
 fn parse_segments(table: &TableReader<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagnostic> {
     let list = table.required_value(keys::Wall::points_m)?;
     let points = list.points()?;
-    let closed = table.boolean(keys::Wall::closed)?;
-    let least = if closed { 3 } else { 2 };
-    if points.len() < least {
+    let is_closed = table.boolean(keys::Wall::closed)?;
+    let minimum = if is_closed { 3 } else { 2 };
+    if points.len() < minimum {
         return Err(list.error_about_key(
             format!("has {}", format_count(points.len(), "point")),
-            format!("expected {least} or more: a wall is made of segments between them"),
+            format!("expected {minimum} or more: a wall is made of segments between them"),
         ));
     }
-    let ends = points.iter().zip(points.iter().cycle().skip(1));
-    let ends = ends.take(if closed { points.len() } else { points.len() - 1 });
-    ends.map(|((_, from_m), (value, to_m))| {
-        let segment = Obstacle::segment(*from_m, *to_m);
-        match segment.check_convex() {
-            Ok(()) => Ok(segment),
-            Err(_) => Err(coincident_point_error(value, "point")),
-        }
-    })
-    .collect()
+    let segments = points.iter().zip(points.iter().cycle().skip(1));
+    let segments = segments.take(if is_closed { points.len() } else { points.len() - 1 });
+    segments
+        .map(|((_, from_m), (value, to_m))| {
+            let segment = Obstacle::segment(*from_m, *to_m);
+            match segment.check_convex() {
+                Ok(()) => Ok(segment),
+                Err(_) => Err(coincident_point_error(value, "point")),
+            }
+        })
+        .collect()
 }
 
 /// Parses an `[[obstacle]]`.
@@ -117,13 +118,14 @@ impl Scenario {
 
 /// Returns the corners of a closed wall, in order, m, or `None` if it is open.
 fn closed_wall_corners_m(parts: &[Wall]) -> Option<Vec<[f64; 2]>> {
-    let ends = parts.iter().map(|part| match &part.shape {
+    let segments = parts.iter().map(|part| match &part.shape {
         Obstacle::Polygon { corners_m } => <[[f64; 2]; 2]>::try_from(&corners_m[..]).ok(),
         Obstacle::Disc { .. } => None,
     });
-    let ends: Vec<[[f64; 2]; 2]> = ends.collect::<Option<_>>()?;
-    let ([begins_m, _], [_, ends_m]) = (ends.first()?, ends.last()?);
-    (ends.len() > 2 && begins_m == ends_m).then(|| ends.iter().map(|&[from_m, _]| from_m).collect())
+    let segments: Vec<[[f64; 2]; 2]> = segments.collect::<Option<_>>()?;
+    let ([first_start_m, _], [_, last_end_m]) = (segments.first()?, segments.last()?);
+    (segments.len() > 2 && first_start_m == last_end_m)
+        .then(|| segments.iter().map(|&[from_m, _]| from_m).collect())
 }
 
 #[cfg(test)]
@@ -136,13 +138,13 @@ mod tests {
     fn wall_with_equal_ends_is_closed_and_obstacle_is_no_wall() {
         let corners_m = [[0.0, 0.0], [2.0, 0.0], [0.0, 3.0]];
         let wall = |path: &str, shape| Wall { name: path.into(), path: path.into(), shape };
-        let around = |path, segments| {
-            let ends = (0..segments).map(|i| (corners_m[i % 3], corners_m[(i + 1) % 3]));
-            ends.map(move |(from_m, to_m)| wall(path, Obstacle::segment(from_m, to_m)))
+        let polyline = |path, segments| {
+            let endpoints = (0..segments).map(|i| (corners_m[i % 3], corners_m[(i + 1) % 3]));
+            endpoints.map(move |(from_m, to_m)| wall(path, Obstacle::segment(from_m, to_m)))
         };
         let mut scenario = row_of_three();
-        scenario.walls.extend(around("wall.0", 2));
-        scenario.walls.extend(around("wall.1", 3));
+        scenario.walls.extend(polyline("wall.0", 2));
+        scenario.walls.extend(polyline("wall.1", 3));
         let triangle = Obstacle::Polygon { corners_m: corners_m.into() };
         let disc = Obstacle::Disc { center_m: [1.0, 1.0], radius_m: 0.5 };
         scenario.walls.extend([wall("obstacle.0", triangle), wall("obstacle.1", disc)]);

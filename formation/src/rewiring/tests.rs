@@ -17,22 +17,22 @@ fn receivers() -> impl Strategy<Value = Receiver> {
     let robots = |all: &'static [usize]| subsequence(all, 0..=all.len());
     let plan = || vec(2..=7usize, 0..=3);
     let deputies = Just(vec![RECEIVING_ROBOT, 2, 5, 6]).prop_shuffle().prop_flat_map(|all| {
-        let most = all.len();
-        subsequence(all, 0..=most).prop_shuffle()
+        let count_max = all.len();
+        subsequence(all, 0..=count_max).prop_shuffle()
     });
     let plans = (plan(), plan(), plan());
     (robots(&[2, 3, 4]), robots(&[5, 6, 7]), plans, deputies, 0..3).prop_map(
-        |(mut heard, any, plans, deputies, kind)| {
-            heard.insert(0, 1);
+        |(mut in_neighbors, any, plans, deputies, kind)| {
+            in_neighbors.insert(0, 1);
             let successions = match kind == 0 || deputies.is_empty() {
                 true => Vec::new(),
                 false => vec![Succession { leader: 1, deputies }],
             };
-            let hears = |robot: &usize| heard.contains(robot);
-            let lost = heard.iter().filter(|&&lost| lost != 1 || successions.is_empty());
+            let is_in_neighbor = |robot: &usize| in_neighbors.contains(robot);
+            let lost = in_neighbors.iter().filter(|&&lost| lost != 1 || successions.is_empty());
             let plans = lost.zip([plans.0, plans.1, plans.2]).filter(|_| kind == 2);
             let substitutes = plans.map(|(&lost, mut by)| {
-                by.retain(|by| *by != lost && (*by > 4 || hears(by)));
+                by.retain(|by| *by != lost && (*by > 4 || is_in_neighbor(by)));
                 PlannedReplacement {
                     robot: RECEIVING_ROBOT,
                     lost_in_neighbor: lost,
@@ -42,14 +42,16 @@ fn receivers() -> impl Strategy<Value = Receiver> {
             let substitutes: Vec<PlannedReplacement> = substitutes.collect();
             let planned = substitutes.iter().flat_map(|plan| plan.substitutes.iter().copied());
             let mut spares: Vec<usize> = if kind == 2 { planned.collect() } else { any };
-            spares.extend(successions.iter().flat_map(|one| one.deputies.iter().copied()));
-            spares.retain(|spare| !hears(spare) && *spare != RECEIVING_ROBOT);
+            spares.extend(
+                successions.iter().flat_map(|succession| succession.deputies.iter().copied()),
+            );
+            spares.retain(|spare| !is_in_neighbor(spare) && *spare != RECEIVING_ROBOT);
             spares.sort_unstable();
             spares.dedup();
             let spares = spares.into_iter().map(|spare| (spare, false));
-            let for_slot = LEADER_SLOT_SPARES.into_iter().filter(|_| !successions.is_empty());
-            let spares: Vec<_> = spares.chain(for_slot.map(|spare| (spare, true))).collect();
-            Receiver::new(RECEIVING_ROBOT, heard, spares, substitutes, successions)
+            let slot_spares = LEADER_SLOT_SPARES.into_iter().filter(|_| !successions.is_empty());
+            let spares: Vec<_> = spares.chain(slot_spares.map(|spare| (spare, true))).collect();
+            Receiver::new(RECEIVING_ROBOT, in_neighbors, spares, substitutes, successions)
         },
     )
 }
@@ -66,28 +68,31 @@ fn receivers_with_losses() -> impl Strategy<Value = (Receiver, Vec<bool>)> {
 /// order. Each lost in-neighbor is replaced in turn; without a replacement, it stays.
 fn used_robots(receiver: &Receiver, lost: &[bool]) -> Vec<usize> {
     let senders = receiver.senders();
-    let living = |purpose: SenderPurpose| {
+    let alive = |purpose: SenderPurpose| {
         let all = senders.iter().zip(lost);
-        all.filter(move |(one, lost)| one.purpose == purpose && !**lost).map(|(one, _)| one.robot)
+        all.filter(move |(sender, lost)| sender.purpose == purpose && !**lost)
+            .map(|(sender, _)| sender.robot)
     };
-    let lives = |robot: usize| {
+    let is_alive = |robot: usize| {
         senders.iter().zip(lost).any(|(sender, lost)| sender.robot == robot && !lost)
     };
-    let mut any_lost = living(SenderPurpose::ReplaceAnyLost);
+    let mut any_lost = alive(SenderPurpose::ReplaceAnyLost);
     let mut used = Vec::new();
     for (sender, _) in
-        senders.iter().zip(lost).filter(|(one, _)| one.purpose == SenderPurpose::InNeighbor)
+        senders.iter().zip(lost).filter(|(sender, _)| sender.purpose == SenderPurpose::InNeighbor)
     {
         let robot = sender.robot;
-        let succession = receiver.successions().iter().find(|one| one.leader == robot);
+        let succession =
+            receiver.successions().iter().find(|succession| succession.leader == robot);
         let by: Vec<usize> = match succession {
-            _ if lives(robot) => vec![robot],
-            Some(one) => {
-                match one.deputies.iter().find(|&&by| by == RECEIVING_ROBOT || lives(by)) {
+            _ if is_alive(robot) => vec![robot],
+            Some(succession) => {
+                match succession.deputies.iter().find(|&&by| by == RECEIVING_ROBOT || is_alive(by))
+                {
                     Some(&RECEIVING_ROBOT)
-                        if living(SenderPurpose::KeepLeaderSlot).next().is_some() =>
+                        if alive(SenderPurpose::KeepLeaderSlot).next().is_some() =>
                     {
-                        return living(SenderPurpose::KeepLeaderSlot).collect();
+                        return alive(SenderPurpose::KeepLeaderSlot).collect();
                     }
                     Some(&RECEIVING_ROBOT) | None => Vec::new(),
                     Some(&by) => vec![by],
@@ -100,7 +105,7 @@ fn used_robots(receiver: &Receiver, lost: &[bool]) -> Vec<usize> {
                         receiver.substitutes().iter().filter(|plan| plan.lost_in_neighbor == robot);
                     plans
                         .flat_map(|plan| plan.substitutes.iter().copied())
-                        .filter(|&by| lives(by))
+                        .filter(|&by| is_alive(by))
                         .collect()
                 }
             },
@@ -123,7 +128,7 @@ fn used_robots_by_weight(receiver: &Receiver, references: &References) -> Vec<us
 proptest! {
     #[test]
     fn references_match_a_second_formulation((receiver, lost) in receivers_with_losses()) {
-        let references = receiver.references(|place| lost[place]);
+        let references = receiver.references(|index| lost[index]);
         prop_assert_eq!(
             used_robots_by_weight(&receiver, &references),
             used_robots(&receiver, &lost)
@@ -136,53 +141,53 @@ proptest! {
         let mut found = receiver.references_without_failures();
         for _ in 0..=2 * lost.len() {
             let received = found.is_sender_open.clone();
-            let state = |place: usize| SenderState {
-                has_failed: received[place] && lost[place],
-                is_received: received[place] && !lost[place],
+            let state = |index: usize| SenderState {
+                has_failed: received[index] && lost[index],
+                is_received: received[index] && !lost[index],
             };
             receiver.update_references(state, &mut found);
         }
-        prop_assert_eq!(found, receiver.references(|place| lost[place]));
+        prop_assert_eq!(found, receiver.references(|index| lost[index]));
     }
 
     #[test]
     fn references_without_losses_are_the_in_neighbors((receiver, lost) in receivers_with_losses()) {
-        let mut references = receiver.references(|place| lost[place]);
+        let mut references = receiver.references(|index| lost[index]);
         receiver.update_references(|_| SenderState { has_failed: false, is_received: true }, &mut references);
         prop_assert_eq!(&references, &receiver.references_without_failures());
-        let in_neighbor = |place: usize| receiver.senders()[place].purpose == SenderPurpose::InNeighbor;
-        for place in 0..lost.len() {
-            prop_assert_eq!(references.weights[place], usize::from(in_neighbor(place)));
+        let in_neighbor = |index: usize| receiver.senders()[index].purpose == SenderPurpose::InNeighbor;
+        for index in 0..lost.len() {
+            prop_assert_eq!(references.weights[index], usize::from(in_neighbor(index)));
         }
     }
 
     #[test]
     fn reported_weights_match_the_references((receiver, lost) in receivers_with_losses()) {
-        let references = receiver.references(|place| lost[place]);
-        let uses = |place| references.uses_sender(place);
-        for place in (0..lost.len()).filter(|&place| uses(place)) {
-            let is_heard = |other: usize| references.is_sender_open[other] && !lost[other];
-            let weight = receiver.reported_weight(place, uses, is_heard);
-            prop_assert_eq!(weight, references.weights[place]);
+        let references = receiver.references(|index| lost[index]);
+        let uses = |index| references.uses_sender(index);
+        for index in (0..lost.len()).filter(|&index| uses(index)) {
+            let is_received = |other: usize| references.is_sender_open[other] && !lost[other];
+            let weight = receiver.reported_weight(index, uses, is_received);
+            prop_assert_eq!(weight, references.weights[index]);
         }
     }
 
     #[test]
     fn each_unused_in_neighbor_is_replaced((receiver, lost) in receivers_with_losses()) {
-        let references = receiver.references(|place| lost[place]);
+        let references = receiver.references(|index| lost[index]);
         let replacements = receiver.replacements(&references);
-        for &Replacement { lost_index: old, substitute_index } in &replacements {
-            prop_assert!(lost[old] && !references.uses_sender(old));
+        for &Replacement { lost_index, substitute_index } in &replacements {
+            prop_assert!(lost[lost_index] && !references.uses_sender(lost_index));
             prop_assert!(!lost[substitute_index] && references.uses_sender(substitute_index));
         }
-        for place in 0..lost.len() {
-            let is_in_neighbor = receiver.senders()[place].purpose == SenderPurpose::InNeighbor;
-            let replaced = replacements.iter().any(|one| one.lost_index == place);
-            let unused = is_in_neighbor && !references.uses_sender(place);
+        for index in 0..lost.len() {
+            let is_in_neighbor = receiver.senders()[index].purpose == SenderPurpose::InNeighbor;
+            let replaced = replacements.iter().any(|replacement| replacement.lost_index == index);
+            let unused = is_in_neighbor && !references.uses_sender(index);
             prop_assert!(references.keeps_leader_slot || replaced == unused);
-            let times = replacements.iter().filter(|one| one.substitute_index == place).count();
-            let own = usize::from(is_in_neighbor && references.uses_sender(place));
-            prop_assert_eq!(times + own, references.weights[place]);
+            let times = replacements.iter().filter(|replacement| replacement.substitute_index == index).count();
+            let own = usize::from(is_in_neighbor && references.uses_sender(index));
+            prop_assert_eq!(times + own, references.weights[index]);
         }
     }
 }
@@ -217,8 +222,8 @@ fn planned_sender_is_open_only_for_its_in_neighbors() {
     assert_eq!(open(&[2]), [true, true, true, false]);
 }
 
-/// Returns a containment: 0 leads 1 and 2, which have slots; 3 hears 1 and 2, 4 hears 1 and 3. Robot 4 takes the slot
-/// of 1, relative to 0; 3 then uses 4, and 4 replaces 2 for 3 by plan. 0 is the backup neighbor of 2.
+/// Returns a containment: 0 leads 1 and 2, which have slots; 3 receives from 1 and 2, 4 from 1 and 3. Robot 4 takes the
+/// slot of 1, relative to 0; 3 then uses 4, and 4 replaces 2 for 3 by plan. 0 is the backup neighbor of 2.
 fn containment() -> (FormationGraph, RepairPlan) {
     let edge = |from, to, x_m| Edge { from, to, offset_m: Vec2::new(x_m, 0.0) };
     let edges = [(0, 1, -1.0), (1, 2, -1.0), (1, 3, 0.0), (2, 3, 0.0), (1, 4, 0.0), (3, 4, 0.0)];
@@ -281,7 +286,7 @@ fn slot_of_a_leader_is_not_kept_without_a_sender_for_it() {
 #[test]
 fn first_deputy_that_no_leader_reaches_leads() {
     let edge = |from, to| Edge { from, to, offset_m: Vec2::new(-1.0, 0.0) };
-    // 0 leads 1, 1 leads 2, and 3 hears 2. 1 and 3 are deputies.
+    // 0 leads 1, 1 leads 2, and 3 receives from 2. 1 and 3 are deputies.
     let graph = FormationGraph::new(4, vec![edge(0, 1), edge(1, 2), edge(2, 3)]);
     let leading = |spares: Vec<Edge>, dead: &[usize], cut: &[usize]| {
         let plan = RepairPlan { spares, ..RepairPlan::default() };

@@ -24,26 +24,28 @@ const BOUND_LINE: LineStyle = LineStyle::solid(VERMILION).with_dash(Dash::Dashed
 pub fn draw_figures(campaign: &Campaign, points: &[GridPoint]) -> Vec<Figure> {
     let runs: usize = points.iter().map(|point| point.runs).sum();
     let each = runs_per_point_text(points);
-    let rated = |name, title, says: &str, estimate| {
+    let rate_quantity = |name, title, description: &str, estimate| {
         let bars = "Bars are Wilson intervals of 95 %";
-        let caption = format!("{says} {bars}; n = {runs} runs, {each}.");
+        let caption = format!("{description} {bars}; n = {runs} runs, {each}.");
         let range = Some((0.0, 1.0));
         PlottedQuantity { name, title, caption, label: "fraction of runs", range, estimate }
     };
-    let middle = |name, title, label, estimate| {
+    let median_quantity = |name, title, label, estimate| {
         let caption = format!("Medians; bars are BCa bootstrap intervals of 95 %; n = {each}.");
         PlottedQuantity { name, title, caption, label, range: None, estimate }
     };
     let held = "Fraction of runs in which all expectations held.";
-    let held = rated("held", "Every expectation held", held, |point| point.held.rate);
+    let held = rate_quantity("held", "Every expectation held", held, |point| point.held.rate);
     let below = "Fraction of runs in which a pair of robots was closer than d.";
-    let below = rated("below_d", "Nearer than d", below, |point| point.below_d.rate);
-    let distance = middle("distance", "Smallest distance", "smallest distance / d", |point| {
-        point.min_distance_over_d.median
-    });
-    let error = middle("error", "Final error", "worst error of the last 10 % (m)", |point| {
-        point.final_error_m_max.median
-    });
+    let below = rate_quantity("below_d", "Nearer than d", below, |point| point.below_d.rate);
+    let distance =
+        median_quantity("distance", "Smallest distance", "smallest distance / d", |point| {
+            point.min_distance_over_d.median
+        });
+    let error =
+        median_quantity("error", "Final error", "worst error of the last 10 % (m)", |point| {
+            point.final_error_m_max.median
+        });
     let draw_over_points =
         |quantity: PlottedQuantity<'_>| quantity.draw_over_points(campaign, points);
     let all = [
@@ -58,11 +60,11 @@ pub fn draw_figures(campaign: &Campaign, points: &[GridPoint]) -> Vec<Figure> {
 }
 
 fn runs_per_point_text(points: &[GridPoint]) -> String {
-    let least = points.iter().map(|point| point.runs).min().unwrap_or(0);
-    let most = points.iter().map(|point| point.runs).max().unwrap_or(0);
-    match least == most {
-        true => format!("{least} at each point"),
-        false => format!("{least} to {most} at each point"),
+    let minimum = points.iter().map(|point| point.runs).min().unwrap_or(0);
+    let maximum = points.iter().map(|point| point.runs).max().unwrap_or(0);
+    match minimum == maximum {
+        true => format!("{minimum} at each point"),
+        false => format!("{minimum} to {maximum} at each point"),
     }
 }
 
@@ -95,14 +97,14 @@ impl PlottedQuantity<'_> {
         if known.len() < 2 {
             return None;
         }
-        let number = longest_numeric_axis(campaign);
-        let x_of = |point: &GridPoint| match number {
+        let numeric_axis = longest_numeric_axis(campaign);
+        let x_of = |point: &GridPoint| match numeric_axis {
             None => point.number as f64,
             Some(axis) => campaign.settings_at(point.number - 1)[axis]
                 .numeric_value
                 .expect("an axis of numbers"),
         };
-        let x = match number {
+        let x = match numeric_axis {
             None => Axis::for_item_numbers(
                 "combination of settings, by its number in the table",
                 points.len(),
@@ -112,7 +114,7 @@ impl PlottedQuantity<'_> {
         let mut panel = Panel::new(x, self.fit_axis(&known));
         let (bottom, top) = panel.y_axis.value_range();
         // All points that differ only in the numeric axis share a curve, which is named by their other settings.
-        let others = |point: &GridPoint| match number {
+        let curve_name = |point: &GridPoint| match numeric_axis {
             None => String::new(),
             Some(axis) => {
                 let others = point.settings.iter().enumerate().filter(|(other, _)| *other != axis);
@@ -122,30 +124,31 @@ impl PlottedQuantity<'_> {
         };
         let mut curves: Vec<(String, Vec<(f64, f64)>)> = Vec::new();
         for (point, estimate) in &known {
-            let (at, curve) = ((x_of(point), estimate.value), others(point));
-            let place = curves.iter().position(|(other, _)| *other == curve).unwrap_or_else(|| {
-                curves.push((curve, Vec::new()));
+            let (position, name) = ((x_of(point), estimate.value), curve_name(point));
+            let index = curves.iter().position(|(other, _)| *other == name).unwrap_or_else(|| {
+                curves.push((name, Vec::new()));
                 curves.len() - 1
             });
-            curves[place].1.push(at);
-            let color = if number.is_some() { robot_line(place).color } else { BLACK };
-            let (low, high) = (estimate.low.unwrap_or(at.1), estimate.high.unwrap_or(at.1));
-            let bar = vec![(at.0, low.max(bottom)), (at.0, high.min(top))];
+            curves[index].1.push(position);
+            let color = if numeric_axis.is_some() { robot_line(index).color } else { BLACK };
+            let (low, high) =
+                (estimate.low.unwrap_or(position.1), estimate.high.unwrap_or(position.1));
+            let bar = vec![(position.0, low.max(bottom)), (position.0, high.min(top))];
             panel.curves.push((bar, LineStyle::solid(color).with_width(0.8), false));
-            let named = number.is_none() && points.len() <= LABELS_MAX;
+            let named = numeric_axis.is_none() && points.len() <= LABELS_MAX;
             let label = if named { settings_text(point) } else { String::new() };
-            panel.marks.push(Mark { position: at, shape: MarkShape::Ring, color, label });
+            panel.marks.push(Mark { position, shape: MarkShape::Ring, color, label });
         }
-        let (mut caption, mut key) = (self.caption, Vec::new());
-        if number.is_none() {
+        let (mut caption, mut legend) = (self.caption, Vec::new());
+        if numeric_axis.is_none() {
             caption += " Each combination of settings has its number in the table.";
             curves.clear();
         }
-        for (place, (words, list)) in curves.into_iter().enumerate() {
-            panel.curves.push((list, robot_line(place), false));
-            key.extend((!words.is_empty()).then_some((robot_line(place), words)));
+        for (index, (name, curve)) in curves.into_iter().enumerate() {
+            panel.curves.push((curve, robot_line(index), false));
+            legend.extend((!name.is_empty()).then_some((robot_line(index), name)));
         }
-        Some(Figure::single_panel(self.name, self.title, caption, FIGURE_SIZE, panel, key))
+        Some(Figure::single_panel(self.name, self.title, caption, FIGURE_SIZE, panel, legend))
     }
 
     /// Returns the axis that fits the values and the ends of their intervals.
@@ -153,12 +156,12 @@ impl PlottedQuantity<'_> {
         if let Some((low, high)) = self.range {
             return Axis::exact(self.label, low, high);
         }
-        let ends = known.iter().flat_map(|(_, e)| [Some(e.value), e.low, e.high]).flatten();
-        let (least, most) = value_range(ends);
+        let bounds = known.iter().flat_map(|(_, e)| [Some(e.value), e.low, e.high]).flatten();
+        let (minimum, maximum) = value_range(bounds);
         // Values as small as rounding errors have no other scale than their power of ten.
-        match least > 0.0 && (most / least > 100.0 || most < ROUNDING_ERROR_MAX) {
-            true => Axis::log(self.label, least, most),
-            false => Axis::linear(self.label, least, most),
+        match minimum > 0.0 && (maximum / minimum > 100.0 || maximum < ROUNDING_ERROR_MAX) {
+            true => Axis::log(self.label, minimum, maximum),
+            false => Axis::linear(self.label, minimum, maximum),
         }
     }
 }
@@ -199,9 +202,9 @@ fn draw_distributions<'p>(
     [x, y]: [Axis; 2],
     steps: impl Fn(&'p GridPoint) -> (Vec<(f64, f64)>, usize),
 ) -> (Panel, Vec<(LineStyle, String)>, String) {
-    let (mut panel, mut key) = (Panel::new(x, y), Vec::new());
+    let (mut panel, mut legend) = (Panel::new(x, y), Vec::new());
     let (begin, end) = panel.x_axis.value_range();
-    for (place, point) in points.iter().take(CURVES_MAX).enumerate() {
+    for (index, point) in points.iter().take(CURVES_MAX).enumerate() {
         let (steps, n) = steps(point);
         let (mut curve, mut before) = (vec![(begin, 0.0)], 0.0);
         for (value, share) in steps {
@@ -209,23 +212,23 @@ fn draw_distributions<'p>(
             before = share;
         }
         curve.push((end, before));
-        panel.curves.push((curve, robot_line(place), false));
-        key.push((robot_line(place), legend_entry(point, n)));
+        panel.curves.push((curve, robot_line(index), false));
+        legend.push((robot_line(index), legend_entry(point, n)));
     }
-    let left_out = match points.len() > CURVES_MAX {
+    let omitted_note = match points.len() > CURVES_MAX {
         true => format!(
             " Only the first {CURVES_MAX} of {} combinations of settings are drawn.",
             points.len()
         ),
         false => String::new(),
     };
-    (panel, key, left_out)
+    (panel, legend, omitted_note)
 }
 
 /// Draws the fraction of converged runs over time.
 fn draw_convergence(points: &[GridPoint]) -> Option<Figure> {
-    let ends = points.iter().flat_map(|point| point.convergence.iter().map(|step| step.value));
-    let longest = ends.fold(0.0, f64::max);
+    let times = points.iter().flat_map(|point| point.convergence.iter().map(|step| step.value));
+    let longest = times.fold(0.0, f64::max);
     if longest <= 0.0 {
         return None;
     }
@@ -233,36 +236,50 @@ fn draw_convergence(points: &[GridPoint]) -> Option<Figure> {
         Axis::linear("time (s)", 0.0, longest),
         Axis::exact("fraction of runs converged", 0.0, 1.0),
     ];
-    let (panel, key, left_out) = draw_distributions(points, axes, |point| {
+    let (panel, legend, omitted_note) = draw_distributions(points, axes, |point| {
         let steps = point.convergence.iter().map(|step| (step.value, step.share));
         (steps.collect(), point.runs)
     });
     let caption = format!(
         "Empirical distribution of convergence times. Runs that did not converge are censored at their end; the \
-         curve then ends below 1.{left_out}"
+         curve then ends below 1.{omitted_note}"
     );
-    Some(Figure::single_panel("convergence", "Convergence times", caption, FIGURE_SIZE, panel, key))
+    Some(Figure::single_panel(
+        "convergence",
+        "Convergence times",
+        caption,
+        FIGURE_SIZE,
+        panel,
+        legend,
+    ))
 }
 
 /// Draws the fraction of runs over their smallest distance.
 fn draw_distances(points: &[GridPoint]) -> Option<Figure> {
-    let (least, most) =
+    let (minimum, maximum) =
         value_range(points.iter().flat_map(|point| point.distances.iter().copied()));
-    if !least.is_finite() {
+    if !minimum.is_finite() {
         return None;
     }
     let axes = [
-        Axis::linear("smallest distance / d", least.min(0.95), most.max(1.05)),
+        Axis::linear("smallest distance / d", minimum.min(0.95), maximum.max(1.05)),
         Axis::exact("cumulative fraction of runs", 0.0, 1.0),
     ];
-    let (mut panel, key, left_out) = draw_distributions(points, axes, |point| {
+    let (mut panel, legend, omitted_note) = draw_distributions(points, axes, |point| {
         let n = point.distances.len();
         let steps = point.distances.iter().zip(1..).map(|(&m, nth)| (m, f64::from(nth) / n as f64));
         (steps.collect(), n)
     });
     panel.add_vertical_line(1.0, 1.0, "d".into(), BOUND_LINE);
     let caption = format!(
-        "Empirical distribution of the smallest distance between two front points at any tick, divided by d.{left_out}"
+        "Empirical distribution of the smallest distance between two front points at any tick, divided by d.{omitted_note}"
     );
-    Some(Figure::single_panel("distances", "Smallest distances", caption, FIGURE_SIZE, panel, key))
+    Some(Figure::single_panel(
+        "distances",
+        "Smallest distances",
+        caption,
+        FIGURE_SIZE,
+        panel,
+        legend,
+    ))
 }

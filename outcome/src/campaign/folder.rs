@@ -172,9 +172,9 @@ impl CampaignFolder {
             if name.strip_suffix(".log").is_some_and(|id| self.run_path(id).exists()) {
                 let _ = fs::remove_file(entry.path());
             }
-            let Some((_, by)) = name.split_once(".part-") else { continue };
-            let Some((pid, on)) = by.split_once('-') else { continue };
-            if on == host && !is_running(pid) {
+            let Some((_, owner)) = name.split_once(".part-") else { continue };
+            let Some((pid, owner_host)) = owner.split_once('-') else { continue };
+            if owner_host == host && !is_running(pid) {
                 let _ = fs::remove_dir_all(entry.path());
             }
         }
@@ -219,10 +219,10 @@ pub fn read_state(run: &Path, keep: FileRetention) -> Result<RunState, FolderErr
     Ok(match summary {
         Err(error) => RunState::Damaged(format!("{SUMMARY_FILE}: {error}")),
         Ok(summary) => {
-            let wanted =
+            let is_requested =
                 keep == FileRetention::All || keep == FileRetention::Failed && summary.exit != 0;
-            let is_less = wanted && !run.join(SAMPLES_FILE).exists();
-            if is_less { RunState::Missing } else { RunState::Done(summary) }
+            let is_incomplete = is_requested && !run.join(SAMPLES_FILE).exists();
+            if is_incomplete { RunState::Missing } else { RunState::Done(summary) }
         }
     })
 }
@@ -233,10 +233,10 @@ pub fn prepare_run(run: &Path, keep: FileRetention) -> Result<bool, FolderError>
     match read_state(run, keep)? {
         RunState::Done(_) => return Ok(true),
         RunState::Damaged(_) => {
-            let aside = sibling_path(run, "damaged");
-            let _ = fs::remove_dir_all(&aside);
+            let damaged_path = sibling_path(run, "damaged");
+            let _ = fs::remove_dir_all(&damaged_path);
             // Another process may have renamed the directory first.
-            match fs::rename(run, &aside) {
+            match fs::rename(run, &damaged_path) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 renamed => renamed.map_err(file_error("rename", run))?,
             }
@@ -266,16 +266,15 @@ fn failure_list_chain(run: &Path) -> ChecksumChain {
 }
 
 /// Appends a failed attempt and its reason to the list of the run.
-pub fn append_failure(run: &Path, why: &str) -> io::Result<()> {
-    let why = why.lines().next().unwrap_or("failed");
+pub fn append_failure(run: &Path, reason: &str) -> io::Result<()> {
+    let reason = reason.lines().next().unwrap_or("failed");
     let mut file = own_file::open_regular_file(&sibling_path(run, "failed"))?;
     let text = regular_file::decode_utf8(regular_file::read_rest(&file, FAILURE_LIST_BYTES_MAX)?);
     let text = text.unwrap_or_default();
-    let VerifiedLines { length_bytes: bytes, mut chain, .. } =
-        failure_list_chain(run).verify(&text);
-    file.set_len(bytes as u64)?;
+    let VerifiedLines { length_bytes, mut chain, .. } = failure_list_chain(run).verify(&text);
+    file.set_len(length_bytes as u64)?;
     file.seek(SeekFrom::End(0))?;
-    writeln!(file, "{}", chain.append_checksum(why))
+    writeln!(file, "{}", chain.append_checksum(reason))
 }
 
 /// Returns the temporary name under which this process writes a run.
@@ -311,14 +310,14 @@ enum CompletionStep {
     Rename,
 }
 
-fn completion_steps(part: &Path, is_summary: bool) -> io::Result<Vec<CompletionStep>> {
+fn completion_steps(part: &Path, keeps_summary_only: bool) -> io::Result<Vec<CompletionStep>> {
     let mut steps = Vec::new();
-    if is_summary {
+    if keeps_summary_only {
         for entry in fs::read_dir(part)? {
             let entry = entry?;
             if ![SCENARIO_FILE, MANIFEST_FILE, SUMMARY_FILE]
                 .iter()
-                .any(|&kept| entry.file_name() == kept)
+                .any(|&name| entry.file_name() == name)
             {
                 steps.push(CompletionStep::Remove(entry.path()));
             }
@@ -373,8 +372,8 @@ mod tests {
     }
 
     /// Writes a run without its checksums. Returns its temporary and its final path.
-    fn write_example_run(place: &Path) -> (PathBuf, PathBuf) {
-        let (part, run) = (place.join("id.part-1-host"), place.join("id"));
+    fn write_example_run(folder: &Path) -> (PathBuf, PathBuf) {
+        let (part, run) = (folder.join("id.part-1-host"), folder.join("id"));
         fs::create_dir_all(part.join("logs")).unwrap();
         let texts = ["name = 1\n", "{}\n", &to_json(&example_summary()), "t_s\n0\n"];
         FILES.iter().zip(texts).for_each(|(name, text)| fs::write(part.join(name), text).unwrap());
@@ -385,9 +384,9 @@ mod tests {
     /// truncated.
     #[test]
     fn power_failure_leaves_each_run_complete_or_repeatable() {
-        let mut whole = 0;
+        let mut complete_count = 0;
         for (keep, files) in [(FileRetention::Summary, 3), (FileRetention::All, 4)] {
-            let cuts = 0..=completion_steps(
+            let step_counts = 0..=completion_steps(
                 &write_example_run(tempfile::tempdir().unwrap().path()).0,
                 files == 3,
             )
@@ -395,28 +394,30 @@ mod tests {
             .len();
             let losses = FILES[..files].iter().flat_map(|name| [(name, 0), (name, 4)]);
             let losses: Vec<_> = losses.map(Some).chain([None]).collect();
-            for (cut, loss) in cuts.flat_map(|cut| losses.iter().map(move |&loss| (cut, loss))) {
-                let place = tempfile::tempdir().unwrap();
-                let (part, run) = write_example_run(place.path());
-                for step in &completion_steps(&part, files == 3).unwrap()[..cut] {
+            for (step_count, loss) in step_counts
+                .flat_map(|step_count| losses.iter().map(move |&loss| (step_count, loss)))
+            {
+                let folder = tempfile::tempdir().unwrap();
+                let (part, run) = write_example_run(folder.path());
+                for step in &completion_steps(&part, files == 3).unwrap()[..step_count] {
                     step.execute(&part, &run).unwrap();
                 }
-                let is_named = run.exists();
-                if let (Some((name, bytes)), true) = (loss, is_named) {
+                let is_renamed = run.exists();
+                if let (Some((name, bytes)), true) = (loss, is_renamed) {
                     let file = fs::File::options().write(true).open(run.join(name)).unwrap();
                     file.set_len(bytes).unwrap();
                 }
                 let state = read_state(&run, keep).unwrap();
-                let expected = match (is_named, loss) {
+                let expected = match (is_renamed, loss) {
                     (false, _) => RunState::Missing,
                     (true, None) => RunState::Done(Box::new(example_summary())),
                     (true, Some((name, _))) => {
                         RunState::Damaged(format!("{name} is not as the run wrote it"))
                     }
                 };
-                assert_eq!(state, expected, "after {cut} steps, {loss:?} lost");
-                whole += usize::from(prepare_run(&run, keep).unwrap());
-                let (part, run) = write_example_run(place.path());
+                assert_eq!(state, expected, "after {step_count} steps, {loss:?} lost");
+                complete_count += usize::from(prepare_run(&run, keep).unwrap());
+                let (part, run) = write_example_run(folder.path());
                 complete_run(&part, &run, keep, true).unwrap();
                 assert_eq!(
                     super::read_state(&run, keep).unwrap(),
@@ -426,13 +427,13 @@ mod tests {
             }
         }
         // A run is complete only if it was renamed and nothing was lost.
-        assert_eq!(whole, 2);
+        assert_eq!(complete_count, 2);
     }
 
     #[test]
     fn missing_or_extra_file_makes_a_run_damaged() {
-        let place = tempfile::tempdir().unwrap();
-        let (part, run) = write_example_run(place.path());
+        let folder = tempfile::tempdir().unwrap();
+        let (part, run) = write_example_run(folder.path());
         complete_run(&part, &run, FileRetention::All, true).unwrap();
         let listed = fs::read_to_string(run.join(CHECKSUMS_FILE)).unwrap();
         for wrong in ["", "?", &listed[..listed.len() / 2], &(listed.clone() + "0  other\n")] {
@@ -443,8 +444,8 @@ mod tests {
         }
         fs::write(run.join(CHECKSUMS_FILE), listed).unwrap();
         fs::remove_file(run.join(MANIFEST_FILE)).unwrap();
-        let gone = read_state(&run, FileRetention::All).unwrap();
-        assert_eq!(gone, RunState::Damaged("manifest.json is missing".into()));
+        let state = read_state(&run, FileRetention::All).unwrap();
+        assert_eq!(state, RunState::Damaged("manifest.json is missing".into()));
         // A directory has no content to hash, as a pipe has none.
         fs::create_dir(run.join(MANIFEST_FILE)).unwrap();
         let replaced = read_state(&run, FileRetention::All).unwrap();

@@ -83,48 +83,48 @@ impl Journal {
             None if head.starts_with(&*text) => "",
             None => return Err(JournalError::OtherHunt(path.display().to_string())),
         };
-        let VerifiedLines { lines, length_bytes: kept, first_damaged_line: damaged, chain } =
+        let VerifiedLines { lines, length_bytes, first_damaged_line, chain } =
             ChecksumChain::new(&head).verify(lines);
         let known: Option<Vec<Option<JournalEntry>>> =
             lines.iter().map(|line| parse_line(line, expectations.len())).collect();
         let known =
             known.ok_or_else(|| failed(io::Error::other("its lines have another format")))?;
-        let damage = damaged.map(|line| -> io::Result<String> {
-            let mut aside = path.clone().into_os_string();
-            aside.push(".damaged");
-            replace_file(Path::new(&aside), &bytes, true)?;
-            let (path, aside, line) = (path.display(), aside.display(), HEADER_LINE_COUNT + line);
+        let damage = first_damaged_line.map(|line| -> io::Result<String> {
+            let mut damaged_path = path.clone().into_os_string();
+            damaged_path.push(".damaged");
+            replace_file(Path::new(&damaged_path), &bytes, true)?;
+            let (path, damaged_path, line) = (path.display(), damaged_path.display(), HEADER_LINE_COUNT + line);
             Ok(format!(
                 "{path}: line {line} does not match its checksum: it was changed, or a line before it was deleted, duplicated or \
-                 moved; the runs from that line on are computed again, and the old journal is kept as {aside}"
+                 moved; the runs from that line on are computed again, and the old journal is kept as {damaged_path}"
             ))
         });
         let damage = damage.transpose().map_err(failed)?;
-        let cut_and_begin = |file: &mut File| -> io::Result<()> {
-            let begun = text.len() >= head.len();
-            file.set_len(if begun { head.len() + kept } else { 0 } as u64)?;
+        let truncate_and_write_header = |file: &mut File| -> io::Result<()> {
+            let has_header = text.len() >= head.len();
+            file.set_len(if has_header { head.len() + length_bytes } else { 0 } as u64)?;
             file.seek(SeekFrom::End(0))?;
-            if begun { Ok(()) } else { file.write_all(head.as_bytes()) }
+            if has_header { Ok(()) } else { file.write_all(head.as_bytes()) }
         };
-        cut_and_begin(&mut file).map_err(failed)?;
+        truncate_and_write_header(&mut file).map_err(failed)?;
         Ok(Journal { file, chain, known_entries: known, damage })
     }
 
     /// Appends one line per run, each with the strategy that proposed the run.
     pub fn append<'m>(
         &mut self,
-        tried: impl Iterator<Item = (&'static str, &'m Option<JournalEntry>)>,
+        entries: impl Iterator<Item = (&'static str, &'m Option<JournalEntry>)>,
     ) -> io::Result<()> {
         let chain = &mut self.chain;
-        let line = |(by, margins): (&str, &Option<JournalEntry>)| match margins {
-            Some(JournalEntry { margins, observed_events: traits }) => {
+        let line = |(strategy, entry): (&str, &Option<JournalEntry>)| match entry {
+            Some(JournalEntry { margins, observed_events }) => {
                 let margins: String = margins.iter().map(|margin| format!(",{margin:?}")).collect();
-                let traits: Vec<String> = traits.iter().map(ToString::to_string).collect();
-                chain.append_checksum(&format!("{by}{margins},{}", traits.join(" "))) + "\n"
+                let events: Vec<String> = observed_events.iter().map(ToString::to_string).collect();
+                chain.append_checksum(&format!("{strategy}{margins},{}", events.join(" "))) + "\n"
             }
-            None => chain.append_checksum(&format!("{by},not sound")) + "\n",
+            None => chain.append_checksum(&format!("{strategy},not sound")) + "\n",
         };
-        self.file.write_all(tried.map(line).collect::<String>().as_bytes())
+        self.file.write_all(entries.map(line).collect::<String>().as_bytes())
     }
 }
 
@@ -135,12 +135,12 @@ fn parse_line(line: &str, count: usize) -> Option<Option<JournalEntry>> {
     if rest == "not sound" {
         return Some(None);
     }
-    let (margins, traits) = rest.rsplit_once(',')?;
+    let (margins, events) = rest.rsplit_once(',')?;
     let margins: Vec<f64> =
         margins.split(',').map(|margin| margin.parse().ok()).collect::<Option<_>>()?;
-    let traits =
-        traits.split_whitespace().map(|number| number.parse().ok()).collect::<Option<_>>()?;
-    (margins.len() == count).then_some(Some(JournalEntry { margins, observed_events: traits }))
+    let observed_events =
+        events.split_whitespace().map(|number| number.parse().ok()).collect::<Option<_>>()?;
+    (margins.len() == count).then_some(Some(JournalEntry { margins, observed_events }))
 }
 
 #[cfg(test)]
@@ -156,10 +156,10 @@ mod tests {
 
     /// Returns three runs, of which the second is invalid.
     fn runs() -> [Option<JournalEntry>; 3] {
-        let tried = |margins: [f64; 2], traits: &[u16]| {
-            Some(JournalEntry { margins: margins.into(), observed_events: traits.into() })
+        let entry = |margins: [f64; 2], events: &[u16]| {
+            Some(JournalEntry { margins: margins.into(), observed_events: events.into() })
         };
-        [tried([0.1, -2.5e-7], &[3, 40]), None, tried([1.0, f64::INFINITY], &[])]
+        [entry([0.1, -2.5e-7], &[3, 40]), None, entry([1.0, f64::INFINITY], &[])]
     }
 
     /// Writes a journal of three runs and returns its folder and its text.
@@ -178,20 +178,20 @@ mod tests {
     }
 
     #[test]
-    fn journal_cut_anywhere_resumes_after_its_last_whole_line() {
-        let (folder, whole) = write_example_journal();
+    fn journal_cut_anywhere_resumes_after_its_last_complete_line() {
+        let (folder, text) = write_example_journal();
         let path = folder.path().join(JOURNAL_FILE);
         let expected = "# id\nby,a,b,traits\nx,0.1,-2.5e-7,3 40\ny,not sound\nz,1.0,inf,\n";
-        assert_eq!(without_checksums(&whole), expected);
-        for cut in 0..=whole.len() {
-            fs::write(&path, &whole[..cut]).unwrap();
+        assert_eq!(without_checksums(&text), expected);
+        for cut in 0..=text.len() {
+            fs::write(&path, &text[..cut]).unwrap();
             let mut journal = Journal::open(folder.path(), "id", &names()).unwrap();
             let known = journal.known_entries.len();
             assert_eq!(journal.known_entries, runs()[..known], "cut at {cut}");
             assert_eq!(journal.damage, None, "cut at {cut}");
-            assert_eq!(known, whole[..cut].matches('\n').count().saturating_sub(2));
+            assert_eq!(known, text[..cut].matches('\n').count().saturating_sub(2));
             journal.append(["x", "y", "z"].into_iter().zip(&runs()).skip(known)).unwrap();
-            assert_eq!(fs::read_to_string(&path).unwrap(), whole, "cut at {cut}");
+            assert_eq!(fs::read_to_string(&path).unwrap(), text, "cut at {cut}");
         }
         let other = Journal::open(folder.path(), "another", &names()).err().unwrap();
         assert!(other.to_string().contains("another hunt"), "{other}");
@@ -199,10 +199,10 @@ mod tests {
 
     #[test]
     fn altered_journal_warns_and_keeps_the_lines_before() {
-        let (folder, whole) = write_example_journal();
+        let (folder, text) = write_example_journal();
         let path = folder.path().join(JOURNAL_FILE);
-        let lines: Vec<&str> = whole.split_inclusive('\n').collect();
-        let [a, b, c, d, e] = lines[..] else { panic!("{whole}") };
+        let lines: Vec<&str> = text.split_inclusive('\n').collect();
+        let [a, b, c, d, e] = lines[..] else { panic!("{text}") };
         let changed = c.replace("0.1", "0.2");
         for (text, line, known) in [
             ([a, b, &changed, d, e].concat(), 3, 0),
@@ -220,8 +220,8 @@ mod tests {
                 damage.contains(&format!("line {line} does not match its checksum")),
                 "{damage}"
             );
-            let aside = folder.path().join("journal.csv.damaged");
-            assert_eq!(fs::read_to_string(aside).unwrap(), text);
+            let damaged_path = folder.path().join("journal.csv.damaged");
+            assert_eq!(fs::read_to_string(damaged_path).unwrap(), text);
             assert_eq!(fs::read_to_string(&path).unwrap(), lines[..2 + known].concat());
         }
     }

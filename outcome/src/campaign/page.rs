@@ -35,10 +35,10 @@ pub fn campaign_json(
     origin: &Origin<'_>,
 ) -> String {
     let axes: Vec<Value> = campaign.axes.iter().map(axis_to_json).collect();
-    let zip: Vec<Vec<&str>> = (campaign.axis_groups.iter().filter(|group| group.len() > 1))
+    let zipped_axes: Vec<Vec<&str>> = (campaign.axis_groups.iter().filter(|group| group.len() > 1))
         .map(|group| group.iter().map(|&axis| campaign.axes[axis].key.as_str()).collect())
         .collect();
-    let whole = json!({
+    let document = json!({
         "format": 1,
         "name": campaign.name,
         "scenario": campaign.scenario.display().to_string(),
@@ -46,7 +46,7 @@ pub fn campaign_json(
         "keep": campaign.file_retention.keyword(),
         "set": campaign.assignments,
         "axes": axes,
-        "zip": zip,
+        "zip": zipped_axes,
         "faults": campaign.faults,
         "seeds": campaign.seeds,
         "starts": campaign.random_starts.map(starts_to_json),
@@ -56,7 +56,7 @@ pub fn campaign_json(
         "pairs": pairs,
         "phalanx": origin,
     });
-    serde_json::to_string_pretty(&whole).expect("plain values") + "\n"
+    serde_json::to_string_pretty(&document).expect("plain values") + "\n"
 }
 
 fn axis_to_json(axis: &Axis) -> Value {
@@ -64,12 +64,12 @@ fn axis_to_json(axis: &Axis) -> Value {
     let mut value = json!({ "key": axis.key, "values": values });
     if axis.kind == AxisKind::Cases {
         let cases = axis.settings.iter().map(|setting| {
-            let Case { scenario, assignments: set, random_starts: starts } = &setting.case;
+            let Case { scenario, assignments, random_starts } = &setting.case;
             json!({
                 "scenario": scenario.as_ref().map(|path| path.display().to_string()),
-                "set": set,
+                "set": assignments,
                 "faults": setting.faults,
-                "starts": starts.map(starts_to_json),
+                "starts": random_starts.map(starts_to_json),
             })
         });
         value["cases"] = cases.collect();
@@ -78,12 +78,12 @@ fn axis_to_json(axis: &Axis) -> Value {
 }
 
 fn starts_to_json(starts: RandomStarts) -> Value {
-    let RandomStarts { box_m, separation_min_m: apart_m, box_center: around, goals } = starts;
-    let (around, center_m) = match around {
+    let RandomStarts { box_m, separation_min_m, box_center, goals } = starts;
+    let (around, center_m) = match box_center {
         BoxCenter::Common(center_m) => ("middle", center_m),
         BoxCenter::PerRobot => ("each", None),
     };
-    json!({ "box_m": box_m, "apart_m": apart_m, "around": around, "center_m": center_m, "goals": goals.keyword() })
+    json!({ "box_m": box_m, "apart_m": separation_min_m, "around": around, "center_m": center_m, "goals": goals.keyword() })
 }
 
 /// Returns the content of `report.html`.
@@ -96,10 +96,10 @@ pub fn campaign_html(
     let runs: usize = points.iter().map(|point| point.runs).sum();
     let missing: usize = points.iter().map(|point| point.missing).sum();
     let given_up: usize = points.iter().map(|point| point.given_up).sum();
-    let (all, seeds) = (points.len(), campaign.runs_per_point());
+    let (point_count, seeds) = (points.len(), campaign.runs_per_point());
     let mut head = format!(
-        "<p class=\"quiet\">{runs} runs: {all} combination{} of settings, {seeds} seed{}, {}</p>\n",
-        if all == 1 { "" } else { "s" },
+        "<p class=\"quiet\">{runs} runs: {point_count} combination{} of settings, {seeds} seed{}, {}</p>\n",
+        if point_count == 1 { "" } else { "s" },
         if seeds == 1 { "" } else { "s" },
         campaign.pace.keyword()
     );
@@ -171,10 +171,10 @@ fn format_median(median: Median) -> String {
     if !value.is_finite() {
         return format!("never ({} of {})", median.never, median.of);
     }
-    let end = |end: Option<f64>| end.map_or("\u{2013}".into(), format_four_digits);
+    let format_bound = |bound: Option<f64>| bound.map_or("\u{2013}".into(), format_four_digits);
     let interval = match (low, high) {
         (None, None) => "(\u{2013})".into(),
-        _ => format!("({} to {})", end(low), end(high)),
+        _ => format!("({} to {})", format_bound(low), format_bound(high)),
     };
     let never = match median.never {
         0 => String::new(),
@@ -216,13 +216,13 @@ fn pairs_table(pairs: &[PairedComparison]) -> String {
         .map(Field::Number)
         .into()
     });
-    let all = table_html(&heads, rows);
-    match all.is_empty() {
-        true => all,
+    let table = table_html(&heads, rows);
+    match table.is_empty() {
+        true => table,
         false => format!(
             "<p>Each point is compared with the first by runs of the same seed: McNemar's exact test on the runs that \
              held at only one of the two points, and medians of the differences with BCa bootstrap intervals of \
-             95 %.</p>\n{all}"
+             95 %.</p>\n{table}"
         ),
     }
 }
@@ -232,8 +232,8 @@ fn campaign_list(campaign: &Campaign) -> String {
         ("Scenario", campaign.scenario.display().to_string()),
         ("Time mode", campaign.pace.keyword().to_owned()),
     ];
-    for set in &campaign.assignments {
-        rows.push(("Set", set.clone()));
+    for assignment in &campaign.assignments {
+        rows.push(("Set", assignment.clone()));
     }
     for fault in &campaign.faults {
         rows.push(("Fault", fault.clone()));
@@ -241,14 +241,16 @@ fn campaign_list(campaign: &Campaign) -> String {
     rows.extend(campaign.random_starts.map(|starts| ("Starts", describe_starts(starts))));
     for axis in campaign.axes.iter().filter(|axis| axis.kind == AxisKind::Cases) {
         for setting in &axis.settings {
-            let Case { scenario, assignments: set, random_starts: starts } = &setting.case;
+            let Case { scenario, assignments, random_starts } = &setting.case;
             let scenario = scenario.iter().map(|path| format!("scenario {}", path.display()));
             let faults = setting.faults.iter().map(|fault| format!("fault {fault}"));
-            let starts = starts.iter().map(|starts| format!("starts {}", describe_starts(*starts)));
-            let all: Vec<_> =
-                scenario.chain(set.iter().cloned()).chain(faults).chain(starts).collect();
-            let all = if all.is_empty() { "nothing changed".to_owned() } else { all.join("; ") };
-            rows.push(("Case", format!("{} {}: {all}", axis.key, setting.display_text)));
+            let starts =
+                random_starts.iter().map(|starts| format!("starts {}", describe_starts(*starts)));
+            let changes: Vec<_> =
+                scenario.chain(assignments.iter().cloned()).chain(faults).chain(starts).collect();
+            let changes =
+                if changes.is_empty() { "nothing changed".to_owned() } else { changes.join("; ") };
+            rows.push(("Case", format!("{} {}: {changes}", axis.key, setting.display_text)));
         }
     }
     rows.push(("Bootstrap", format!("{RESAMPLES} samples, seed {BOOTSTRAP_SEED}")));
@@ -256,18 +258,14 @@ fn campaign_list(campaign: &Campaign) -> String {
 }
 
 fn describe_starts(starts: RandomStarts) -> String {
-    let RandomStarts {
-        box_m: [width, height],
-        separation_min_m: apart_m,
-        box_center: around,
-        goals,
-    } = starts;
-    let each = if around == BoxCenter::PerRobot { " around each robot's own start" } else { "" };
-    let swaps = match goals {
+    let RandomStarts { box_m: [width, height], separation_min_m, box_center, goals } = starts;
+    let center_note =
+        if box_center == BoxCenter::PerRobot { " around each robot's own start" } else { "" };
+    let swaps_text = match goals {
         GoalAssignment::Own => "",
         GoalAssignment::Swaps => "; random pairs swap places",
     };
     format!(
-        "drawn from the seed in {width} m by {height} m{each}, at least {apart_m} m apart{swaps}"
+        "drawn from the seed in {width} m by {height} m{center_note}, at least {separation_min_m} m apart{swaps_text}"
     )
 }

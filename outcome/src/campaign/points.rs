@@ -88,62 +88,65 @@ pub struct PairedComparison {
     pub error_difference_m: Median,
 }
 
-fn count_rate<'a>(all: impl Iterator<Item = &'a bool>) -> Rate {
+fn count_rate<'a>(flags: impl Iterator<Item = &'a bool>) -> Rate {
     let (mut count, mut of) = (0, 0);
-    for so in all {
-        count += usize::from(*so);
+    for flag in flags {
+        count += usize::from(*flag);
         of += 1;
     }
     Rate { count, of, rate: estimate_rate(count, of) }
 }
 
 fn median_of_known_values(values: &[Option<f64>]) -> Median {
-    let all: Vec<f64> = values.iter().map(|value| value.unwrap_or(f64::INFINITY)).collect();
-    let never = all.iter().filter(|value| !value.is_finite()).count();
-    Median { of: all.len(), never, median: estimate_median(&all) }
+    let values_or_infinity: Vec<f64> =
+        values.iter().map(|value| value.unwrap_or(f64::INFINITY)).collect();
+    let never = values_or_infinity.iter().filter(|value| !value.is_finite()).count();
+    Median { of: values_or_infinity.len(), never, median: estimate_median(&values_or_infinity) }
 }
 
 /// Computes the results at each grid point, in order.
 pub fn compute_points(campaign: &Campaign, rows: &[RunRow<'_>]) -> Vec<GridPoint> {
-    let each = campaign.runs_per_point();
+    let runs_per_point = campaign.runs_per_point();
     (0..campaign.point_count())
         .map(|point| {
-            let here: Vec<_> =
+            let point_rows: Vec<_> =
                 rows.iter().filter(|row| row.campaign_run.point_index == point).collect();
-            let done: Vec<_> = here.iter().filter_map(|row| Some((*row, row.summary()?))).collect();
-            let held: Vec<bool> = done
+            let completed: Vec<_> =
+                point_rows.iter().filter_map(|row| Some((*row, row.summary()?))).collect();
+            let held: Vec<bool> = completed
                 .iter()
                 .filter(|(row, _)| row.verdict_keyword() != "undeclared")
                 .map(|(row, _)| row.verdict_keyword() == "held")
                 .collect();
-            let below: Vec<bool> = done.iter().map(|(_, s)| s.violations > 0).collect();
-            let times: Vec<Option<f64>> = done.iter().map(|(_, s)| s.converged_at_s).collect();
+            let below: Vec<bool> = completed.iter().map(|(_, s)| s.violations > 0).collect();
+            let times: Vec<Option<f64>> = completed.iter().map(|(_, s)| s.converged_at_s).collect();
             let converged: Vec<bool> = times.iter().map(Option::is_some).collect();
-            let came: Vec<f64> = times.iter().flatten().copied().collect();
-            let ends = done.iter().filter(|(_, s)| s.converged_at_s.is_none());
-            let ends: Vec<f64> = ends.map(|(_, s)| s.t_s).collect();
-            let over_d = |(row, s): &(&RunRow<'_>, &crate::metrics::summary::Summary)| {
+            let converged_times_s: Vec<f64> = times.iter().flatten().copied().collect();
+            let censored_times_s = completed.iter().filter(|(_, s)| s.converged_at_s.is_none());
+            let censored_times_s: Vec<f64> = censored_times_s.map(|(_, s)| s.t_s).collect();
+            let distance_over_d = |(row, s): &(&RunRow<'_>, &crate::metrics::summary::Summary)| {
                 s.distance_over_d(row.campaign_run.distance_min_m)
             };
-            let distances: Vec<Option<f64>> = done.iter().map(over_d).collect();
-            let errors: Vec<Option<f64>> = done.iter().map(|(_, s)| s.final_error_m_max).collect();
-            let mut known: Vec<f64> = distances.iter().flatten().copied().collect();
-            known.sort_by(f64::total_cmp);
+            let distances: Vec<Option<f64>> = completed.iter().map(distance_over_d).collect();
+            let errors: Vec<Option<f64>> =
+                completed.iter().map(|(_, s)| s.final_error_m_max).collect();
+            let mut sorted_distances: Vec<f64> = distances.iter().flatten().copied().collect();
+            sorted_distances.sort_by(f64::total_cmp);
             let settings = campaign.axes.iter().zip(campaign.settings_at(point));
             GridPoint {
                 number: point + 1,
                 settings: settings.map(|(a, s)| (a.key.clone(), s.display_text.clone())).collect(),
-                runs: done.len(),
-                given_up: here.len() - done.len(),
-                missing: each - here.len(),
+                runs: completed.len(),
+                given_up: point_rows.len() - completed.len(),
+                missing: runs_per_point - point_rows.len(),
                 held: count_rate(held.iter()),
                 below_d: count_rate(below.iter()),
                 converged: count_rate(converged.iter()),
                 converged_at_s: median_of_known_values(&times),
                 min_distance_over_d: median_of_known_values(&distances),
                 final_error_m_max: median_of_known_values(&errors),
-                convergence: cumulative_distribution(&came, &ends),
-                distances: known,
+                convergence: cumulative_distribution(&converged_times_s, &censored_times_s),
+                distances: sorted_distances,
             }
         })
         .collect()
@@ -151,29 +154,29 @@ pub fn compute_points(campaign: &Campaign, rows: &[RunRow<'_>]) -> Vec<GridPoint
 
 /// Compares every other point with the first, by seed.
 pub fn compute_pairings(campaign: &Campaign, rows: &[RunRow<'_>]) -> Vec<PairedComparison> {
-    let of = |point: usize| -> BTreeMap<u64, &RunRow<'_>> {
-        let here = rows
+    let rows_by_seed = |point: usize| -> BTreeMap<u64, &RunRow<'_>> {
+        let point_rows = rows
             .iter()
             .filter(|row| row.campaign_run.point_index == point && row.summary().is_some());
-        here.map(|row| (row.campaign_run.seed, row)).collect()
+        point_rows.map(|row| (row.campaign_run.seed, row)).collect()
     };
-    let base = of(0);
+    let base = rows_by_seed(0);
     let pairing = |point: usize| {
-        let other = of(point);
+        let other = rows_by_seed(point);
         let pairs: Vec<_> =
             base.iter().filter_map(|(seed, row)| Some((*row, *other.get(seed)?))).collect();
         let held = |row: &RunRow<'_>| row.verdict_keyword() == "held";
-        let alone = |in_base: bool| {
+        let count_held_only = |in_base: bool| {
             let differs =
                 |(a, b): &&(&RunRow<'_>, &RunRow<'_>)| held(a) == in_base && held(b) != in_base;
             pairs.iter().filter(differs).count()
         };
-        let difference = |of: &dyn Fn(&RunRow<'_>) -> Option<f64>| {
+        let difference = |value: &dyn Fn(&RunRow<'_>) -> Option<f64>| {
             let differences: Vec<Option<f64>> =
-                pairs.iter().filter_map(|(a, b)| Some(Some(of(b)? - of(a)?))).collect();
+                pairs.iter().filter_map(|(a, b)| Some(Some(value(b)? - value(a)?))).collect();
             median_of_known_values(&differences)
         };
-        let (held_base_only, held_point_only) = (alone(true), alone(false));
+        let (held_base_only, held_point_only) = (count_held_only(true), count_held_only(false));
         PairedComparison {
             base: 1,
             point: point + 1,

@@ -66,10 +66,10 @@ fn sorted_median(sorted: &[f64]) -> Option<f64> {
 /// are equal; an end is missing if it is beyond all finite values.
 pub fn estimate_median(values: &[f64]) -> Option<Estimate> {
     let value = finite_median(values)?;
-    let drawn = bootstrap_medians(values, RESAMPLES, BOOTSTRAP_SEED);
-    let ends = bca_interval(values, value, &drawn);
-    let finite = |end: f64| Some(end).filter(|end| end.is_finite());
-    let [low, high] = ends.map_or([None, None], |ends| ends.map(finite));
+    let medians = bootstrap_medians(values, RESAMPLES, BOOTSTRAP_SEED);
+    let interval = bca_interval(values, value, &medians);
+    let finite = |bound: f64| Some(bound).filter(|bound| bound.is_finite());
+    let [low, high] = interval.map_or([None, None], |interval| interval.map(finite));
     Some(Estimate { value, low, high })
 }
 
@@ -77,7 +77,7 @@ pub fn estimate_median(values: &[f64]) -> Option<Estimate> {
 pub fn bootstrap_medians(values: &[f64], resamples: usize, seed: u64) -> Vec<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let mut random = SplitMix64::new(seed);
+    let mut rng = SplitMix64::new(seed);
     let n = sorted.len() as u64;
     if n == 0 {
         return Vec::new();
@@ -87,16 +87,16 @@ pub fn bootstrap_medians(values: &[f64], resamples: usize, seed: u64) -> Vec<f64
     let mut medians: Vec<f64> = (0..resamples)
         .map(|_| {
             counts.fill(0);
-            (0..n).for_each(|_| counts[random.draw_between(0, n - 1) as usize] += 1);
-            let at = |rank: u64| {
-                let mut seen = 0;
-                let place = counts.iter().position(|&count| {
-                    seen += u64::from(count);
-                    seen > rank
+            (0..n).for_each(|_| counts[rng.draw_between(0, n - 1) as usize] += 1);
+            let value_at_rank = |rank: u64| {
+                let mut cumulative_count = 0;
+                let index = counts.iter().position(|&count| {
+                    cumulative_count += u64::from(count);
+                    cumulative_count > rank
                 });
-                sorted[place.expect("all of them were drawn")]
+                sorted[index.expect("all of them were drawn")]
             };
-            let (low, high) = (at((n - 1) / 2), at(n / 2));
+            let (low, high) = (value_at_rank((n - 1) / 2), value_at_rank(n / 2));
             if low == high { low } else { (low + high) / 2.0 }
         })
         .collect();
@@ -106,46 +106,51 @@ pub fn bootstrap_medians(values: &[f64], resamples: usize, seed: u64) -> Vec<f64
 
 /// Returns the BCa interval of the median, from the sorted bootstrap medians. Returns `None` where the interval is
 /// not defined.
-pub fn bca_interval(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
+pub fn bca_interval(values: &[f64], value: f64, medians: &[f64]) -> Option<[f64; 2]> {
     let n = values.len();
-    if n < 2 || drawn.is_empty() || !value.is_finite() {
+    if n < 2 || medians.is_empty() || !value.is_finite() {
         return None;
     }
-    let below = drawn.iter().filter(|drawn| **drawn < value).count();
-    let up_to = drawn.iter().filter(|drawn| **drawn <= value).count();
-    let share = (below + up_to) as f64 / (2 * drawn.len()) as f64;
+    let below = medians.iter().filter(|median| **median < value).count();
+    let at_or_below = medians.iter().filter(|median| **median <= value).count();
+    let share = (below + at_or_below) as f64 / (2 * medians.len()) as f64;
     let bias = normal_quantile(share);
     // Jackknife: medians without each value in turn.
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let without: Option<Vec<f64>> = (0..n)
-        .map(|out| {
-            let rest: Vec<f64> =
-                sorted.iter().enumerate().filter(|(i, _)| *i != out).map(|(_, v)| *v).collect();
+    let jackknife_medians: Option<Vec<f64>> = (0..n)
+        .map(|left_out| {
+            let rest: Vec<f64> = sorted
+                .iter()
+                .enumerate()
+                .filter(|(i, _)| *i != left_out)
+                .map(|(_, v)| *v)
+                .collect();
             sorted_median(&rest).filter(|median| median.is_finite())
         })
         .collect();
-    let without = without?;
-    let mean = without.iter().sum::<f64>() / n as f64;
-    let [squares, cubes] = [2.0, 3.0]
-        .map(|power| without.iter().map(|m| portable_math::pow(mean - m, power)).sum::<f64>());
+    let jackknife_medians = jackknife_medians?;
+    let mean = jackknife_medians.iter().sum::<f64>() / n as f64;
+    let [squares, cubes] = [2.0, 3.0].map(|power| {
+        jackknife_medians.iter().map(|m| portable_math::pow(mean - m, power)).sum::<f64>()
+    });
     let acceleration = cubes / (6.0 * portable_math::pow(squares, 1.5));
     if !bias.is_finite() || !acceleration.is_finite() {
         return None;
     }
-    let ends = [SIGNIFICANCE_LEVEL / 2.0, 1.0 - SIGNIFICANCE_LEVEL / 2.0].map(|alpha| {
+    let interval = [SIGNIFICANCE_LEVEL / 2.0, 1.0 - SIGNIFICANCE_LEVEL / 2.0].map(|alpha| {
         let z = bias + normal_quantile(alpha);
         let level = normal_cdf(bias + z / (1.0 - acceleration * z));
-        interpolated_quantile(drawn, level)
+        interpolated_quantile(medians, level)
     });
-    Some(ends)
+    Some(interval)
 }
 
 /// Returns a quantile of a sorted slice, with linear interpolation.
-fn interpolated_quantile(sorted: &[f64], share: f64) -> f64 {
-    let place = share.clamp(0.0, 1.0) * (sorted.len() - 1) as f64;
-    let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
-    if low == high { low } else { low + (high - low) * place.fract() }
+fn interpolated_quantile(sorted: &[f64], level: f64) -> f64 {
+    let position = level.clamp(0.0, 1.0) * (sorted.len() - 1) as f64;
+    let (low, high) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);
+    if low == high { low } else { low + (high - low) * position.fract() }
 }
 
 /// A step of a cumulative distribution.
@@ -159,19 +164,20 @@ pub struct DistributionStep {
 
 /// Returns the distribution of event times, of which some are right-censored (`censored` holds the times at which
 /// those runs ended): one minus the Kaplan-Meier estimate (1958). It ends below 1 if the last time is censored.
-pub fn cumulative_distribution(came: &[f64], censored: &[f64]) -> Vec<DistributionStep> {
-    let mut came = came.to_vec();
-    came.sort_by(f64::total_cmp);
-    let mut left = 1.0;
+pub fn cumulative_distribution(event_times: &[f64], censored: &[f64]) -> Vec<DistributionStep> {
+    let mut event_times = event_times.to_vec();
+    event_times.sort_by(f64::total_cmp);
+    let mut survival = 1.0;
     let mut steps: Vec<DistributionStep> = Vec::new();
-    let mut at = 0;
-    while at < came.len() {
-        let value = came[at];
-        let now = came[at..].iter().take_while(|other| **other == value).count();
-        let yet = (came.len() - at) + censored.iter().filter(|end| **end >= value).count();
-        left *= 1.0 - now as f64 / yet as f64;
-        steps.push(DistributionStep { value, share: 1.0 - left });
-        at += now;
+    let mut index = 0;
+    while index < event_times.len() {
+        let value = event_times[index];
+        let event_count = event_times[index..].iter().take_while(|other| **other == value).count();
+        let at_risk =
+            (event_times.len() - index) + censored.iter().filter(|end| **end >= value).count();
+        survival *= 1.0 - event_count as f64 / at_risk as f64;
+        steps.push(DistributionStep { value, share: 1.0 - survival });
+        index += event_count;
     }
     steps
 }
@@ -179,11 +185,11 @@ pub fn cumulative_distribution(came: &[f64], censored: &[f64]) -> Vec<Distributi
 /// Returns the two-sided p-value of McNemar's exact test (binomial test of 1/2): of the discordant pairs, `first`
 /// favor one side and `second` the other.
 pub fn mcnemar_p_value(first: usize, second: usize) -> f64 {
-    let (least, n) = (first.min(second), first + second);
+    let (smaller, n) = (first.min(second), first + second);
     // C(n, k) / 2^n, each term from the one before, as logarithms because n may be large.
     let mut term = -(n as f64) * std::f64::consts::LN_2;
     let mut sum = 0.0;
-    for k in 0..=least {
+    for k in 0..=smaller {
         sum += portable_math::exp(term);
         term += portable_math::ln((n - k) as f64 / (k + 1) as f64);
     }
@@ -197,11 +203,11 @@ pub fn normal_cdf(z: f64) -> f64 {
 
 /// Returns the quantile of the standard normal distribution, by bisection. Returns infinity at 0 and 1, and NaN
 /// outside of [0, 1].
-pub fn normal_quantile(share: f64) -> f64 {
-    if !(share > 0.0 && share < 1.0) {
-        return if share == 0.0 {
+pub fn normal_quantile(probability: f64) -> f64 {
+    if !(probability > 0.0 && probability < 1.0) {
+        return if probability == 0.0 {
             f64::NEG_INFINITY
-        } else if share == 1.0 {
+        } else if probability == 1.0 {
             f64::INFINITY
         } else {
             f64::NAN
@@ -210,7 +216,7 @@ pub fn normal_quantile(share: f64) -> f64 {
     let (mut low, mut high) = (-40.0, 40.0);
     for _ in 0..60 {
         let middle = (low + high) / 2.0;
-        if normal_cdf(middle) < share { low = middle } else { high = middle }
+        if normal_cdf(middle) < probability { low = middle } else { high = middle }
     }
     (low + high) / 2.0
 }

@@ -5,10 +5,10 @@ use formation::Vec2;
 use formation::obstacle::Obstacles;
 use serde::{Deserialize, Serialize};
 
-/// Factor on the steering distance: another robot within this multiple of it, on the way, blocks a robot.
+/// Factor on the steering distance: another robot within this multiple of it, in its path, blocks a robot.
 const BLOCKING_FACTOR: f64 = 1.1;
 
-/// A robot off its slot that another robot blocks.
+/// A robot outside its slot that another robot blocks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BlockedRobot {
     /// Name of the robot.
@@ -84,10 +84,10 @@ impl BlockDetector {
         errors: &[Option<Vec2>],
         alive: &[bool],
     ) -> Vec<BlockedRobot> {
-        let off =
+        let is_off_slot =
             |i: &usize| alive[*i] && errors[*i].is_some_and(|e| e.norm() >= self.converged_error_m);
         (0..alphas.len())
-            .filter(off)
+            .filter(is_off_slot)
             .filter_map(|i| self.find_blocking(i, alphas, errors[i]?, alive))
             .collect()
     }
@@ -99,25 +99,27 @@ impl BlockDetector {
         error: Vec2,
         alive: &[bool],
     ) -> Option<BlockedRobot> {
-        let steers_m = self.avoidance_radii_m[i];
-        let place = alphas[i] - error;
-        let others = || (0..alphas.len()).filter(|&j| j != i);
-        let nearest_to = |point: Vec2| {
+        let avoidance_radius_m = self.avoidance_radii_m[i];
+        let slot = alphas[i] - error;
+        let other_robots = || (0..alphas.len()).filter(|&j| j != i);
+        let nearest_to_point = |point: Vec2| {
             let gap_m = move |j: &usize| (alphas[*j] - point).norm();
-            (gap_m, others().min_by(|a, b| gap_m(a).total_cmp(&gap_m(b))))
+            (gap_m, other_robots().min_by(|a, b| gap_m(a).total_cmp(&gap_m(b))))
         };
-        let (gap_m, on_it) = nearest_to(place);
-        let taken = on_it.filter(|j| gap_m(j) < steers_m).map(|j| (j, BlockReason::Taken));
-        let blocks = |j: &usize| {
+        let (gap_m, nearest_robot) = nearest_to_point(slot);
+        let slot_occupant = nearest_robot
+            .filter(|j| gap_m(j) < avoidance_radius_m)
+            .map(|j| (j, BlockReason::Taken));
+        let is_in_path = |j: &usize| {
             let z = alphas[i] - alphas[*j];
-            z.norm() < BLOCKING_FACTOR * steers_m && z.dot(&error) > 0.0
+            z.norm() < BLOCKING_FACTOR * avoidance_radius_m && z.dot(&error) > 0.0
         };
-        let in_the_way = || {
+        let nearest_in_path = || {
             let gap_m = |j: &usize| (alphas[i] - alphas[*j]).norm();
-            let blocking = others().filter(blocks);
+            let blocking = other_robots().filter(is_in_path);
             blocking.min_by(|a, b| gap_m(a).total_cmp(&gap_m(b))).map(|j| (j, BlockReason::Blocked))
         };
-        let Some((j, why)) = taken.or_else(in_the_way) else {
+        let Some((j, why)) = slot_occupant.or_else(nearest_in_path) else {
             return self.find_blocking_wall(i, alphas[i], error);
         };
         Some(BlockedRobot {
@@ -132,13 +134,13 @@ impl BlockDetector {
     /// Returns the block of a robot that has a wall between it and its slot; `None` if no wall is near.
     fn find_blocking_wall(&self, i: usize, alpha: Vec2, error: Vec2) -> Option<BlockedRobot> {
         let reach_m = BLOCKING_FACTOR * self.wall_avoidance_radius_m;
-        let mut near = self.walls.obstacles_within(alpha, reach_m).collect::<Vec<_>>();
-        near.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
+        let mut walls_in_reach = self.walls.obstacles_within(alpha, reach_m).collect::<Vec<_>>();
+        walls_in_reach.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
         // The wall must be more ahead of the robot than to its side.
-        let ahead = |point: Vec2, distance_m: f64| {
+        let is_ahead = |point: Vec2, distance_m: f64| {
             (alpha - point).dot(&error) > 0.5 * distance_m * error.norm()
         };
-        let wall = near.into_iter().find(|near| ahead(near.point, near.distance_m))?;
+        let wall = walls_in_reach.into_iter().find(|wall| is_ahead(wall.point, wall.distance_m))?;
         Some(BlockedRobot {
             robot: self.names[i].clone(),
             error_m: error.norm(),

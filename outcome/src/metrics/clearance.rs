@@ -31,7 +31,7 @@ impl Clearance {
         robots: &[String],
         walls: &[String],
     ) -> Option<Clearance> {
-        let [robot, wall] = header.clearance_between.map(|place| place as usize);
+        let [robot, wall] = header.clearance_between.map(|index| index as usize);
         Some(Clearance {
             distance_m: Some(header.clearance_m).filter(|m| m.is_finite())?,
             robot: robots.get(robot)?.clone(),

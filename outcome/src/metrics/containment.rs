@@ -37,20 +37,20 @@ impl Containment {
         t_ns: u64,
         alphas: &[Vec2],
         alive: &[bool],
-        silent: &SilenceState,
+        silence: &SilenceState,
     ) {
         if t_ns < self.window.start_ns(t_ns) || self.followers.is_empty() {
             return;
         }
         self.corners.clear();
         self.corners.extend(self.leaders.iter().map(|&i| alphas[i]));
-        let living = self.followers.iter().filter(|&&i| alive[i]);
-        let (take_places, contained): (Vec<&usize>, Vec<&usize>) =
-            living.partition(|&&i| silent.takes_leader_slot(i));
-        self.corners.extend(take_places.into_iter().map(|&i| alphas[i]));
-        let outside = contained.into_iter().map(|&i| hull_distance(alphas[i], &self.corners));
-        if let Some(outside_m) = outside.reduce(f64::max) {
-            self.hull_distance_m_max.push(t_ns, outside_m);
+        let alive_followers = self.followers.iter().filter(|&&i| alive[i]);
+        let (leader_substitutes, contained): (Vec<&usize>, Vec<&usize>) =
+            alive_followers.partition(|&&i| silence.takes_leader_slot(i));
+        self.corners.extend(leader_substitutes.into_iter().map(|&i| alphas[i]));
+        let distances_m = contained.into_iter().map(|&i| hull_distance(alphas[i], &self.corners));
+        if let Some(distance_m) = distances_m.reduce(f64::max) {
+            self.hull_distance_m_max.push(t_ns, distance_m);
         }
     }
 

@@ -69,41 +69,41 @@ impl Distances {
     /// samples hide anything.
     pub(super) fn add_truth(&mut self, header: &TruthHeader, alphas: &[Vec2]) -> f64 {
         let t_ns = header.t_ns;
-        let now = self.minima.update(alphas, t_ns).map(|nearest| ClosestPair {
+        let nearest_pair = self.minima.update(alphas, t_ns).map(|nearest| ClosestPair {
             distance_m: nearest.distance_m,
             pair: nearest.pair,
             t_ns,
         });
-        self.newest_nearest_pair = now;
-        let plant = closest_pair_of_plant(header);
-        if let Some(seen) = plant
-            && self.plant_closest_pair.replace(seen) != Some(seen)
+        self.newest_nearest_pair = nearest_pair;
+        let plant_pair = closest_pair_of_plant(header);
+        if let Some(pair) = plant_pair
+            && self.plant_closest_pair.replace(pair) != Some(pair)
         {
-            self.update_from_plant(seen);
+            self.update_from_plant(pair);
         }
-        for seen in [plant, now].into_iter().flatten() {
-            if self.closest_pair.is_none_or(|closest| seen.distance_m < closest.distance_m) {
-                self.closest_pair = Some(seen);
+        for pair in [plant_pair, nearest_pair].into_iter().flatten() {
+            if self.closest_pair.is_none_or(|closest| pair.distance_m < closest.distance_m) {
+                self.closest_pair = Some(pair);
             }
         }
-        let distance_m = now.map_or(f64::INFINITY, |closest| closest.distance_m);
+        let distance_m = nearest_pair.map_or(f64::INFINITY, |closest| closest.distance_m);
         let is_below = match self.sizes_m.is_empty() {
             true => distance_m < self.distance_min_m,
             false => self.has_pair_below_sum_of_sizes(alphas),
         };
         self.violations += u64::from(is_below);
         self.plant_violations = header.violations;
-        let before_ns = self.newest_t_ns.replace(t_ns);
-        let news = |seen: &ClosestPair| before_ns.is_none_or(|t_ns| seen.t_ns > t_ns);
-        plant.filter(news).map_or(distance_m, |seen| distance_m.min(seen.distance_m))
+        let previous_ns = self.newest_t_ns.replace(t_ns);
+        let is_new = |pair: &ClosestPair| previous_ns.is_none_or(|t_ns| pair.t_ns > t_ns);
+        plant_pair.filter(is_new).map_or(distance_m, |pair| distance_m.min(pair.distance_m))
     }
 
     /// Updates the smallest distance of a pair with a distance that the plant measured between two samples.
-    fn update_from_plant(&mut self, seen: ClosestPair) {
-        let square = seen.distance_m * seen.distance_m;
+    fn update_from_plant(&mut self, closest: ClosestPair) {
+        let square = closest.distance_m * closest.distance_m;
         // If both evaluated the end of the same arc, the time is the same, and rounding must not change it.
-        if square < self.minima.minimum_squared_and_time(seen.pair).0 * (1.0 - 1e-12) {
-            self.minima.set_minimum(seen.pair, square, seen.t_ns);
+        if square < self.minima.minimum_squared_and_time(closest.pair).0 * (1.0 - 1e-12) {
+            self.minima.set_minimum(closest.pair, square, closest.t_ns);
         }
     }
 
@@ -140,15 +140,16 @@ impl Distances {
     /// Returns every pair in scenario order; empty before the first sample.
     pub(super) fn pair_distances(&self, names: &[String]) -> Vec<PairDistance> {
         let pairs = (0..self.robots).flat_map(|i| (i + 1..self.robots).map(move |j| [i, j]));
-        let seen = pairs.map(|pair| (pair, self.minima.minimum_squared_and_time(pair)));
-        let seen = seen.filter(|(_, (square, _))| square.is_finite());
-        seen.map(|([a, b], (square, t_ns))| PairDistance {
-            robot_a: names[a].clone(),
-            robot_b: names[b].clone(),
-            min_distance_m: square.sqrt(),
-            t_s: ns_to_seconds(t_ns),
-        })
-        .collect()
+        let minima = pairs.map(|pair| (pair, self.minima.minimum_squared_and_time(pair)));
+        let minima = minima.filter(|(_, (square, _))| square.is_finite());
+        minima
+            .map(|([a, b], (square, t_ns))| PairDistance {
+                robot_a: names[a].clone(),
+                robot_b: names[b].clone(),
+                min_distance_m: square.sqrt(),
+                t_s: ns_to_seconds(t_ns),
+            })
+            .collect()
     }
 
     /// Returns the number of ticks (in real time, of arc ends) at which some pair was too near.
@@ -159,12 +160,12 @@ impl Distances {
 
 /// Returns the smallest distance that the plant has measured, also at arc ends between samples.
 fn closest_pair_of_plant(header: &TruthHeader) -> Option<ClosestPair> {
-    let seen = ClosestPair {
+    let closest = ClosestPair {
         distance_m: header.closest_m,
-        pair: header.closest_pair.map(|place| place as usize),
+        pair: header.closest_pair.map(|robot| robot as usize),
         t_ns: header.closest_t_ns,
     };
-    seen.distance_m.is_finite().then_some(seen)
+    closest.distance_m.is_finite().then_some(closest)
 }
 
 #[cfg(test)]
@@ -192,14 +193,18 @@ mod tests {
         assert_eq!(distances.pair_distances(&names), []);
         // All robots stand in a row; one after the other approaches the last and leaves again.
         for tick in 0..8_u64 {
-            let nearer = |robot: u64| if robot < 3 && tick == 2 * robot { 0.5 } else { 0.0 };
-            let at = |robot: u64| Vec2::new(3.0 * robot as f64 + nearer(robot), 0.0);
-            let alphas = [0, 1, 2, 3].map(at);
-            let mut seen = TruthHeader { t_ns: 1000 * tick, ..header(tick) };
+            let shift_m = |robot: u64| if robot < 3 && tick == 2 * robot { 0.5 } else { 0.0 };
+            let position = |robot: u64| Vec2::new(3.0 * robot as f64 + shift_m(robot), 0.0);
+            let alphas = [0, 1, 2, 3].map(position);
+            let mut header_with_pair = TruthHeader { t_ns: 1000 * tick, ..header(tick) };
             if tick > 4 {
-                (seen.closest_m, seen.closest_pair, seen.closest_t_ns) = (2.0, [1, 3], 4500);
+                (
+                    header_with_pair.closest_m,
+                    header_with_pair.closest_pair,
+                    header_with_pair.closest_t_ns,
+                ) = (2.0, [1, 3], 4500);
             }
-            distances.add_truth(&seen, &alphas);
+            distances.add_truth(&header_with_pair, &alphas);
             let pair = match tick {
                 0 | 2 | 4 => [tick as usize / 2, tick as usize / 2 + 1],
                 _ => [0, 1],

@@ -1,4 +1,4 @@
-//! Early end of a run: the run has been converged for as long as the scenario asks and over its last tenth, to
+//! Early end of a run: the run has been converged for as long as the scenario requires and over its last tenth, to
 //! which final errors refer, and no event of the plan is left.
 //!
 //! The decision depends on the ground truth alone, so that a lockstep run always ends at the same tick.
@@ -42,10 +42,10 @@ impl EarlyEndCondition {
     /// Returns the earliest run time, ns, at which the run may end early. A run that is not converged now may be
     /// converged at the next sample.
     pub(super) fn earliest_end_ns(&self) -> Option<u64> {
-        let (for_ns, plan_over_ns) = self.required_times_ns?;
+        let (hold_ns, plan_end_ns) = self.required_times_ns?;
         let since_ns = self.converged_since_ns.unwrap_or(self.newest_t_ns);
         let final_ns = (since_ns as f64 / (1.0 - FINAL_FRACTION)).ceil() as u64;
-        Some(since_ns.max(plan_over_ns).saturating_add(for_ns).max(final_ns))
+        Some(since_ns.max(plan_end_ns).saturating_add(hold_ns).max(final_ns))
     }
 }
 
@@ -53,10 +53,10 @@ impl EarlyEndCondition {
 mod tests {
     use super::*;
 
-    fn early_end_condition(for_ns: u64, plan_over_ns: u64) -> EarlyEndCondition {
-        let asked = Some((for_ns, plan_over_ns));
+    fn early_end_condition(hold_ns: u64, plan_end_ns: u64) -> EarlyEndCondition {
+        let required_times_ns = Some((hold_ns, plan_end_ns));
         EarlyEndCondition {
-            required_times_ns: asked,
+            required_times_ns,
             duration_ns: 1000,
             converged_since_ns: None,
             newest_t_ns: 0,

@@ -25,7 +25,7 @@ pub(super) struct FormationErrors {
     pub(super) final_errors: FinalErrors,
     pub(super) converged_since_ns: Option<u64>,
     newest_t_ns: Option<u64>,
-    /// Whether any robot had an error, or has a role by which it is judged.
+    /// Whether any robot had an error, or has a role by which it is evaluated.
     pub(super) is_evaluated: bool,
 }
 
@@ -70,36 +70,38 @@ impl FormationErrors {
         frame: &LeaderFrame,
         alphas: &[Vec2],
         alive: &[bool],
-        silent: &SilenceState,
+        silence: &SilenceState,
     ) -> f64 {
         let t_s = ns_to_seconds(t_ns);
-        let since_s =
-            self.newest_t_ns.replace(t_ns).map_or(0.0, |then_ns| t_s - ns_to_seconds(then_ns));
-        let mut worst: Option<f64> = None;
+        let step_s = self
+            .newest_t_ns
+            .replace(t_ns)
+            .map_or(0.0, |previous_ns| t_s - ns_to_seconds(previous_ns));
+        let mut worst_m: Option<f64> = None;
         self.targets.drop_replaced_targets(t_ns);
         let transform = frame.offset_transform();
         for (i, &alive) in alive.iter().enumerate() {
-            let error = self.targets.robot_error(i, t_s, &transform, alphas, silent);
+            let error = self.targets.robot_error(i, t_s, &transform, alphas, silence);
             self.current_error_vectors[i] = error;
             let error = error.map(|error| nan_to_infinity(error.norm()));
             self.current_errors_m[i] = error;
             let Some(error) = error.filter(|_| alive) else { continue };
-            *self.error_integrals_m_s[i].get_or_insert(0.0) += error * since_s;
-            worst = Some(worst.map_or(error, |worst| worst.max(error)));
+            *self.error_integrals_m_s[i].get_or_insert(0.0) += error * step_s;
+            worst_m = Some(worst_m.map_or(error, |worst_m| worst_m.max(error)));
             self.final_errors.push(t_ns, i, error);
         }
-        // If only robots are left that name no target, nothing is judged.
-        let is_judged = worst.is_some() || (0..alive.len()).any(|i| !self.targets.is_free(i));
-        let worst = worst.unwrap_or(0.0);
+        // If only robots are left that name no target, nothing is evaluated.
+        let is_evaluated = worst_m.is_some() || (0..alive.len()).any(|i| !self.targets.is_free(i));
+        let worst_m = worst_m.unwrap_or(0.0);
         // A formation without a living robot is not converged.
-        let converged = is_judged && alive.contains(&true) && worst < self.converged_error_m;
-        self.is_evaluated |= is_judged;
+        let converged = is_evaluated && alive.contains(&true) && worst_m < self.converged_error_m;
+        self.is_evaluated |= is_evaluated;
         if !converged {
             self.converged_since_ns = None;
         } else if self.converged_since_ns.is_none() {
             self.converged_since_ns = Some(t_ns);
         }
-        worst
+        worst_m
     }
 
     /// Returns the main leader's largest final error, m.

@@ -120,13 +120,13 @@ pub fn failed_robots_expectation(
     scenario: &Scenario,
     failed: &[FailedRobot],
 ) -> Option<Expectation> {
-    let wanted = |failed: &&FailedRobot| match &scenario.expectations.alive_at_end {
+    let is_required = |failed: &&FailedRobot| match &scenario.expectations.alive_at_end {
         None => true,
         Some(AliveAtEnd::Robots(robots)) => robots.contains(&failed.robot),
         Some(AliveAtEnd::Count(_)) => false,
     };
-    let failed: Vec<&FailedRobot> = failed.iter().filter(wanted).collect();
-    let words =
+    let failed: Vec<&FailedRobot> = failed.iter().filter(is_required).collect();
+    let describe =
         |failed: &&FailedRobot| format!("{} {}", scenario.robots[failed.robot].name, failed.cause);
     (!failed.is_empty()).then(|| Expectation {
         name: FAILED_ROBOTS_NAME.into(),
@@ -134,16 +134,16 @@ pub fn failed_robots_expectation(
         bound: 0.0,
         held: false,
         verdict: Verdict::Missed,
-        reason: Some(failed.iter().map(words).collect::<Vec<_>>().join("; ")),
+        reason: Some(failed.iter().map(describe).collect::<Vec<_>>().join("; ")),
     })
 }
 
 /// Returns the worst verdict: missed is worse than unseen, unseen worse than held. Returns `None` without
 /// expectations.
 pub fn worst_verdict(expectations: &[Expectation]) -> Option<Verdict> {
-    let by_badness = [Verdict::Missed, Verdict::Unseen, Verdict::Held];
-    let came_out = |verdict: &Verdict| expectations.iter().any(|e| e.verdict() == *verdict);
-    by_badness.into_iter().find(came_out)
+    let worst_first = [Verdict::Missed, Verdict::Unseen, Verdict::Held];
+    let occurred = |verdict: &Verdict| expectations.iter().any(|e| e.verdict() == *verdict);
+    worst_first.into_iter().find(occurred)
 }
 
 /// The robots that an expectation is about.
@@ -193,7 +193,7 @@ impl Criterion {
     }
 
     /// Sets the robots that it is about, and the run time from which on every sample matters, s.
-    fn about(self, scope: ExpectationScope, relevant_start_s: f64) -> Criterion {
+    fn with_scope(self, scope: ExpectationScope, relevant_start_s: f64) -> Criterion {
         Criterion { scope, relevant_start_s, ..self }
     }
 
@@ -218,21 +218,21 @@ fn is_equal(value: f64, bound: f64) -> bool {
 /// Evaluates every expectation of the scenario. `exit` is the exit code of the run itself.
 pub fn evaluate(
     scenario: &Scenario,
-    measures: &RunMetrics,
+    run_metrics: &RunMetrics,
     pace: Pace,
     deadline_misses: u64,
     exit: u8,
 ) -> Vec<Expectation> {
-    let judge = Evaluator::new(scenario, measures);
-    criteria(scenario, measures, pace, deadline_misses, exit)
+    let evaluator = Evaluator::new(scenario, run_metrics);
+    criteria(scenario, run_metrics, pace, deadline_misses, exit)
         .into_iter()
-        .map(|question| judge.evaluate(question))
+        .map(|criterion| evaluator.evaluate(criterion))
         .collect()
 }
 
 fn criteria(
     scenario: &Scenario,
-    measures: &RunMetrics,
+    run_metrics: &RunMetrics,
     pace: Pace,
     deadline_misses: u64,
     exit: u8,
@@ -240,72 +240,73 @@ fn criteria(
     use ExpectationScope::{Followers, Formation, Leader, Run};
     let expect = &scenario.expectations;
     let end_s =
-        if measures.ended_early { measures.t_s } else { ns_to_seconds(scenario.duration_ns) };
-    let last_s = end_s * (1.0 - FINAL_FRACTION);
-    let distance_over_d = measures.distance_over_d(scenario.avoidance.distance_min_m);
-    let clearance_m = measures.min_clearance.as_ref().map(|clearance| clearance.distance_m);
-    let at_least = |name, bound, value| {
-        Criterion::new(name, bound, value, is_at_least).map(|criterion| criterion.about(Run, 0.0))
+        if run_metrics.ended_early { run_metrics.t_s } else { ns_to_seconds(scenario.duration_ns) };
+    let final_start_s = end_s * (1.0 - FINAL_FRACTION);
+    let distance_over_d = run_metrics.distance_over_d(scenario.avoidance.distance_min_m);
+    let clearance_m = run_metrics.min_clearance.as_ref().map(|clearance| clearance.distance_m);
+    let lower_bound = |name, bound, value| {
+        Criterion::new(name, bound, value, is_at_least)
+            .map(|criterion| criterion.with_scope(Run, 0.0))
     };
-    let at_most = |name, bound, value, scope, from_s| {
+    let upper_bound = |name, bound, value, scope, from_s| {
         let criterion = Criterion::new(name, bound, value, is_at_most);
-        criterion.map(|criterion| criterion.about(scope, from_s))
+        criterion.map(|criterion| criterion.with_scope(scope, from_s))
     };
-    let converged_s = measures.converged_at_s.unwrap_or(f64::INFINITY);
-    let of_motion = [
-        at_least("min_distance_m", expect.min_distance_m, measures.min_distance_m),
-        at_least("min_distance_over_d", expect.min_distance_over_d, distance_over_d),
-        at_least("min_clearance_m", expect.min_clearance_m, clearance_m),
-        at_most(
+    let converged_s = run_metrics.converged_at_s.unwrap_or(f64::INFINITY);
+    let motion_criteria = [
+        lower_bound("min_distance_m", expect.min_distance_m, run_metrics.min_distance_m),
+        lower_bound("min_distance_over_d", expect.min_distance_over_d, distance_over_d),
+        lower_bound("min_clearance_m", expect.min_clearance_m, clearance_m),
+        upper_bound(
             "final_error_m_max",
             expect.final_error_m_max,
-            measures.final_error_m_max,
+            run_metrics.final_error_m_max,
             Formation,
-            last_s,
+            final_start_s,
         ),
-        at_most(
+        upper_bound(
             "final_ideal_error_m_max",
             expect.final_ideal_error_m_max,
-            measures.final_ideal_error_m_max,
+            run_metrics.final_ideal_error_m_max,
             Formation,
-            last_s,
+            final_start_s,
         ),
-        at_most(
+        upper_bound(
             "tracking_error_m_max",
             expect.tracking_error_m_max,
-            measures.tracking_error_m_max,
+            run_metrics.tracking_error_m_max,
             Leader,
-            last_s,
+            final_start_s,
         ),
-        at_most(
+        upper_bound(
             "hull_distance_m_max",
             expect.hull_distance_m_max,
-            measures.hull_distance_m_max_final,
+            run_metrics.hull_distance_m_max_final,
             Followers,
-            last_s,
+            final_start_s,
         ),
-        at_most(
+        upper_bound(
             "converged_by_s",
             expect.converged_by_s,
-            measures.converged_at_s,
+            run_metrics.converged_at_s,
             Formation,
             converged_s,
         ),
-        recovery_criterion(expect.recovered_within_s, &measures.faults),
+        recovery_criterion(expect.recovered_within_s, &run_metrics.faults),
     ];
     let misses_max = expect.deadline_misses_max.filter(|_| pace == Pace::Realtime);
     let (misses_max, misses) = (misses_max.map(|bound| bound as f64), Some(deadline_misses as f64));
     let (exit_code, exit) = (expect.exit_code.map(f64::from), Some(f64::from(exit)));
-    let of_processes = [
+    let process_criteria = [
         Criterion::new("deadline_misses_max", misses_max, misses, is_at_most),
         Criterion::new("exit", exit_code, exit, is_equal),
-        alive_criterion(scenario, measures),
+        alive_criterion(scenario, run_metrics),
     ];
-    of_motion
+    motion_criteria
         .into_iter()
         .flatten()
-        .chain(metric_criteria(scenario, measures))
-        .chain(of_processes.into_iter().flatten())
+        .chain(metric_criteria(scenario, run_metrics))
+        .chain(process_criteria.into_iter().flatten())
         .collect()
 }
 
@@ -319,28 +320,28 @@ fn recovery_criterion(bound: Option<f64>, faults: &[FaultReport]) -> Option<Crit
     let criterion = Criterion::new("recovered_within_s", bound, slowest_s, is_at_most)?;
     Some(
         criterion
-            .about(ExpectationScope::Formation, first_s)
+            .with_scope(ExpectationScope::Formation, first_s)
             .with_miss_reason(explain_missing_recovery(faults)),
     )
 }
 
 /// Returns the criteria about metrics of the experiment's own.
-fn metric_criteria(scenario: &Scenario, measures: &RunMetrics) -> Vec<Criterion> {
-    let of_metric = |MetricBounds { metric, min, max }: &MetricBounds| {
-        let value = find_metric(measures, metric);
+fn metric_criteria(scenario: &Scenario, run_metrics: &RunMetrics) -> Vec<Criterion> {
+    let criteria_of_metric = |MetricBounds { metric, min, max }: &MetricBounds| {
+        let value = find_metric(run_metrics, metric);
         let reason = value.is_none().then(|| missing_value_reason(scenario, metric));
         let name = |bound: &str| format!("{METRIC_NAME_PREFIX}{metric}.{bound}");
-        let both = [
+        let criteria = [
             Criterion::new(&name("min"), *min, value, is_at_least),
             Criterion::new(&name("max"), *max, value, is_at_most),
         ];
-        both.map(|criterion| Some(criterion?.with_miss_reason(reason.clone())))
+        criteria.map(|criterion| Some(criterion?.with_miss_reason(reason.clone())))
     };
-    scenario.expectations.metrics.iter().flat_map(of_metric).flatten().collect()
+    scenario.expectations.metrics.iter().flat_map(criteria_of_metric).flatten().collect()
 }
 
 /// Returns the criterion about the robots that are alive at the end.
-fn alive_criterion(scenario: &Scenario, measures: &RunMetrics) -> Option<Criterion> {
+fn alive_criterion(scenario: &Scenario, run_metrics: &RunMetrics) -> Option<Criterion> {
     let expected = scenario.expectations.alive_at_end.as_ref()?;
     let all: Vec<usize> = (0..scenario.robots.len()).collect();
     let (robots, bound) = match expected {
@@ -348,7 +349,7 @@ fn alive_criterion(scenario: &Scenario, measures: &RunMetrics) -> Option<Criteri
         AliveAtEnd::Count(count) => (&all, *count as f64),
     };
     let names = robots.iter().map(|&robot| &scenario.robots[robot].name);
-    let dead = names.filter(|name| !measures.alive_at_end.contains(name));
+    let dead = names.filter(|name| !run_metrics.alive_at_end.contains(name));
     let dead: Vec<&str> = dead.map(|name| name.as_str()).collect();
     let alive = Some((robots.len() - dead.len()) as f64);
     let criterion = Criterion::new("alive_at_end", Some(bound), alive, is_at_least)?;
@@ -360,13 +361,13 @@ fn explain_missing_recovery(faults: &[FaultReport]) -> Option<String> {
     if faults.is_empty() {
         return Some("the run had no fault".to_owned());
     }
-    let lasting = faults.iter().find(|fault| fault.recovered_after_s.is_none())?;
-    Some(format!("no recovery from {} at {} s", lasting.what, format_short(lasting.t_s)))
+    let unrecovered = faults.iter().find(|fault| fault.recovered_after_s.is_none())?;
+    Some(format!("no recovery from {} at {} s", unrecovered.what, format_short(unrecovered.t_s)))
 }
 
 /// Returns the value of the metric `name` of the run; `None` if none of its signals was recorded.
-fn find_metric(measures: &RunMetrics, name: &str) -> Option<f64> {
-    measures.metrics.iter().find(|(metric, _)| metric == name).and_then(|(_, value)| *value)
+fn find_metric(run_metrics: &RunMetrics, name: &str) -> Option<f64> {
+    run_metrics.metrics.iter().find(|(metric, _)| metric == name).and_then(|(_, value)| *value)
 }
 
 /// Returns the reason why the metric `name` has no value.
@@ -384,18 +385,18 @@ fn missing_value_reason(scenario: &Scenario, name: &str) -> String {
 /// Data that a verdict needs in addition to the value.
 struct Evaluator<'a> {
     scenario: &'a Scenario,
-    measures: &'a RunMetrics,
+    run_metrics: &'a RunMetrics,
     /// Which robots were alive at the end, in scenario order.
     alive: Vec<bool>,
     counted_robots: Vec<bool>,
 }
 
 impl Evaluator<'_> {
-    fn new<'a>(scenario: &'a Scenario, measures: &'a RunMetrics) -> Evaluator<'a> {
+    fn new<'a>(scenario: &'a Scenario, run_metrics: &'a RunMetrics) -> Evaluator<'a> {
         let robots = scenario.robots.iter();
-        let alive = robots.map(|robot| measures.alive_at_end.contains(&robot.name));
+        let alive = robots.map(|robot| run_metrics.alive_at_end.contains(&robot.name));
         let alive: Vec<bool> = alive.collect();
-        let counts = match &scenario.expectations.alive_at_end {
+        let counted_robots = match &scenario.expectations.alive_at_end {
             None => robots_alive_by_plan(scenario),
             Some(AliveAtEnd::Robots(robots)) => {
                 (0..alive.len()).map(|robot| robots.contains(&robot)).collect()
@@ -403,27 +404,20 @@ impl Evaluator<'_> {
             // Any robots may make up the number.
             Some(AliveAtEnd::Count(_)) => alive.clone(),
         };
-        Evaluator { scenario, measures, alive, counted_robots: counts }
+        Evaluator { scenario, run_metrics, alive, counted_robots }
     }
 
-    fn evaluate(&self, question: Criterion) -> Expectation {
-        let Criterion {
-            name,
-            bound,
-            value,
-            holds,
-            scope: about,
-            relevant_start_s: rests_from_s,
-            miss_reason: why,
-        } = question;
+    fn evaluate(&self, criterion: Criterion) -> Expectation {
+        let Criterion { name, bound, value, holds, scope, relevant_start_s, miss_reason } =
+            criterion;
         let holds = value.map(|value| holds(value, bound));
-        let (verdict, reason) = match (self.unconditional_miss_reason(about), holds) {
-            (Some(why), _) => (Verdict::Missed, Some(why)),
-            (None, Some(false)) => (Verdict::Missed, why),
-            (None, seen) => match (self.unseen_period_text(rests_from_s), seen) {
-                (Some(why), _) => (Verdict::Unseen, Some(why)),
-                (None, None) if !self.has_counted_robots(about) => (Verdict::Held, None),
-                (None, None) => (Verdict::Missed, why),
+        let (verdict, reason) = match (self.unconditional_miss_reason(scope), holds) {
+            (Some(reason), _) => (Verdict::Missed, Some(reason)),
+            (None, Some(false)) => (Verdict::Missed, miss_reason),
+            (None, holds) => match (self.unseen_period_text(relevant_start_s), holds) {
+                (Some(reason), _) => (Verdict::Unseen, Some(reason)),
+                (None, None) if !self.has_counted_robots(scope) => (Verdict::Held, None),
+                (None, None) => (Verdict::Missed, miss_reason),
                 (None, Some(_)) => (Verdict::Held, None),
             },
         };
@@ -432,8 +426,8 @@ impl Evaluator<'_> {
     }
 
     /// Returns the reason if the expectation is missed for any measured value.
-    fn unconditional_miss_reason(&self, about: ExpectationScope) -> Option<String> {
-        let robots = self.robots_in_scope(about)?;
+    fn unconditional_miss_reason(&self, scope: ExpectationScope) -> Option<String> {
+        let robots = self.robots_in_scope(scope)?;
         if robots.is_empty() {
             return Some("the scenario has no such robot".to_owned());
         }
@@ -441,26 +435,26 @@ impl Evaluator<'_> {
         let counted: Vec<usize> = robots.iter().filter(counted).copied().collect();
         let dead = |robot: &usize| !self.alive[*robot];
         let dead: Vec<usize> = counted.iter().copied().filter(dead).collect();
-        let meant_so = self.scenario.expectations.alive_at_end.is_some();
+        let is_intended = self.scenario.expectations.alive_at_end.is_some();
         match counted[..] {
             _ if !dead.is_empty() => Some(format!("dead at the end: {}", self.format_names(&dead))),
-            _ if meant_so => None,
+            _ if is_intended => None,
             [] => Some(format!("the plan leaves none of {} alive", self.format_names(&robots))),
-            [one] if about == ExpectationScope::Formation && robots.len() > 1 => {
-                Some(format!("only {} is left", self.format_names(&[one])))
+            [robot] if scope == ExpectationScope::Formation && robots.len() > 1 => {
+                Some(format!("only {} is left", self.format_names(&[robot])))
             }
             _ => None,
         }
     }
 
     /// Returns whether the expectation is about at least one counted robot.
-    fn has_counted_robots(&self, about: ExpectationScope) -> bool {
-        self.robots_in_scope(about)
+    fn has_counted_robots(&self, scope: ExpectationScope) -> bool {
+        self.robots_in_scope(scope)
             .is_none_or(|robots| robots.iter().any(|&robot| self.counted_robots[robot]))
     }
 
-    fn robots_in_scope(&self, about: ExpectationScope) -> Option<Vec<usize>> {
-        match about {
+    fn robots_in_scope(&self, scope: ExpectationScope) -> Option<Vec<usize>> {
+        match scope {
             ExpectationScope::Run => None,
             ExpectationScope::Formation => Some((0..self.counted_robots.len()).collect()),
             ExpectationScope::Leader => Some(self.scenario.leader().into_iter().collect()),
@@ -469,9 +463,9 @@ impl Evaluator<'_> {
     }
 
     /// Returns the first period of lost samples that the expectation depends on, as text.
-    fn unseen_period_text(&self, rests_from_s: f64) -> Option<String> {
-        let lost = |[_, until_s]: &&[f64; 2]| *until_s > rests_from_s;
-        let [from_s, until_s] = self.measures.unseen_s.iter().find(lost)?;
+    fn unseen_period_text(&self, relevant_start_s: f64) -> Option<String> {
+        let is_relevant = |[_, until_s]: &&[f64; 2]| *until_s > relevant_start_s;
+        let [from_s, until_s] = self.run_metrics.unseen_s.iter().find(is_relevant)?;
         Some(format!("no ground-truth samples from {from_s:.3} s to {until_s:.3} s"))
     }
 
@@ -486,8 +480,9 @@ fn robots_alive_by_plan(scenario: &Scenario) -> Vec<bool> {
     let mut alive = vec![true; scenario.robots.len()];
     for fault in &scenario.faults {
         if let FaultKind::Kill { robot, restart_after_ns } = fault.kind {
-            let back_ns = restart_after_ns.map(|after_ns| fault.start_ns.saturating_add(after_ns));
-            alive[robot] = back_ns.is_some_and(|back_ns| back_ns < scenario.duration_ns);
+            let restart_ns =
+                restart_after_ns.map(|after_ns| fault.start_ns.saturating_add(after_ns));
+            alive[robot] = restart_ns.is_some_and(|restart_ns| restart_ns < scenario.duration_ns);
         }
     }
     alive
@@ -502,7 +497,7 @@ mod tests {
 
     const SECOND_NS: u64 = 1_000_000_000;
 
-    fn measures(alive: &[&str]) -> RunMetrics {
+    fn run_metrics(alive: &[&str]) -> RunMetrics {
         RunMetrics {
             min_distance_m: Some(0.2),
             final_error_m_max: Some(0.5),
@@ -521,15 +516,15 @@ mod tests {
         scenario
     }
 
-    fn evaluate_single(scenario: &Scenario, measures: &RunMetrics) -> (Verdict, Option<String>) {
-        let found = evaluate(scenario, measures, Pace::Lockstep, 0, 0);
-        let [one] = &found[..] else { panic!("one expectation: {found:?}") };
-        assert_eq!(one.held, one.verdict == Verdict::Held);
-        (one.verdict(), one.reason.clone())
+    fn evaluate_single(scenario: &Scenario, run_metrics: &RunMetrics) -> (Verdict, Option<String>) {
+        let found = evaluate(scenario, run_metrics, Pace::Lockstep, 0, 0);
+        let [expectation] = &found[..] else { panic!("one expectation: {found:?}") };
+        assert_eq!(expectation.held, expectation.verdict == Verdict::Held);
+        (expectation.verdict(), expectation.reason.clone())
     }
 
-    fn verdict_with_reason(why: &str) -> (Verdict, Option<String>) {
-        (Verdict::Missed, Some(why.to_owned()))
+    fn verdict_with_reason(reason: &str) -> (Verdict, Option<String>) {
+        (Verdict::Missed, Some(reason.to_owned()))
     }
 
     const HELD: (Verdict, Option<String>) = (Verdict::Held, None);
@@ -550,13 +545,13 @@ mod tests {
             }
         });
         let held = |pace| -> Vec<(String, bool)> {
-            let found = evaluate(&scenario, &measures(&ALL_NAMES), pace, 1, 0);
+            let found = evaluate(&scenario, &run_metrics(&ALL_NAMES), pace, 1, 0);
             found.into_iter().map(|expectation| (expectation.name, expectation.held)).collect()
         };
         let named = |held: &[(&str, bool)]| -> Vec<(String, bool)> {
             held.iter().map(|&(name, held)| (name.to_owned(), held)).collect()
         };
-        let in_both = [
+        let in_both_modes = [
             ("min_distance_m", true),
             ("final_error_m_max", false),
             ("final_ideal_error_m_max", true),
@@ -564,9 +559,9 @@ mod tests {
             ("converged_by_s", false),
             ("recovered_within_s", false),
         ];
-        assert_eq!(held(Pace::Lockstep), named(&[&in_both[..], &[("exit", true)]].concat()));
+        assert_eq!(held(Pace::Lockstep), named(&[&in_both_modes[..], &[("exit", true)]].concat()));
         let in_real_time = [("deadline_misses_max", false), ("exit", true)];
-        assert_eq!(held(Pace::Realtime), named(&[&in_both[..], &in_real_time[..]].concat()));
+        assert_eq!(held(Pace::Realtime), named(&[&in_both_modes[..], &in_real_time[..]].concat()));
     }
 
     #[test]
@@ -580,12 +575,12 @@ mod tests {
         });
         let found = |value| -> Vec<(String, bool, String)> {
             let metrics = vec![("cost_m2".to_owned(), value)];
-            let measures = RunMetrics { metrics, ..measures(&ALL_NAMES) };
-            let found = evaluate(&scenario, &measures, Pace::Lockstep, 0, 0);
-            let one = |e: Expectation| (e.relation().to_owned(), e.held, e.name);
+            let run_metrics = RunMetrics { metrics, ..run_metrics(&ALL_NAMES) };
+            let found = evaluate(&scenario, &run_metrics, Pace::Lockstep, 0, 0);
+            let fields = |e: Expectation| (e.relation().to_owned(), e.held, e.name);
             found
                 .into_iter()
-                .map(one)
+                .map(fields)
                 .map(|(relation, held, name)| (name, held, relation))
                 .collect()
         };
@@ -603,9 +598,9 @@ mod tests {
     #[test]
     fn unplanned_death_at_end_is_not_converged() {
         let mut scenario = row_with_expectations(|expect| expect.converged_by_s = Some(10.0));
-        let measures = RunMetrics { converged_at_s: Some(3.0), ..measures(&["r1", "r2"]) };
+        let run_metrics = RunMetrics { converged_at_s: Some(3.0), ..run_metrics(&["r1", "r2"]) };
         assert_eq!(
-            evaluate_single(&scenario, &measures),
+            evaluate_single(&scenario, &run_metrics),
             verdict_with_reason("dead at the end: r3")
         );
         let kill = |at_s: u64, robot, restart_after_s: Option<u64>| Fault {
@@ -617,31 +612,38 @@ mod tests {
             },
         };
         scenario.faults = vec![kill(4, 2, None)];
-        assert_eq!(evaluate_single(&scenario, &measures), HELD, "the plan leaves the robot dead");
+        assert_eq!(
+            evaluate_single(&scenario, &run_metrics),
+            HELD,
+            "the plan leaves the robot dead"
+        );
         scenario.faults = vec![kill(4, 2, None), kill(8, 2, Some(2))];
         assert_eq!(
-            evaluate_single(&scenario, &measures),
+            evaluate_single(&scenario, &run_metrics),
             verdict_with_reason("dead at the end: r3"),
             "the plan restarts it"
         );
         scenario.faults = vec![kill(4, 2, Some(30))];
-        assert_eq!(evaluate_single(&scenario, &measures), HELD, "the restart is after the end");
+        assert_eq!(evaluate_single(&scenario, &run_metrics), HELD, "the restart is after the end");
     }
 
     #[test]
     fn expectation_without_robots_is_missed_and_counts_use_living() {
         let mut hull = row_with_expectations(|expect| expect.hull_distance_m_max = Some(0.0));
-        let measures = measures(&["r1", "r3"]);
+        let run_metrics = run_metrics(&["r1", "r3"]);
         assert_eq!(
-            evaluate_single(&hull, &measures),
+            evaluate_single(&hull, &run_metrics),
             verdict_with_reason("the scenario has no such robot")
         );
         hull.robots[1].role = Role::CONTAINED;
-        assert_eq!(evaluate_single(&hull, &measures), verdict_with_reason("dead at the end: r2"));
+        assert_eq!(
+            evaluate_single(&hull, &run_metrics),
+            verdict_with_reason("dead at the end: r2")
+        );
         for (count, held) in [(2, true), (3, false)] {
             hull.expectations.alive_at_end = Some(AliveAtEnd::Count(count));
-            let found = evaluate(&hull, &measures, Pace::Lockstep, 0, 0);
-            let verdicts: Vec<bool> = found.iter().map(|one| one.held).collect();
+            let found = evaluate(&hull, &run_metrics, Pace::Lockstep, 0, 0);
+            let verdicts: Vec<bool> = found.iter().map(|expectation| expectation.held).collect();
             assert_eq!(verdicts, [true, held], "{found:?}");
         }
     }
@@ -657,7 +659,7 @@ mod tests {
         let distance = row_with_expectations(|expect| expect.min_distance_m = Some(0.2));
         let lost = |from_s, until_s| RunMetrics {
             unseen_s: vec![[from_s, until_s]],
-            ..measures(&ALL_NAMES)
+            ..run_metrics(&ALL_NAMES)
         };
         assert_eq!(evaluate_single(&distance, &lost(3.0, 5.0)), unseen_between(3.0, 5.0));
         let too_near = RunMetrics { min_distance_m: Some(0.1), ..lost(3.0, 5.0) };
@@ -671,25 +673,28 @@ mod tests {
         assert_eq!(evaluate_single(&errors, &lost(3.0, 5.0)), HELD);
         assert_eq!(evaluate_single(&errors, &lost(17.0, 18.5)), unseen_between(17.0, 18.5));
         let converged = row_with_expectations(|expect| expect.converged_by_s = Some(10.0));
-        let since = |measures| RunMetrics { converged_at_s: Some(6.0), ..measures };
+        let since = |run_metrics| RunMetrics { converged_at_s: Some(6.0), ..run_metrics };
         assert_eq!(evaluate_single(&converged, &since(lost(3.0, 5.0))), HELD);
         assert_eq!(evaluate_single(&converged, &since(lost(7.0, 8.0))), unseen_between(7.0, 8.0));
         let recovered = row_with_expectations(|expect| expect.recovered_within_s = Some(5.0));
         let fault =
             FaultReport { t_s: 4.0, recovered_after_s: Some(1.0), ..FaultReport::default() };
-        let struck = |measures| RunMetrics { faults: vec![fault.clone()], ..measures };
-        assert_eq!(evaluate_single(&recovered, &struck(lost(1.0, 3.0))), HELD);
+        let with_fault = |run_metrics| RunMetrics { faults: vec![fault.clone()], ..run_metrics };
+        assert_eq!(evaluate_single(&recovered, &with_fault(lost(1.0, 3.0))), HELD);
         assert_eq!(
-            evaluate_single(&recovered, &measures(&ALL_NAMES)),
+            evaluate_single(&recovered, &run_metrics(&ALL_NAMES)),
             verdict_with_reason("the run had no fault")
         );
         let never = FaultReport { what: "kill r2".into(), t_s: 4.0, ..FaultReport::default() };
-        let never = RunMetrics { faults: vec![fault.clone(), never], ..measures(&ALL_NAMES) };
+        let never = RunMetrics { faults: vec![fault.clone(), never], ..run_metrics(&ALL_NAMES) };
         assert_eq!(
             evaluate_single(&recovered, &never),
             verdict_with_reason("no recovery from kill r2 at 4 s")
         );
-        assert_eq!(evaluate_single(&recovered, &struck(lost(3.0, 5.0))), unseen_between(3.0, 5.0));
+        assert_eq!(
+            evaluate_single(&recovered, &with_fault(lost(3.0, 5.0))),
+            unseen_between(3.0, 5.0)
+        );
     }
 
     #[test]

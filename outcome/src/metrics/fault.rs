@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `window` | what was the effect of one fault? |
 //!
-//! Contact reports may arrive before or after the fault that they belong to: the order in which messages of processes
+//! Reception reports may arrive before or after the fault that they belong to: the order in which messages of processes
 //! arrive has no influence.
 
 mod window;
@@ -36,7 +36,7 @@ pub(super) struct Faults {
     planned_faults: Vec<(String, AffectedComponent)>,
     /// Beginnings and ends of the faults that agents apply by themselves, in order of time, ns.
     scheduled_bounds: VecDeque<(u64, usize, FaultBound)>,
-    /// Contact reports that may belong to a fault that is reported later.
+    /// Reception reports that may belong to a fault that is reported later.
     reception_reports: Vec<ReceptionReport>,
     newest_t_ns: u64,
 }
@@ -50,7 +50,7 @@ pub(super) enum FaultBound {
     End(FaultEnd),
 }
 
-/// Report that `hearer` has classified its contact to `neighbor` in this way since a time.
+/// Report of the reception state of `neighbor` at `receiver`, and its start time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ReceptionReport {
     pub(super) receiver: usize,
@@ -88,17 +88,17 @@ impl Faults {
     }
 
     /// Updates all faults with one sample. `converged_since_ns` is the time since which all errors of living robots are
-    /// below the bound; `beyond` says for each robot which of its two errors are not.
+    /// below the bound; `beyond_bound` gives for each robot which of its two errors are not.
     pub(super) fn add_truth(
         &mut self,
         t_ns: u64,
         error_m: f64,
         converged_since_ns: Option<u64>,
-        beyond: impl Iterator<Item = ErrorFlags> + Clone,
+        beyond_bound: impl Iterator<Item = ErrorFlags> + Clone,
         distance_m: f64,
     ) {
         for fault in &mut self.windows {
-            fault.add_truth(t_ns, error_m, converged_since_ns, beyond.clone(), distance_m);
+            fault.add_truth(t_ns, error_m, converged_since_ns, beyond_bound.clone(), distance_m);
         }
         self.newest_t_ns = t_ns;
     }
@@ -109,33 +109,33 @@ impl Faults {
     }
 
     /// Registers a fault that the scenario does not plan and that is about to begin. Returns its number.
-    pub(super) fn register_fault(&mut self, what: String, struck: AffectedComponent) -> usize {
-        self.planned_faults.push((what, struck));
+    pub(super) fn register_fault(&mut self, what: String, affected: AffectedComponent) -> usize {
+        self.planned_faults.push((what, affected));
         self.planned_faults.len() - 1
     }
 
-    /// Begins the fault of this number. `within_bound` says for each robot whether its two errors are below the bound.
+    /// Begins the fault of this number. `within_bound` gives for each robot whether its two errors are below the bound.
     pub(super) fn begin_fault(
         &mut self,
         fault: usize,
         t_ns: u64,
         within_bound: impl Iterator<Item = ErrorFlags>,
     ) {
-        let (what, struck) = self.planned_faults[fault].clone();
+        let (what, affected) = self.planned_faults[fault].clone();
         for earlier in &mut self.windows {
             earlier.close_if_recovered();
         }
-        let before = self.silence.orphaned_robots(&self.reachability);
-        self.silence.add_silence(struck.silenced_source, 1);
-        self.orphans.add_silence(t_ns, struck.silenced_source, 1);
-        let mut orphaned = self.silence.orphaned_robots(&self.reachability);
-        orphaned.retain(|robot| !before.contains(robot));
-        let predicted = match struck.silenced_source {
+        let orphaned_before = self.silence.orphaned_robots(&self.reachability);
+        self.silence.add_silence(affected.silenced_source, 1);
+        self.orphans.add_silence(t_ns, affected.silenced_source, 1);
+        let mut orphaned_robots = self.silence.orphaned_robots(&self.reachability);
+        orphaned_robots.retain(|robot| !orphaned_before.contains(robot));
+        let broken_robots = match affected.silenced_source {
             SilencedSource::NoSource => Vec::new(),
             _ => self.silence.predict_broken(&self.predictor, t_ns),
         };
-        let prediction = Prediction { broken_robots: predicted, orphaned_robots: orphaned };
-        let mut window = FaultWindow::new(fault, what, struck, t_ns, prediction, within_bound);
+        let prediction = Prediction { broken_robots, orphaned_robots };
+        let mut window = FaultWindow::new(fault, what, affected, t_ns, prediction, within_bound);
         self.reception_reports.iter().for_each(|&report| window.record_reception(report));
         self.windows.push(window);
     }
@@ -143,13 +143,13 @@ impl Faults {
     /// Ends a fault. Does nothing if it never began.
     pub(super) fn end_fault(&mut self, fault: usize, end: FaultEnd, t_ns: u64) {
         if let Some(window) = self.windows.iter_mut().find(|window| window.number == fault) {
-            let heard_again = window.end(end, t_ns);
-            self.silence.add_silence(heard_again, -1);
-            self.orphans.add_silence(t_ns, heard_again, -1);
+            let restored_source = window.end(end, t_ns);
+            self.silence.add_silence(restored_source, -1);
+            self.orphans.add_silence(t_ns, restored_source, -1);
         }
     }
 
-    /// Records a contact report for all faults that it may belong to.
+    /// Records a reception report for all faults that it may belong to.
     pub(super) fn record_reception(&mut self, report: ReceptionReport) {
         if !matches!(report.reception_state, ReceptionState::Stale | ReceptionState::Lost) {
             return;
@@ -182,7 +182,7 @@ fn agent_fault_bounds(scenario: &Scenario) -> VecDeque<(u64, usize, FaultBound)>
     let faults = scenario.faults.iter().enumerate();
     for (number, fault) in faults.filter(|(_, fault)| fault.kind.is_applied_by_processes()) {
         bounds.push((fault.start_ns, number, FaultBound::Begin));
-        // A fault that lasts to the end of the run never gets better.
+        // A fault that lasts to the end of the run is never repaired.
         let (end, t_ns) = match fault.end_ns() {
             Some(until_ns) => (FaultEnd::Repaired, until_ns),
             None => (FaultEnd::Permanent, fault.start_ns),

@@ -55,14 +55,14 @@ impl WindowMaximum {
 
     /// Adds a value at time `t_ns`. Times must increase.
     pub(super) fn push(&mut self, t_ns: u64, value: f64) {
-        let from_ns = self.window.start_ns(t_ns);
-        if t_ns < from_ns {
+        let start_ns = self.window.start_ns(t_ns);
+        if t_ns < start_ns {
             return;
         }
         while self.candidates.back().is_some_and(|&(_, earlier)| earlier <= value) {
             self.candidates.pop_back();
         }
-        while self.candidates.front().is_some_and(|&(then_ns, _)| then_ns < from_ns) {
+        while self.candidates.front().is_some_and(|&(candidate_ns, _)| candidate_ns < start_ns) {
             self.candidates.pop_front();
         }
         self.candidates.push_back((t_ns, value));
@@ -70,9 +70,9 @@ impl WindowMaximum {
 
     /// Returns the maximum, if the run ends at `end_ns`; `None` without final values.
     pub(super) fn value_at_end(&self, end_ns: u64) -> Option<f64> {
-        let from_ns = self.window.start_ns(end_ns);
+        let start_ns = self.window.start_ns(end_ns);
         let mut candidates = self.candidates.iter();
-        candidates.find(|&&(t_ns, _)| t_ns >= from_ns).map(|&(_, value)| value)
+        candidates.find(|&&(t_ns, _)| t_ns >= start_ns).map(|&(_, value)| value)
     }
 }
 

@@ -27,12 +27,12 @@ impl IdealFrame {
     /// Creates the frame before the first sample.
     pub(super) fn new(scenario: &Scenario) -> IdealFrame {
         match LeaderIdealFrame::new(scenario) {
-            Some(led) => IdealFrame::WithLeader(Box::new(led)),
+            Some(leader_frame) => IdealFrame::WithLeader(Box::new(leader_frame)),
             None => IdealFrame::Leaderless(scenario.leaderless_scale.clone()),
         }
     }
 
-    /// Returns the frame at a ground-truth sample. `alive` says which robots are alive.
+    /// Returns the frame at a ground-truth sample. `alive` gives which robots are alive.
     pub(super) fn add_truth(
         &mut self,
         t_ns: u64,
@@ -50,9 +50,9 @@ impl IdealFrame {
         alive: impl Fn(usize) -> bool,
     ) -> LeaderFrame {
         match self {
-            IdealFrame::WithLeader(led) => {
-                let alive = led.leader_and_deputies.iter().any(|&i| alive(i));
-                led.frame_at(t_s, heading_rad(led.leader), alive)
+            IdealFrame::WithLeader(leader_frame) => {
+                let alive = leader_frame.leader_and_deputies.iter().any(|&i| alive(i));
+                leader_frame.frame_at(t_s, heading_rad(leader_frame.leader), alive)
             }
             IdealFrame::Leaderless(Some(scale)) => {
                 LeaderFrame::for_leaderless_formation(scale, t_s)
@@ -107,18 +107,17 @@ impl LeaderIdealFrame {
         })
     }
 
-    /// Returns the frame at time `t_s`, from the leader's true heading. `alive` says whether the leader or a deputy
+    /// Returns the frame at time `t_s`, from the leader's true heading. `alive` gives whether the leader or a deputy
     /// is alive. After the last of them died, the frame stays constant; a replacement begins with its true heading.
     fn frame_at(&mut self, t_s: f64, heading_rad: f64, alive: bool) -> LeaderFrame {
-        let lived = std::mem::replace(&mut self.was_alive, alive);
-        let begins = alive && !lived;
+        let was_alive = std::mem::replace(&mut self.was_alive, alive);
+        let is_replacement = alive && !was_alive;
         if alive || self.newest_heading.is_none() {
-            let newest = self.newest_heading.filter(|_| !begins);
+            let newest = self.newest_heading.filter(|_| !is_replacement);
             let heading_rad = match self.front_point_m > 0.0 {
                 true => newest.map_or(heading_rad, |newest| self.integrate_heading(newest, t_s)),
-                false => {
-                    self.path_heading_rad(newest.map_or(heading_rad, |it| it.heading_rad), t_s)
-                }
+                false => self
+                    .path_heading_rad(newest.map_or(heading_rad, |newest| newest.heading_rad), t_s),
             };
             self.newest_heading = Some(HeadingSample { t_s, heading_rad });
         }
@@ -130,30 +129,32 @@ impl LeaderIdealFrame {
         }
     }
 
-    /// Returns the heading of m'(t) at `t_s`, rad, of a leader that is controlled at its axle midpoint. `was_rad`
+    /// Returns the heading of m'(t) at `t_s`, rad, of a leader that is controlled at its axle midpoint. `previous_rad`
     /// counts where m(t) is at rest, and where the frame keeps its heading at a cusp.
-    fn path_heading_rad(&self, was_rad: f64, t_s: f64) -> f64 {
+    fn path_heading_rad(&self, previous_rad: f64, t_s: f64) -> f64 {
         let LeadBrief { trajectory, keep_heading, .. } = &self.lead_brief;
-        trajectory.direction_at(t_s, self.period_s, was_rad, *keep_heading).heading_rad
+        trajectory.direction_at(t_s, self.period_s, previous_rad, *keep_heading).heading_rad
     }
 
     /// Returns the heading at `t_s`, integrated in steps of at most one period, because samples may be lost.
     fn integrate_heading(&self, from: HeadingSample, t_s: f64) -> f64 {
         let steps = ((t_s - from.t_s) / self.period_s - 1e-6).ceil().max(1.0);
         let step_s = (t_s - from.t_s) / steps;
-        let (mut heading_rad, mut was) =
+        let (mut heading_rad, mut position) =
             (from.heading_rad, self.lead_brief.trajectory.target_at(from.t_s).position);
         for step in 1..=steps as u64 {
-            let next =
+            let next_position =
                 self.lead_brief.trajectory.target_at(from.t_s + step as f64 * step_s).position;
-            let velocity = (next - std::mem::replace(&mut was, next)) / step_s;
+            let velocity =
+                (next_position - std::mem::replace(&mut position, next_position)) / step_s;
             let speed_m_s = velocity.norm();
-            let limited = match speed_m_s > self.speed_max_m_s {
+            let limited_velocity = match speed_m_s > self.speed_max_m_s {
                 true => velocity * (self.speed_max_m_s / speed_m_s),
                 false => velocity,
             };
-            let drawing = towing_velocity(heading_rad, limited, self.lead_brief.keep_heading);
-            heading_rad = towed_heading(heading_rad, self.front_point_m, drawing, step_s);
+            let towing =
+                towing_velocity(heading_rad, limited_velocity, self.lead_brief.keep_heading);
+            heading_rad = towed_heading(heading_rad, self.front_point_m, towing, step_s);
         }
         heading_rad
     }

@@ -10,8 +10,8 @@ use sha2::{Digest, Sha256};
 #[derive(Debug, Clone, Default)]
 pub struct TrajectoryHash {
     digest: Sha256,
-    /// The words of one tick, so that the digest gets them in one piece.
-    words: Vec<u8>,
+    /// Bytes of one tick, so that the digest receives them in one call.
+    buffer: Vec<u8>,
 }
 
 impl TrajectoryHash {
@@ -22,20 +22,20 @@ impl TrajectoryHash {
 
     /// Adds one tick.
     pub fn update(&mut self, tick: u64, rows: &[TruthRow]) {
-        let words = &mut self.words;
-        words.clear();
-        words.extend_from_slice(&tick.to_le_bytes());
+        let buffer = &mut self.buffer;
+        buffer.clear();
+        buffer.extend_from_slice(&tick.to_le_bytes());
         for row in rows {
             for number in [row.x_m, row.y_m, row.heading_rad, row.v_m_s, row.w_rad_s] {
-                words.extend_from_slice(&number.to_bits().to_le_bytes());
+                buffer.extend_from_slice(&number.to_bits().to_le_bytes());
             }
             // Robots with two wheels have no lateral speed, so their hashes do not depend on it.
             if row.side_m_s != 0.0 {
-                words.extend_from_slice(&row.side_m_s.to_bits().to_le_bytes());
+                buffer.extend_from_slice(&row.side_m_s.to_bits().to_le_bytes());
             }
-            words.extend_from_slice(&row.commanded.to_le_bytes());
+            buffer.extend_from_slice(&row.commanded.to_le_bytes());
         }
-        self.digest.update(&self.words);
+        self.digest.update(&self.buffer);
     }
 
     /// Returns the first 16 hexadecimal digits of the hash.

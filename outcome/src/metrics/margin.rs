@@ -54,9 +54,9 @@ pub fn margin(expectation: &Expectation) -> f64 {
 pub fn describe(expectation: &Expectation, summary: &Summary) -> String {
     let Expectation { name, value, reason, .. } = expectation;
     let bound = format_short(expectation.bound);
-    let asked = if expectation.relation() == "<=" { "at most" } else { "at least" };
+    let bound_relation = if expectation.relation() == "<=" { "at most" } else { "at least" };
     let distance = (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s);
-    let what = match (&**name, distance, value) {
+    let result = match (&**name, distance, value) {
         ("min_distance_m", (Some(m), Some([a, b]), Some(t_s)), _) => {
             format!(
                 "{a} and {b} come within {} m of each other at {} s",
@@ -68,7 +68,7 @@ pub fn describe(expectation: &Expectation, summary: &Summary) -> String {
         (_, _, None) => format!("{name} is never reached"),
     };
     let reason = reason.as_ref().map(|reason| format!(" ({reason})")).unwrap_or_default();
-    format!("{what}{reason}; expected: {asked} {bound}")
+    format!("{result}{reason}; expected: {bound_relation} {bound}")
 }
 
 #[cfg(test)]
@@ -116,7 +116,7 @@ mod tests {
         let name = "min_distance_m".to_owned();
         let expectation =
             Expectation { name, value: Some(0.15), bound: 0.2, ..Expectation::default() };
-        let words = "a and b come within 0.15 m of each other at 2.5 s; expected: at least 0.2";
-        assert_eq!(describe(&expectation, &summary), words);
+        let expected = "a and b come within 0.15 m of each other at 2.5 s; expected: at least 0.2";
+        assert_eq!(describe(&expectation, &summary), expected);
     }
 }

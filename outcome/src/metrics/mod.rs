@@ -106,7 +106,7 @@ pub struct Metrics {
     early_end: EarlyEndCondition,
 }
 
-/// Metrics at the newest ground-truth sample; lists are in scenario order. An empty list says that all its values are
+/// Metrics at the newest ground-truth sample; lists are in scenario order. An empty list means that all its values are
 /// unknown.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CurrentMetrics<'a> {
@@ -168,7 +168,7 @@ impl Metrics {
         self.is_stopped = true;
     }
 
-    /// Updates all metrics with one ground-truth sample. `alive` says which robots were alive at it.
+    /// Updates all metrics with one ground-truth sample. `alive` holds which robots were alive at that sample.
     pub fn add_truth(&mut self, header: &TruthHeader, rows: &[TruthRow], alive: &[bool]) {
         if self.is_stopped {
             return;
@@ -191,9 +191,9 @@ impl Metrics {
             *alpha = front_point(row.pose(), *ell);
         }
         let distance_m = self.distances.add_truth(header, &self.front_points);
-        let silent = &self.faults.silence;
+        let silence = &self.faults.silence;
         let frame = self.ideal_frame.add_truth(t_ns, rows, alive);
-        let worst_m = self.errors.add_truth(t_ns, &frame, &self.front_points, alive, silent);
+        let worst_m = self.errors.add_truth(t_ns, &frame, &self.front_points, alive, silence);
         self.travel.add_truth(t_ns, &self.front_points, &self.errors.current_errors_m, alive);
         self.ideal_errors.add_truth(
             t_ns,
@@ -203,12 +203,12 @@ impl Metrics {
             &self.errors.current_errors_m,
         );
         let bound_m = self.converged_error_m;
-        let both = self.errors.current_errors_m.iter().zip(&self.ideal_errors.current_errors_m);
-        let beyond = both.zip(alive).map(|((heard, ideal), &alive)| {
-            [heard, ideal].map(|error| alive && error.is_some_and(|error| error >= bound_m))
+        let errors = self.errors.current_errors_m.iter().zip(&self.ideal_errors.current_errors_m);
+        let beyond_bound = errors.zip(alive).map(|((error, ideal_error), &alive)| {
+            [error, ideal_error].map(|error| alive && error.is_some_and(|error| error >= bound_m))
         });
         let converged_since_ns = self.errors.converged_since_ns;
-        self.faults.add_truth(t_ns, worst_m, converged_since_ns, beyond, distance_m);
+        self.faults.add_truth(t_ns, worst_m, converged_since_ns, beyond_bound, distance_m);
         self.containment.add_truth(t_ns, &self.front_points, alive, &self.faults.silence);
         self.early_end.add_truth(t_ns, converged_since_ns);
     }
@@ -263,20 +263,20 @@ impl Metrics {
     /// Begins the fault of this number.
     pub fn begin_fault(&mut self, fault: usize, t_ns: u64) {
         let within = |error: &Option<f64>| error.is_some_and(|e| e < self.converged_error_m);
-        let both = self.errors.current_errors_m.iter().zip(&self.ideal_errors.current_errors_m);
-        let within_bound = both.map(|(heard, ideal)| [heard, ideal].map(within));
+        let errors = self.errors.current_errors_m.iter().zip(&self.ideal_errors.current_errors_m);
+        let within_bound = errors.map(|(error, ideal_error)| [error, ideal_error].map(within));
         self.faults.begin_fault(fault, t_ns, within_bound);
     }
 
     /// Records the death of a robot that the scenario does not plan. Returns the number of the new fault.
-    pub fn record_unplanned_death(&mut self, robot: usize, how: &str, t_ns: u64) -> usize {
-        let what = format!("death of {} ({how})", self.names[robot]);
-        let silenced = SilencedSource::Robot(robot);
+    pub fn record_unplanned_death(&mut self, robot: usize, cause: &str, t_ns: u64) -> usize {
+        let what = format!("death of {} ({cause})", self.names[robot]);
+        let silenced_source = SilencedSource::Robot(robot);
         let fault = self.register_fault(
             what,
             AffectedComponent {
                 robot: Some(robot),
-                silenced_source: silenced,
+                silenced_source,
                 ..AffectedComponent::default()
             },
         );
@@ -290,8 +290,8 @@ impl Metrics {
     }
 
     /// Registers a fault that the scenario does not plan and that is about to begin. Returns its number.
-    pub fn register_fault(&mut self, what: String, struck: AffectedComponent) -> usize {
-        self.faults.register_fault(what, struck)
+    pub fn register_fault(&mut self, what: String, affected: AffectedComponent) -> usize {
+        self.faults.register_fault(what, affected)
     }
 
     /// Ends the fault: what it broke is repaired as far as it ever will be.
@@ -311,20 +311,20 @@ impl Metrics {
         &self.faults.orphans.is_orphaned
     }
 
-    /// Records how `hearer` classifies the contact to `neighbor`, and since when. The report may arrive before or
+    /// Records the reception state of `neighbor` at `receiver`, and its start time. The report may arrive before or
     /// after the fault that it belongs to.
     pub fn record_reception(
         &mut self,
-        hearer: usize,
+        receiver: usize,
         neighbor: usize,
-        contact: ReceptionState,
-        since_t_ns: u64,
+        reception_state: ReceptionState,
+        since_ns: u64,
     ) {
         self.faults.record_reception(ReceptionReport {
-            receiver: hearer,
+            receiver,
             neighbor,
-            reception_state: contact,
-            since_ns: since_t_ns,
+            reception_state,
+            since_ns,
         });
     }
 
@@ -356,7 +356,7 @@ impl Metrics {
             self.names.iter().cloned().zip(values.iter().copied()).collect()
         };
         let closest = self.distances.closest_pair();
-        let living = self.names.iter().zip(&self.alive).filter(|(_, alive)| **alive);
+        let alive_names = self.names.iter().zip(&self.alive).filter(|(_, alive)| **alive);
         let end_ns = self.early_end.newest_t_ns;
         Summary {
             t_s: ns_to_seconds(end_ns),
@@ -391,7 +391,7 @@ impl Metrics {
                 &self.alive,
             ),
             trajectory_hash: self.truths.hash(),
-            alive_at_end: living.map(|(name, _)| name.clone()).collect(),
+            alive_at_end: alive_names.map(|(name, _)| name.clone()).collect(),
             hash_by_second: self.truths.hash_by_second.clone(),
             truths_lost: self.truths.lost_samples,
             unseen_s: self

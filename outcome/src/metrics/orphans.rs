@@ -14,9 +14,9 @@ use experiment::scenario::{Scenario, SilencedSource};
 /// Tracker of the orphaned robots.
 pub(super) struct OrphanTracker {
     reachability: Reachability,
-    /// Silence up to the settled time.
+    /// Silence up to the time to which changes were applied.
     silence: SilenceState,
-    /// Changes since the settled time, with their times, ns.
+    /// Changes after that time, with their times, ns.
     pending_changes: Vec<(u64, ReachChange)>,
     pub(super) is_orphaned: Vec<bool>,
 }
@@ -51,10 +51,10 @@ impl OrphanTracker {
         }
     }
 
-    /// Adds `by` to the number of faults that silence a robot or edge from that time on.
-    pub(super) fn add_silence(&mut self, t_ns: u64, silenced: SilencedSource, by: i32) {
+    /// Adds `delta` to the number of faults that silence a robot or edge from that time on.
+    pub(super) fn add_silence(&mut self, t_ns: u64, silenced: SilencedSource, delta: i32) {
         if silenced != SilencedSource::NoSource {
-            self.pending_changes.push((t_ns, ReachChange::Silenced(silenced, by)));
+            self.pending_changes.push((t_ns, ReachChange::Silenced(silenced, delta)));
         }
     }
 
@@ -63,35 +63,37 @@ impl OrphanTracker {
         self.pending_changes.push((t_ns, ReachChange::Rewired(rewiring)));
     }
 
-    /// Settles all changes before this time, ns. Returns the robots whose state changed, in order of time and
+    /// Applies all changes before this time, ns. Returns the robots whose state changed, in order of time and
     /// robots.
     pub(super) fn apply_changes_before(&mut self, t_ns: u64) -> Vec<OrphanChange> {
-        let mut turns = Vec::new();
+        let mut changes = Vec::new();
         if self.pending_changes.is_empty() {
-            return turns;
+            return changes;
         }
         self.pending_changes.sort_by_key(|&(t_ns, ..)| t_ns);
-        let known = self.pending_changes.partition_point(|&(then_ns, ..)| then_ns < t_ns);
+        let known = self.pending_changes.partition_point(|&(change_ns, ..)| change_ns < t_ns);
         let known: Vec<_> = self.pending_changes.drain(..known).collect();
         for instant in known.chunk_by(|(a_ns, _), (b_ns, _)| a_ns == b_ns) {
             for &(_, change) in instant {
                 match change {
-                    ReachChange::Silenced(silenced, by) => self.silence.add_silence(silenced, by),
+                    ReachChange::Silenced(silenced, delta) => {
+                        self.silence.add_silence(silenced, delta)
+                    }
                     ReachChange::Rewired(rewiring) => self.silence.apply_rewiring(rewiring),
                 }
             }
-            let cut_off = self.silence.orphaned_robots(&self.reachability);
-            for (robot, was) in self.is_orphaned.iter_mut().enumerate() {
-                let is = cut_off.contains(&robot);
+            let orphaned = self.silence.orphaned_robots(&self.reachability);
+            for (robot, was_orphaned) in self.is_orphaned.iter_mut().enumerate() {
+                let is_orphaned = orphaned.contains(&robot);
                 // A robot that is silent itself is not reported as orphaned.
-                let told = *was != is && !self.silence.is_silent(robot);
-                *was = is;
-                if told {
-                    turns.push(OrphanChange { t_ns: instant[0].0, robot, is_orphaned: is });
+                let is_reported = *was_orphaned != is_orphaned && !self.silence.is_silent(robot);
+                *was_orphaned = is_orphaned;
+                if is_reported {
+                    changes.push(OrphanChange { t_ns: instant[0].0, robot, is_orphaned });
                 }
             }
         }
-        turns
+        changes
     }
 }
 
@@ -105,7 +107,7 @@ mod tests {
     use protocol::law::Role;
 
     /// Returns the tracker of a row: r1 leads, r2 receives from r1, r3 from r2.
-    fn led_row() -> OrphanTracker {
+    fn row_with_leader() -> OrphanTracker {
         let mut scenario = row_of_three();
         scenario.robots[0].role = Role::LEADER;
         let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
@@ -114,13 +116,13 @@ mod tests {
         OrphanTracker::new(&scenario)
     }
 
-    fn orphan_change(t_ns: u64, robot: usize, orphaned: bool) -> OrphanChange {
-        OrphanChange { t_ns, robot, is_orphaned: orphaned }
+    fn orphan_change(t_ns: u64, robot: usize, is_orphaned: bool) -> OrphanChange {
+        OrphanChange { t_ns, robot, is_orphaned }
     }
 
     #[test]
     fn death_and_cut_orphan_downstream_robots_until_both_end() {
-        let mut orphans = led_row();
+        let mut orphans = row_with_leader();
         orphans.add_silence(3, SilencedSource::Robot(0), 1);
         orphans.add_silence(5, SilencedSource::Edge(1), 1);
         orphans.add_silence(7, SilencedSource::Robot(0), -1);
@@ -138,7 +140,7 @@ mod tests {
 
     #[test]
     fn dead_robot_leaves_orphans_without_event() {
-        let mut orphans = led_row();
+        let mut orphans = row_with_leader();
         orphans.add_silence(3, SilencedSource::Robot(0), 1);
         orphans.add_silence(4, SilencedSource::Robot(1), 1);
         assert_eq!(
@@ -154,7 +156,7 @@ mod tests {
     #[test]
     fn order_of_simultaneous_returns_has_no_effect() {
         for order in [[0, 1], [1, 0]] {
-            let mut orphans = led_row();
+            let mut orphans = row_with_leader();
             orphans.add_silence(3, SilencedSource::Robot(0), 1);
             orphans.add_silence(3, SilencedSource::Robot(1), 1);
             order

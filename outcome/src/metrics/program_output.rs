@@ -16,18 +16,18 @@ pub fn parse_metrics(output: &str, names: &[&str]) -> Result<Vec<(String, Option
         let example: Vec<String> = names.iter().map(|name| format!("\"{name}\": 0.5")).collect();
         format!("expected one JSON object, such as {{ {} }}", example.join(", "))
     };
-    let last = output.trim().lines().last().unwrap_or_default();
-    if last.is_empty() {
+    let last_line = output.trim().lines().last().unwrap_or_default();
+    if last_line.is_empty() {
         return Err(format!("printed nothing; {}", expected()));
     }
     let parse = |text: &str| serde_json::from_str::<Map<String, Value>>(text);
-    let object = parse(output).or_else(|_| parse(last)).map_err(|_| {
-        let shown: String = last.chars().take(SHOWN_CHARACTERS_MAX).collect();
-        let why = match ["NaN", "Infinity"].iter().any(|word| last.contains(word)) {
+    let object = parse(output).or_else(|_| parse(last_line)).map_err(|_| {
+        let excerpt: String = last_line.chars().take(SHOWN_CHARACTERS_MAX).collect();
+        let problem = match ["NaN", "Infinity"].iter().any(|word| last_line.contains(word)) {
             true => "a number that is not finite; print null for a metric without a value",
             false => "no JSON object",
         };
-        format!("printed {shown:?}, {why}; {}", expected())
+        format!("printed {excerpt:?}, {problem}; {}", expected())
     })?;
     if let Some(name) = object.keys().find(|name| !names.contains(&name.as_str())) {
         return Err(format!(
@@ -52,11 +52,11 @@ mod tests {
 
     #[test]
     fn object_has_a_number_or_null_for_each_metric() {
-        let both = |output: &str| parse_metrics(output, &["cost_m2", "gap_m"]);
+        let parse = |output: &str| parse_metrics(output, &["cost_m2", "gap_m"]);
         let expected = vec![("cost_m2".to_owned(), Some(2.0)), ("gap_m".to_owned(), None)];
-        assert_eq!(both("{\"gap_m\": null, \"cost_m2\": 2}\n"), Ok(expected.clone()));
-        assert_eq!(both("reading\n{\"gap_m\": null, \"cost_m2\": 2.0}\n"), Ok(expected.clone()));
-        assert_eq!(both("{\n\"gap_m\": null,\n\"cost_m2\": 2.0\n}"), Ok(expected));
+        assert_eq!(parse("{\"gap_m\": null, \"cost_m2\": 2}\n"), Ok(expected.clone()));
+        assert_eq!(parse("reading\n{\"gap_m\": null, \"cost_m2\": 2.0}\n"), Ok(expected.clone()));
+        assert_eq!(parse("{\n\"gap_m\": null,\n\"cost_m2\": 2.0\n}"), Ok(expected));
     }
 
     #[test]

@@ -46,16 +46,16 @@ impl Signals {
     pub(super) fn new(scenario: &Scenario) -> Signals {
         let names: Vec<&'static [&'static str]> =
             scenario.robots.iter().map(|robot| robot.signals).collect();
-        let (mut count, mut first) = (0, Vec::with_capacity(names.len()));
-        for own in &names {
-            first.push(count);
-            count += own.len();
+        let (mut count, mut first_signal_index) = (0, Vec::with_capacity(names.len()));
+        for robot_signals in &names {
+            first_signal_index.push(count);
+            count += robot_signals.len();
         }
         Signals {
             metrics: scenario.metrics.clone(),
             pending_values: PendingValues::new(names.len()),
             names,
-            first_signal_index: first,
+            first_signal_index,
             newest_values: vec![None; count],
             reductions: vec![ValueReductions::NONE; count],
         }
@@ -74,8 +74,8 @@ impl Signals {
             names, first_signal_index, pending_values, newest_values, reductions, ..
         } = self;
         pending_values.take_before(t_ns, |robot, at_ns, values| {
-            let own = values.iter().filter(|(i, _)| *i < names[robot].len());
-            for (i, value) in own {
+            let known_values = values.iter().filter(|(i, _)| *i < names[robot].len());
+            for (i, value) in known_values {
                 newest_values[first_signal_index[robot] + i] = Some((at_ns, value));
                 reductions[first_signal_index[robot] + i].add(value);
             }
@@ -92,9 +92,9 @@ impl Signals {
         let value = |metric: &Metric| match &metric.source {
             MetricSource::Program { .. } => None,
             MetricSource::Signal { signal, over_time, over_robots } => {
-                let living = (0..self.names.len()).filter(|&robot| alive[robot]);
-                let values =
-                    living.filter_map(|robot| self.reduce_over_time(robot, signal, *over_time));
+                let alive_robots = (0..self.names.len()).filter(|&robot| alive[robot]);
+                let values = alive_robots
+                    .filter_map(|robot| self.reduce_over_time(robot, signal, *over_time));
                 reduce_over_robots(*over_robots, values)
             }
         };
@@ -109,9 +109,9 @@ impl Signals {
         over_time: TimeReduction,
     ) -> Option<f64> {
         let signal = self.names[robot].iter().position(|&name| name == signal)?;
-        let place = self.first_signal_index[robot] + signal;
-        let (_, last) = self.newest_values[place]?;
-        let ValueReductions { count, sum, min, max } = self.reductions[place];
+        let index = self.first_signal_index[robot] + signal;
+        let (_, last) = self.newest_values[index]?;
+        let ValueReductions { count, sum, min, max } = self.reductions[index];
         Some(match over_time {
             TimeReduction::Last => last,
             TimeReduction::Mean => sum / count as f64,
@@ -124,9 +124,9 @@ impl Signals {
 
 /// Returns the reduction of the robots' values; `None` without any, or if it is not finite.
 fn reduce_over_robots(reduction: RobotReduction, values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut all = ValueReductions::NONE;
-    values.for_each(|value| all.add(value));
-    let ValueReductions { count, sum, min, max } = all;
+    let mut reductions = ValueReductions::NONE;
+    values.for_each(|value| reductions.add(value));
+    let ValueReductions { count, sum, min, max } = reductions;
     let value = match reduction {
         RobotReduction::Max => max,
         RobotReduction::Min => min,

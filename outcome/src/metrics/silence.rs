@@ -1,4 +1,4 @@
-//! Silence by faults: which robots and edges are silent, and which robots that breaks.
+//! Silence by faults: which robots and edges are silent, and which robots this breaks.
 
 use experiment::prediction::{BrokenPrediction, FailurePredictor};
 use experiment::scenario::{Scenario, SilencedSource};
@@ -19,7 +19,7 @@ pub(super) struct SilenceState {
     purposes: Vec<SenderPurpose>,
     used_edges: Vec<bool>,
     leader: Option<usize>,
-    /// Which deputies lead in place of the leader.
+    /// Which deputies act as leader instead of the leader.
     acting_deputies: Vec<bool>,
     /// Whether no robot and no edge is silent, and exactly the edges of the graph are in use.
     is_undisturbed: bool,
@@ -41,18 +41,18 @@ impl SilenceState {
     /// Creates the state without faults.
     pub(super) fn new(scenario: &Scenario) -> SilenceState {
         let rewiring = scenario.rewiring();
-        let ends: Vec<[usize; 2]> =
+        let edge_ends: Vec<[usize; 2]> =
             rewiring.links().iter().map(|edge| [edge.from, edge.to]).collect();
         let purposes: Vec<SenderPurpose> =
-            (0..ends.len()).map(|edge| rewiring.purpose(edge)).collect();
+            (0..edge_ends.len()).map(|edge| rewiring.purpose(edge)).collect();
         SilenceState {
             robot_fault_counts: vec![0; scenario.robots.len()],
-            edge_fault_counts: vec![0; ends.len()],
+            edge_fault_counts: vec![0; edge_ends.len()],
             used_edges: purposes
                 .iter()
                 .map(|purpose| *purpose == SenderPurpose::InNeighbor)
                 .collect(),
-            edge_ends: ends,
+            edge_ends,
             incoming_edges: (0..scenario.robots.len())
                 .map(|robot| rewiring.incoming_links(robot).to_vec())
                 .collect(),
@@ -75,12 +75,12 @@ impl SilenceState {
             && used.all(|(used, purpose)| *used == (*purpose == SenderPurpose::InNeighbor));
     }
 
-    /// Adds `by` to the number of faults that silence a robot or edge.
-    pub(super) fn add_silence(&mut self, silenced: SilencedSource, by: i32) {
+    /// Adds `delta` to the number of faults that silence a robot or edge.
+    pub(super) fn add_silence(&mut self, silenced: SilencedSource, delta: i32) {
         match silenced {
             SilencedSource::NoSource => {}
-            SilencedSource::Robot(robot) => self.robot_fault_counts[robot] += by,
-            SilencedSource::Edge(edge) => self.edge_fault_counts[edge] += by,
+            SilencedSource::Robot(robot) => self.robot_fault_counts[robot] += delta,
+            SilencedSource::Edge(edge) => self.edge_fault_counts[edge] += delta,
         }
         self.update_undisturbed();
     }
@@ -88,23 +88,24 @@ impl SilenceState {
     /// Applies a change of the neighbors that a robot uses.
     pub(super) fn apply_rewiring(&mut self, rewiring: ReferenceChange) {
         let mut is_changed = false;
-        let mut set_use =
-            |is_used: &mut bool, yes| is_changed |= std::mem::replace(is_used, yes) != yes;
+        let mut set_use = |is_used: &mut bool, new_value| {
+            is_changed |= std::mem::replace(is_used, new_value) != new_value
+        };
         match rewiring {
-            ReferenceChange::DeputyLead { robot, is_leading: yes } => {
-                self.acting_deputies[robot] = yes
+            ReferenceChange::DeputyLead { robot, is_leading } => {
+                self.acting_deputies[robot] = is_leading
             }
             ReferenceChange::Restarted { robot } => {
                 self.acting_deputies[robot] = false;
                 for &edge in &self.incoming_edges[robot] {
-                    let yes = self.purposes[edge] == SenderPurpose::InNeighbor;
-                    set_use(&mut self.used_edges[edge], yes);
+                    let is_used = self.purposes[edge] == SenderPurpose::InNeighbor;
+                    set_use(&mut self.used_edges[edge], is_used);
                 }
             }
-            ReferenceChange::ReferenceUse { robot, neighbor: other, is_used: yes } => {
+            ReferenceChange::ReferenceUse { robot, neighbor, is_used } => {
                 let incoming = self.incoming_edges[robot].iter();
-                for &edge in incoming.filter(|&&edge| self.edge_ends[edge][0] == other) {
-                    set_use(&mut self.used_edges[edge], yes);
+                for &edge in incoming.filter(|&&edge| self.edge_ends[edge][0] == neighbor) {
+                    set_use(&mut self.used_edges[edge], is_used);
                 }
             }
         }
@@ -137,10 +138,10 @@ impl SilenceState {
 
     /// Returns whether this robot is a follower that takes over a leader's slot.
     pub(super) fn takes_leader_slot(&self, robot: usize) -> bool {
-        let by = |edge: usize| {
+        let takes_slot = |edge: usize| {
             self.purposes[edge] == SenderPurpose::KeepLeaderSlot && self.used_edges[edge]
         };
-        self.incoming_edges[robot].iter().any(|&edge| by(edge))
+        self.incoming_edges[robot].iter().any(|&edge| takes_slot(edge))
     }
 
     /// Returns whether a fault silences this robot.
@@ -148,16 +149,19 @@ impl SilenceState {
         self.robot_fault_counts[robot] > 0
     }
 
-    /// Returns the robots that are not silent and that no living leader reaches.
+    /// Returns the robots that are not silent and that no leader that is alive reaches.
     pub(super) fn orphaned_robots(&self, reachability: &Reachability) -> Vec<usize> {
-        let silent = (0..self.edge_ends.len())
+        let silent_edges = (0..self.edge_ends.len())
             .filter(|&e| self.edge_fault_counts[e] > 0 || !self.used_edges[e]);
         let leaders = (0..self.acting_deputies.len())
             .filter(|&i| self.acting_deputies[i] || self.leader == Some(i));
-        let (dead, silent): (_, Vec<usize>) =
-            (silenced_indices(&self.robot_fault_counts), silent.collect());
-        let loss =
-            reachability.new_defects_with_leaders(&leaders.collect::<Vec<_>>(), &dead, &silent);
+        let (dead, silent_edges): (_, Vec<usize>) =
+            (silenced_indices(&self.robot_fault_counts), silent_edges.collect());
+        let loss = reachability.new_defects_with_leaders(
+            &leaders.collect::<Vec<_>>(),
+            &dead,
+            &silent_edges,
+        );
         [loss.unled, loss.uncontained, loss.adrift].concat()
     }
 
@@ -177,5 +181,5 @@ impl SilenceState {
 
 /// Returns the indices with at least one fault.
 fn silenced_indices(counts: &[i32]) -> Vec<usize> {
-    (0..counts.len()).filter(|&place| counts[place] > 0).collect()
+    (0..counts.len()).filter(|&i| counts[i] > 0).collect()
 }

@@ -320,17 +320,17 @@ impl HostSummary {
         }
         text += &format!("; {} sent, {} received", self.sent, self.taken);
         let dropped: Vec<String> =
-            self.dropped.iter().map(|(why, count)| format!("{why} {count}")).collect();
+            self.dropped.iter().map(|(reason, count)| format!("{reason} {count}")).collect();
         if !dropped.is_empty() {
             text += &format!("; dropped: {}", dropped.join(", "));
         }
-        for (count, words) in [
+        for (count, label) in [
             (self.lost, "times unreachable"),
             (self.bridge_restarts, "bridge restarts"),
             (self.told_dropped, "reports dropped"),
         ] {
             if count > 0 {
-                text += &format!("; {count} {words}");
+                text += &format!("; {count} {label}");
             }
         }
         if !self.reachable {
@@ -492,14 +492,22 @@ impl Usage {
         self.combine(earlier, Sub::sub, Sub::sub)
     }
 
-    fn combine(&self, other: &Usage, s: fn(f64, f64) -> f64, n: fn(u64, u64) -> u64) -> Usage {
+    fn combine(
+        &self,
+        other: &Usage,
+        combine_s: fn(f64, f64) -> f64,
+        combine_count: fn(u64, u64) -> u64,
+    ) -> Usage {
         Usage {
-            user_s: s(self.user_s, other.user_s),
-            system_s: s(self.system_s, other.system_s),
-            voluntary_switches: n(self.voluntary_switches, other.voluntary_switches),
-            involuntary_switches: n(self.involuntary_switches, other.involuntary_switches),
-            minor_faults: n(self.minor_faults, other.minor_faults),
-            major_faults: n(self.major_faults, other.major_faults),
+            user_s: combine_s(self.user_s, other.user_s),
+            system_s: combine_s(self.system_s, other.system_s),
+            voluntary_switches: combine_count(self.voluntary_switches, other.voluntary_switches),
+            involuntary_switches: combine_count(
+                self.involuntary_switches,
+                other.involuntary_switches,
+            ),
+            minor_faults: combine_count(self.minor_faults, other.minor_faults),
+            major_faults: combine_count(self.major_faults, other.major_faults),
         }
     }
 }
@@ -512,8 +520,8 @@ impl Summary {
 
     /// Returns the wake-up latency of all robots together and that of the control timer, if both are known.
     pub fn wake_latency_pair(&self) -> Option<[&StageLatency; 2]> {
-        let machine = Stage::Machine.keyword();
-        let machine = self.wall.latency.iter().find(|line| line.stage == machine)?;
+        let machine_stage = Stage::Machine.keyword();
+        let machine = self.wall.latency.iter().find(|line| line.stage == machine_stage)?;
         Some([self.wall.wake_of_all.as_ref()?, machine])
     }
 
@@ -540,11 +548,11 @@ impl Summary {
     /// lateness by cause are left out.
     pub fn worst_latencies(&self) -> Vec<&StageLatency> {
         let mut worst: Vec<&StageLatency> = Vec::new();
-        let by_cause = LatenessCause::ALL.map(|cause| cause.stage().keyword());
-        for line in self.latencies().filter(|line| !by_cause.contains(&line.stage.as_str())) {
-            let size = |line: &StageLatency| (line.p99_9_ns, line.max_ns);
+        let cause_stages = LatenessCause::ALL.map(|cause| cause.stage().keyword());
+        for line in self.latencies().filter(|line| !cause_stages.contains(&line.stage.as_str())) {
+            let tail = |line: &StageLatency| (line.p99_9_ns, line.max_ns);
             match worst.iter_mut().find(|known| known.stage == line.stage) {
-                Some(known) if size(known) <= size(line) => *known = line,
+                Some(known) if tail(known) <= tail(line) => *known = line,
                 Some(_) => {}
                 None => worst.push(line),
             }

@@ -58,9 +58,9 @@ impl Targets {
 
     /// Drops the targets of free robots that a newer one before run time `t_ns`, ns, replaces.
     pub(super) fn drop_replaced_targets(&mut self, t_ns: u64) {
-        for own in &mut self.own_targets {
-            while own.get(1).is_some_and(|(named_ns, _)| *named_ns < t_ns) {
-                own.pop_front();
+        for targets in &mut self.own_targets {
+            while targets.get(1).is_some_and(|(named_ns, _)| *named_ns < t_ns) {
+                targets.pop_front();
             }
         }
     }
@@ -73,33 +73,33 @@ impl Targets {
     /// Returns the target of a free robot at run time `t_s`, s, as its law named it before.
     fn own_target(&self, robot: usize, t_s: f64) -> Option<Target> {
         let (named_ns, target) = self.own_targets[robot].front()?;
-        let later_s = t_s - ns_to_seconds(*named_ns);
-        (later_s > 0.0).then_some(())?;
-        target.map(|target| target.extrapolate(later_s))
+        let age_s = t_s - ns_to_seconds(*named_ns);
+        (age_s > 0.0).then_some(())?;
+        target.map(|target| target.extrapolate(age_s))
     }
 
     /// Returns alpha_i - alpha*_i, m, or `None` for a robot without a reference.
     ///
     /// alpha* is m(t) for the leader (25); the slot about m(t) for a deputy that leads; the mean of the
     /// in-neighbors' positions plus offsets in a formation (13) (24) (45) and for a follower, which has offsets only
-    /// while it takes over a leader's slot (46); and the current goal for a robot that goes to goals. `counted` selects
-    /// the in-neighbors during silence.
+    /// while it takes over a leader's slot (46); and the current goal for a robot that goes to goals. During silence,
+    /// `counted_edges` selects the in-neighbors.
     pub(super) fn robot_error(
         &self,
         robot: usize,
         t_s: f64,
         frame: &OffsetTransform,
         alphas: &[Vec2],
-        silent: &SilenceState,
+        silence: &SilenceState,
     ) -> Option<Vec2> {
-        let leading = self.lead_briefs[robot].as_ref().map(|(lead, place)| {
-            Target::at_rest(lead.trajectory.target_at(t_s).position + frame.apply(*place).position)
+        let leader_target = self.lead_briefs[robot].as_ref().map(|(lead, slot)| {
+            Target::at_rest(lead.trajectory.target_at(t_s).position + frame.apply(*slot).position)
         });
         let target = match self.references[robot] {
-            Reference::Trajectory => leading,
-            Reference::Offsets if silent.is_acting_deputy(robot) => leading,
+            Reference::Trajectory => leader_target,
+            Reference::Offsets if silence.is_acting_deputy(robot) => leader_target,
             Reference::Offsets | Reference::NeighborMean => {
-                self.mean_neighbor_target(robot, alphas, silent, |c_ji| frame.apply(c_ji))
+                self.mean_neighbor_target(robot, alphas, silence, |c_ji| frame.apply(c_ji))
             }
             Reference::Goal => self.goals[robot].map(Target::at_rest),
             Reference::LawTarget => self.own_target(robot, t_s),
@@ -110,25 +110,24 @@ impl Targets {
     /// Returns the edges over which a robot's target is the mean, under the silence policy: the edges with beacons,
     /// replacements included, or all in-neighbors if there are no beacons or the policy keeps silent neighbors. An
     /// edge that replaces several others is repeated.
-    fn counted_edges(&self, robot: usize, silent: &SilenceState) -> impl Iterator<Item = &Edge> {
+    fn counted_edges(&self, robot: usize, silence: &SilenceState) -> impl Iterator<Item = &Edge> {
         let (receiver, incoming) =
             (self.rewiring.receiver(robot), self.rewiring.incoming_links(robot));
         let links = self.rewiring.links();
-        let is_spare = move |place: usize| silent.is_spare(incoming[place]);
-        let is_used = move |place: usize| silent.is_used(incoming[place]);
-        let speaks = move |place: usize| {
-            silent.carries_beacons(incoming[place], links[incoming[place]].from)
-        };
-        let replaced = (0..incoming.len())
-            .any(|place| if is_spare(place) { speaks(place) } else { !is_used(place) });
-        let keep = self.policy == SilencePolicy::Keep && !replaced;
-        let all = keep || !(0..incoming.len()).any(speaks);
+        let is_spare = move |i: usize| silence.is_spare(incoming[i]);
+        let is_used = move |i: usize| silence.is_used(incoming[i]);
+        let has_beacons =
+            move |i: usize| silence.carries_beacons(incoming[i], links[incoming[i]].from);
+        let has_replacement =
+            (0..incoming.len()).any(|i| if is_spare(i) { has_beacons(i) } else { !is_used(i) });
+        let keeps_silent_neighbors = self.policy == SilencePolicy::Keep && !has_replacement;
+        let counts_all = keeps_silent_neighbors || !(0..incoming.len()).any(has_beacons);
         let counted =
-            (0..incoming.len()).filter(move |&place| (all && !is_spare(place)) || speaks(place));
-        counted.flat_map(move |place| {
-            let is_heard = |other| other == place || speaks(other);
-            let weight = receiver.reported_weight(place, is_used, is_heard);
-            std::iter::repeat_n(&links[incoming[place]], weight)
+            (0..incoming.len()).filter(move |&i| (counts_all && !is_spare(i)) || has_beacons(i));
+        counted.flat_map(move |i| {
+            let is_counted = |other| other == i || has_beacons(other);
+            let weight = receiver.reported_weight(i, is_used, is_counted);
+            std::iter::repeat_n(&links[incoming[i]], weight)
         })
     }
 
@@ -136,18 +135,18 @@ impl Targets {
         &self,
         robot: usize,
         alphas: &[Vec2],
-        silent: &SilenceState,
+        silence: &SilenceState,
         offset: impl Fn(Vec2) -> Target,
     ) -> Option<Target> {
-        let place = |ends: &Edge| Target::at_rest(alphas[ends.from]);
-        let desired = |ends: &Edge| (place(ends), offset(ends.offset_m));
-        if silent.is_undisturbed() {
+        let position = |edge: &Edge| Target::at_rest(alphas[edge.from]);
+        let desired = |edge: &Edge| (position(edge), offset(edge.offset_m));
+        if silence.is_undisturbed() {
             let incoming = self.rewiring.incoming_links(robot);
-            let heard = &incoming[..self.rewiring.receiver(robot).in_neighbor_count()];
+            let in_neighbor_links = &incoming[..self.rewiring.receiver(robot).in_neighbor_count()];
             let links = self.rewiring.links();
-            return mean_target(heard.iter().map(|&link| desired(&links[link])));
+            return mean_target(in_neighbor_links.iter().map(|&link| desired(&links[link])));
         }
-        mean_target(self.counted_edges(robot, silent).map(desired))
+        mean_target(self.counted_edges(robot, silence).map(desired))
     }
 }
 

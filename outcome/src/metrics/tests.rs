@@ -11,9 +11,9 @@ use crate::metrics::examples::{header, rows};
 const SECOND_NS: u64 = 1_000_000_000;
 const ALL_ALIVE: [bool; 3] = [true; 3];
 
-/// Returns the formation with r3 off its slot by `off_m`, towards r2.
-fn rows_with_r3_displaced(off_m: f64) -> [TruthRow; 3] {
-    rows([0.0, -1.0, -2.0 + off_m])
+/// Returns the formation with r3 off its slot by `offset_m`, towards r2.
+fn rows_with_r3_displaced(offset_m: f64) -> [TruthRow; 3] {
+    rows([0.0, -1.0, -2.0 + offset_m])
 }
 
 /// Returns the metrics of the row of three after these samples: tick, positions, and which robots are alive.
@@ -27,10 +27,12 @@ fn metrics_of_samples(
     metrics
 }
 
-/// Returns the metrics of a run in which r3 is off its slot by `off_m` at each tick and all robots are alive.
+/// Returns the metrics of a run in which r3 is off its slot by `offset_m` at each tick and all robots are alive.
 fn metrics_with_r3_displaced<const N: usize>(truths: [(u64, f64); N]) -> RunMetrics {
-    metrics_of_samples(truths.map(|(tick, off_m)| (tick, rows_with_r3_displaced(off_m), ALL_ALIVE)))
-        .finish()
+    metrics_of_samples(
+        truths.map(|(tick, offset_m)| (tick, rows_with_r3_displaced(offset_m), ALL_ALIVE)),
+    )
+    .finish()
 }
 
 fn is_close(a: Option<f64>, b: f64) -> bool {
@@ -59,19 +61,19 @@ fn integrated_error_counts_only_the_time_alive() {
 #[test]
 fn minimum_distance_has_its_pair_and_time() {
     let truths = [(0, 1.0), (1, 0.15), (2, 0.1), (3, 0.5)];
-    let measures =
+    let metrics =
         metrics_of_samples(truths.map(|(tick, x_m)| (tick, rows([0.0, 3.0, x_m]), ALL_ALIVE)))
             .finish();
-    assert!(is_close(measures.min_distance_m, 0.1));
-    assert_eq!(measures.min_distance_t_s, Some(2.0));
-    assert_eq!(measures.violations, 2);
+    assert!(is_close(metrics.min_distance_m, 0.1));
+    assert_eq!(metrics.min_distance_t_s, Some(2.0));
+    assert_eq!(metrics.violations, 2);
 }
 
 #[test]
 fn minimum_distance_includes_ticks_between_truths() {
     let mut metrics = metrics_of_samples([(0, rows_with_r3_displaced(0.0), ALL_ALIVE)]);
     metrics.record_unplanned_death(1, "signal 9", SECOND_NS / 4);
-    let seen = TruthHeader {
+    let header_with_pair = TruthHeader {
         closest_m: 0.05,
         closest_t_ns: SECOND_NS / 2,
         closest_pair: [1, 2],
@@ -79,11 +81,11 @@ fn minimum_distance_includes_ticks_between_truths() {
         commands_late: 3,
         ..header(1)
     };
-    metrics.add_truth(&seen, &rows_with_r3_displaced(0.0), &ALL_ALIVE);
-    let measures = metrics.finish();
-    assert_eq!((measures.min_distance_m, measures.min_distance_t_s), (Some(0.05), Some(0.5)));
-    assert_eq!(measures.violations, 4);
-    assert_eq!(measures.faults[0].min_distance_m, Some(0.05));
+    metrics.add_truth(&header_with_pair, &rows_with_r3_displaced(0.0), &ALL_ALIVE);
+    let run_metrics = metrics.finish();
+    assert_eq!((run_metrics.min_distance_m, run_metrics.min_distance_t_s), (Some(0.05), Some(0.5)));
+    assert_eq!(run_metrics.violations, 4);
+    assert_eq!(run_metrics.faults[0].min_distance_m, Some(0.05));
 }
 
 #[test]
@@ -93,31 +95,31 @@ fn single_robot_has_no_minimum_distance() {
     scenario.graph = FormationGraph::new(1, Vec::new());
     let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
     metrics.add_truth(&TruthHeader { ..header(0) }, &rows([0.0; 3])[..1], &[true]);
-    let measures = metrics.finish();
-    assert_eq!((measures.min_distance_m, measures.final_error_m_max), (None, None));
+    let run_metrics = metrics.finish();
+    assert_eq!((run_metrics.min_distance_m, run_metrics.final_error_m_max), (None, None));
 }
 
 #[test]
 fn lost_samples_are_counted_by_gaps_and_repeated_ones_skipped() {
-    let measures = metrics_with_r3_displaced([1, 2, 6, 6, 7].map(|tick| (tick, 0.0)));
-    assert_eq!(measures.truths_lost, 4);
+    let metrics = metrics_with_r3_displaced([1, 2, 6, 6, 7].map(|tick| (tick, 0.0)));
+    assert_eq!(metrics.truths_lost, 4);
     // Tick 0 was lost before the first sample.
-    assert_eq!(measures.unseen_s, [[0.0, 1.0], [2.0, 6.0]]);
+    assert_eq!(metrics.unseen_s, [[0.0, 1.0], [2.0, 6.0]]);
 }
 
 #[test]
 fn convergence_starts_after_the_last_large_error() {
-    let measures =
+    let metrics =
         metrics_with_r3_displaced([(0, 0.5), (1, 0.005), (2, 0.02), (3, 0.009), (4, 0.001)]);
-    assert_eq!(measures.converged_at_s, Some(3.0));
+    assert_eq!(metrics.converged_at_s, Some(3.0));
 }
 
 #[test]
 fn disturbed_dead_or_nan_end_has_not_converged() {
-    for (off_m, alive) in [(0.5, ALL_ALIVE), (0.0, [false; 3]), (f64::NAN, ALL_ALIVE)] {
+    for (offset_m, alive) in [(0.5, ALL_ALIVE), (0.0, [false; 3]), (f64::NAN, ALL_ALIVE)] {
         let metrics = metrics_of_samples([
             (0, rows_with_r3_displaced(0.0), ALL_ALIVE),
-            (1, rows_with_r3_displaced(off_m), alive),
+            (1, rows_with_r3_displaced(offset_m), alive),
         ]);
         assert_eq!(metrics.finish().converged_at_s, None);
     }
@@ -126,26 +128,25 @@ fn disturbed_dead_or_nan_end_has_not_converged() {
 #[test]
 fn dead_robots_do_not_affect_convergence_and_final_errors() {
     let truths = (0..=20).map(|tick| (tick, rows_with_r3_displaced(0.5), [true, true, false]));
-    let measures = metrics_of_samples(truths).finish();
-    assert_eq!(measures.converged_at_s, Some(0.0));
-    let finals: Vec<_> = measures.final_error_m.into_iter().map(|(_, e)| e).collect();
+    let metrics = metrics_of_samples(truths).finish();
+    assert_eq!(metrics.converged_at_s, Some(0.0));
+    let finals: Vec<_> = metrics.final_error_m.into_iter().map(|(_, e)| e).collect();
     assert_eq!(finals, [None, Some(0.0), None]);
-    assert_eq!(measures.alive_at_end, ["r1", "r2"]);
+    assert_eq!(metrics.alive_at_end, ["r1", "r2"]);
 }
 
 #[test]
 fn final_errors_are_the_worst_of_the_last_tenth_of_the_run() {
-    let measures =
-        metrics_with_r3_displaced([(0, 0.9), (17, 0.8), (18, 0.3), (19, 0.4), (20, 0.1)]);
-    assert!(is_close(measures.final_error_m_max, 0.4));
+    let metrics = metrics_with_r3_displaced([(0, 0.9), (17, 0.8), (18, 0.3), (19, 0.4), (20, 0.1)]);
+    assert!(is_close(metrics.final_error_m_max, 0.4));
     assert_eq!(metrics_with_r3_displaced([(0, 0.0)]).final_error_m_max, None);
 }
 
-/// Returns the report of a run in which r2 is killed at 3 s and moves again at 5 s; `off_m` is r3's error at each
+/// Returns the report of a run in which r2 is killed at 3 s and moves again at 5 s; `offset_m` is r3's error at each
 /// tick.
-fn report_of_replaced_robot(off_m: &[f64]) -> FaultReport {
+fn report_of_replaced_robot(offset_m: &[f64]) -> FaultReport {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    for (tick, &off_m) in (0u64..).zip(off_m) {
+    for (tick, &offset_m) in (0u64..).zip(offset_m) {
         if tick == 3 {
             metrics.record_unplanned_death(1, "signal 9", tick * SECOND_NS);
         }
@@ -154,7 +155,7 @@ fn report_of_replaced_robot(off_m: &[f64]) -> FaultReport {
         }
         metrics.add_truth(
             &header(tick),
-            &rows_with_r3_displaced(off_m),
+            &rows_with_r3_displaced(offset_m),
             &[true, !(3..5).contains(&tick), true],
         );
     }
@@ -163,7 +164,7 @@ fn report_of_replaced_robot(off_m: &[f64]) -> FaultReport {
 
 #[test]
 fn fault_window_lasts_until_stable_recovery_or_the_end() {
-    for (off_m, lasted_s, recovered_after_s, peak_m, distance_m) in [
+    for (offset_m, lasted_s, recovered_after_s, peak_m, distance_m) in [
         //  0    1    2    3    4    5    6    7     8      9
         (
             &[0.6, 0.0, 0.0, 0.0, 0.2, 0.4, 0.3, 0.02, 0.009, 0.005][..],
@@ -179,31 +180,38 @@ fn fault_window_lasts_until_stable_recovery_or_the_end() {
         // No robot was disturbed.
         (&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.008, 0.0], Some(2.0), Some(0.0), 0.008, 0.992),
     ] {
-        let fault = report_of_replaced_robot(off_m);
+        let fault = report_of_replaced_robot(offset_m);
         assert_eq!((fault.t_s, fault.robot.as_deref()), (3.0, Some("r2")));
         assert_eq!((fault.lasted_s, fault.recovered_after_s), (lasted_s, recovered_after_s));
-        let worst = is_close(Some(fault.peak_error_m), peak_m);
-        assert!(worst && is_close(fault.min_distance_m, distance_m), "{off_m:?}: {fault:?}");
+        let has_peak_error = is_close(Some(fault.peak_error_m), peak_m);
+        assert!(
+            has_peak_error && is_close(fault.min_distance_m, distance_m),
+            "{offset_m:?}: {fault:?}"
+        );
     }
 }
 
 #[test]
 fn later_fault_closes_only_the_window_of_a_recovered_fault() {
-    let run = |off_m: [f64; 8]| {
+    let run = |offset_m: [f64; 8]| {
         let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-        for (tick, off_m) in (0u64..).zip(off_m) {
+        for (tick, offset_m) in (0u64..).zip(offset_m) {
             if tick == 1 || tick == 5 {
                 let fault = metrics.record_unplanned_death(0, "signal 9", tick * SECOND_NS);
                 metrics.end_fault(fault, FaultEnd::Permanent, tick * SECOND_NS);
             }
-            metrics.add_truth(&header(tick), &rows_with_r3_displaced(off_m), &ALL_ALIVE);
+            metrics.add_truth(&header(tick), &rows_with_r3_displaced(offset_m), &ALL_ALIVE);
         }
         metrics.finish().faults
     };
-    let apart = run([0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]);
-    assert_eq!((apart[0].recovered_after_s, apart[1].recovered_after_s), (Some(1.0), Some(2.0)));
+    let separate = run([0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]);
+    assert_eq!(
+        (separate[0].recovered_after_s, separate[1].recovered_after_s),
+        (Some(1.0), Some(2.0))
+    );
     assert!(
-        is_close(Some(apart[0].peak_error_m), 0.1) && is_close(Some(apart[1].peak_error_m), 0.6)
+        is_close(Some(separate[0].peak_error_m), 0.1)
+            && is_close(Some(separate[1].peak_error_m), 0.6)
     );
 
     let overlapping = run([0.0, 0.1, 0.1, 0.1, 0.1, 0.1, 0.6, 0.0]);
@@ -226,14 +234,14 @@ fn simultaneous_faults_share_their_effects() {
     );
 }
 
-/// Event of a run; contacts may be reported in any order.
+/// Event of a run; reception states may be reported in any order.
 #[derive(Debug, Clone, Copy)]
 enum FaultSequenceStep {
     /// The plant reached this second.
     Truth(u64),
-    Began(usize, u64),
-    Ended(usize, FaultEnd, u64),
-    Contact(usize, usize, ReceptionState, u64),
+    Begin(usize, u64),
+    End(usize, FaultEnd, u64),
+    Reception(usize, usize, ReceptionState, u64),
 }
 
 /// r2 dies at 3 s, returns at 6 s, becomes silent at 7 s for another reason, and dies for good at 8 s; r1 dies
@@ -243,48 +251,48 @@ const EVENT_SEQUENCE: [FaultSequenceStep; 25] = [
     FaultSequenceStep::Truth(1),
     FaultSequenceStep::Truth(2),
     FaultSequenceStep::Truth(3),
-    FaultSequenceStep::Began(0, 3),
+    FaultSequenceStep::Begin(0, 3),
     FaultSequenceStep::Truth(4),
-    FaultSequenceStep::Began(1, 4),
-    FaultSequenceStep::Ended(1, FaultEnd::Permanent, 4),
+    FaultSequenceStep::Begin(1, 4),
+    FaultSequenceStep::End(1, FaultEnd::Permanent, 4),
     FaultSequenceStep::Truth(5),
     FaultSequenceStep::Truth(6),
-    FaultSequenceStep::Ended(0, FaultEnd::Repaired, 6),
+    FaultSequenceStep::End(0, FaultEnd::Repaired, 6),
     FaultSequenceStep::Truth(7),
     FaultSequenceStep::Truth(8),
-    FaultSequenceStep::Began(2, 8),
-    FaultSequenceStep::Ended(2, FaultEnd::Permanent, 8),
+    FaultSequenceStep::Begin(2, 8),
+    FaultSequenceStep::End(2, FaultEnd::Permanent, 8),
     FaultSequenceStep::Truth(9),
-    FaultSequenceStep::Contact(2, 1, ReceptionState::Stale, 2),
-    FaultSequenceStep::Contact(2, 1, ReceptionState::Stale, 5),
-    FaultSequenceStep::Contact(0, 1, ReceptionState::Stale, 4),
-    FaultSequenceStep::Contact(0, 1, ReceptionState::Lost, 6),
-    FaultSequenceStep::Contact(2, 1, ReceptionState::Fresh, 6),
-    FaultSequenceStep::Contact(2, 1, ReceptionState::Stale, 7),
-    FaultSequenceStep::Contact(2, 1, ReceptionState::Lost, 9),
-    FaultSequenceStep::Contact(1, 0, ReceptionState::Stale, 5),
-    FaultSequenceStep::Contact(1, 0, ReceptionState::Lost, 8),
+    FaultSequenceStep::Reception(2, 1, ReceptionState::Stale, 2),
+    FaultSequenceStep::Reception(2, 1, ReceptionState::Stale, 5),
+    FaultSequenceStep::Reception(0, 1, ReceptionState::Stale, 4),
+    FaultSequenceStep::Reception(0, 1, ReceptionState::Lost, 6),
+    FaultSequenceStep::Reception(2, 1, ReceptionState::Fresh, 6),
+    FaultSequenceStep::Reception(2, 1, ReceptionState::Stale, 7),
+    FaultSequenceStep::Reception(2, 1, ReceptionState::Lost, 9),
+    FaultSequenceStep::Reception(1, 0, ReceptionState::Stale, 5),
+    FaultSequenceStep::Reception(1, 0, ReceptionState::Lost, 8),
 ];
 
-fn collect_fault_reports(story: impl Iterator<Item = FaultSequenceStep>) -> Vec<FaultReport> {
+fn collect_fault_reports(steps: impl Iterator<Item = FaultSequenceStep>) -> Vec<FaultReport> {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for robot in [1, 0, 1] {
-        let struck = AffectedComponent {
+        let affected = AffectedComponent {
             robot: Some(robot),
             silenced_source: SilencedSource::Robot(robot),
             ..AffectedComponent::default()
         };
-        metrics.register_fault(format!("death of {robot}"), struck);
+        metrics.register_fault(format!("death of {robot}"), affected);
     }
-    for told in story {
-        match told {
+    for step in steps {
+        match step {
             FaultSequenceStep::Truth(tick) => {
                 metrics.add_truth(&header(tick), &rows_with_r3_displaced(0.0), &ALL_ALIVE)
             }
-            FaultSequenceStep::Began(fault, s) => metrics.begin_fault(fault, s * SECOND_NS),
-            FaultSequenceStep::Ended(fault, end, s) => metrics.end_fault(fault, end, s * SECOND_NS),
-            FaultSequenceStep::Contact(hearer, neighbor, contact, s) => {
-                metrics.record_reception(hearer, neighbor, contact, s * SECOND_NS);
+            FaultSequenceStep::Begin(fault, s) => metrics.begin_fault(fault, s * SECOND_NS),
+            FaultSequenceStep::End(fault, end, s) => metrics.end_fault(fault, end, s * SECOND_NS),
+            FaultSequenceStep::Reception(receiver, neighbor, reception_state, s) => {
+                metrics.record_reception(receiver, neighbor, reception_state, s * SECOND_NS);
             }
         }
     }
@@ -292,22 +300,22 @@ fn collect_fault_reports(story: impl Iterator<Item = FaultSequenceStep>) -> Vec<
 }
 
 proptest! {
-    /// The order of contact reports depends on the machine: they arrive in any order, long before or after the
+    /// The order of reception reports depends on the machine: they arrive in any order, long before or after the
     /// event that they belong to.
     #[test]
-    fn contacts_count_equally_in_any_report_order(
-        places in prop::collection::vec(0..=16usize, 9),
+    fn receptions_count_equally_in_any_report_order(
+        step_indices in prop::collection::vec(0..=16usize, 9),
     ) {
-        let (acts, contacts) = EVENT_SEQUENCE.split_at(16);
-        // The acts stay in order; each contact is inserted before the act with its index.
-        let told_before = |place: usize| {
-            let places = places.iter().zip(contacts);
-            places.filter(move |(at, _)| **at == place).map(|(_, contact)| *contact).rev()
+        let (ordered_steps, receptions) = EVENT_SEQUENCE.split_at(16);
+        // The other steps stay in order; each reception report is inserted before the step with its index.
+        let receptions_before = |step_index: usize| {
+            let indexed = step_indices.iter().zip(receptions);
+            indexed.filter(move |(index, _)| **index == step_index).map(|(_, reception)| *reception).rev()
         };
-        let story = (0..=16).flat_map(|place| {
-            told_before(place).chain(acts.get(place).copied())
+        let steps = (0..=16).flat_map(|step_index| {
+            receptions_before(step_index).chain(ordered_steps.get(step_index).copied())
         });
-        let faults = collect_fault_reports(story);
+        let faults = collect_fault_reports(steps);
         let times: Vec<_> =
             faults.iter().map(|fault| (fault.stale_after_s, fault.lost_after_s)).collect();
         prop_assert_eq!(
@@ -319,7 +327,7 @@ proptest! {
 }
 
 #[test]
-fn old_contact_reports_are_dropped() {
+fn old_reception_reports_are_dropped() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for tick in 0..100_000 {
         metrics.add_truth(&header(tick), &rows_with_r3_displaced(0.0), &ALL_ALIVE);
@@ -367,12 +375,12 @@ fn robot_off_its_slot_at_the_end_waits_for_the_blocking_robot() {
     // r2's slot is 1 m behind r1.
     assert_eq!(waits([0.0, -0.8, -1.0], [true, true, false]), "r2 by r3 (dead) in its slot");
     assert_eq!(waits([0.0, -0.4, -0.6], [true, true, false]), "r2 by r3 (dead) in its path");
-    let both = waits([0.0, -0.7, -0.9], ALL_ALIVE);
-    assert_eq!(both, "r2 by r3 in its slot");
+    let found = waits([0.0, -0.7, -0.9], ALL_ALIVE);
+    assert_eq!(found, "r2 by r3 in its slot");
 }
 
 #[test]
-fn free_robots_are_judged_by_the_targets_that_their_laws_name() {
+fn free_robots_are_evaluated_by_the_targets_of_their_laws() {
     let mut scenario = row_of_three();
     scenario.robots.iter_mut().for_each(|robot| robot.role = Role::FREE);
     let target = |x_m: f64, vx_m_s: f64| {
@@ -383,8 +391,12 @@ fn free_robots_are_judged_by_the_targets_that_their_laws_name() {
     metrics.add_truth(&header(0), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
     metrics.add_truth(&header(1), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
     assert_eq!(metrics.current_metrics().errors_m, [None; 3]);
-    let unjudged = metrics.finish();
-    assert!(unjudged.is_unjudged && unjudged.converged_at_s.is_none() && unjudged.waits.is_empty());
+    let without_targets = metrics.finish();
+    assert!(
+        without_targets.is_unjudged
+            && without_targets.converged_at_s.is_none()
+            && without_targets.waits.is_empty()
+    );
     // A target counts after the sample for which it was named, also if the report arrives earlier.
     metrics.set_own_target(0, header(2).t_ns, target(0.5, 1.0));
     metrics.add_truth(&header(2), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
@@ -397,9 +409,9 @@ fn free_robots_are_judged_by_the_targets_that_their_laws_name() {
     );
     metrics.set_own_target(0, header(3).t_ns, target(0.0, 0.0));
     metrics.add_truth(&header(4), &rows([0.0, 1.0, 2.0]), &ALL_ALIVE);
-    let judged = metrics.finish();
+    let with_target = metrics.finish();
     assert_eq!(
-        (judged.is_unjudged, judged.converged_at_s),
+        (with_target.is_unjudged, with_target.converged_at_s),
         (false, Some(ns_to_seconds(header(4).t_ns)))
     );
     metrics.set_own_target(0, header(4).t_ns, None);

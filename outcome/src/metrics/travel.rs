@@ -62,9 +62,9 @@ impl Travel {
         for (i, &alpha) in alphas.iter().enumerate() {
             self.path_lengths_m[i] += (alpha - self.newest_points[i]).norm();
             self.newest_points[i] = alpha;
-            let there = alive[i] && errors_m[i].is_some_and(|m| m < self.converged_error_m);
+            let has_arrived = alive[i] && errors_m[i].is_some_and(|m| m < self.converged_error_m);
             self.arrivals[i] = match self.arrivals[i] {
-                _ if !there => None,
+                _ if !has_arrived => None,
                 None => {
                     let straight_m = (alpha - self.start_positions[i]).norm();
                     Some(Arrival {
@@ -73,26 +73,35 @@ impl Travel {
                         straight_length_m: straight_m,
                     })
                 }
-                since => since,
+                arrival => arrival,
             };
         }
     }
 
     /// Returns the arrival time of each robot, s.
     pub(super) fn arrival_times_s(&self) -> Vec<Option<f64>> {
-        self.arrivals.iter().map(|one| one.map(|arrival| ns_to_seconds(arrival.t_ns))).collect()
+        self.arrivals
+            .iter()
+            .map(|arrival| arrival.map(|arrival| ns_to_seconds(arrival.t_ns)))
+            .collect()
     }
 
     /// Returns the path length of each robot until its arrival, or until the end of the run, m.
     pub(super) fn path_lengths_m(&self) -> Vec<Option<f64>> {
-        let both = self.arrivals.iter().zip(&self.path_lengths_m);
-        both.map(|(one, &all)| Some(one.map_or(all, |arrival| arrival.path_length_m))).collect()
+        let robots = self.arrivals.iter().zip(&self.path_lengths_m);
+        robots
+            .map(|(arrival, &total_m)| {
+                Some(arrival.map_or(total_m, |arrival| arrival.path_length_m))
+            })
+            .collect()
     }
 
     /// Returns the sum of the path lengths divided by the sum of the straight-line lengths, over the robots that
     /// arrived at goals.
     pub(super) fn path_ratio(&self) -> Option<f64> {
-        let sum = |of: fn(&Arrival) -> f64| self.arrivals.iter().flatten().map(of).sum::<f64>();
+        let sum = |length_m: fn(&Arrival) -> f64| {
+            self.arrivals.iter().flatten().map(length_m).sum::<f64>()
+        };
         let straight_m = sum(|arrival| arrival.straight_length_m);
         (self.has_fixed_goals && straight_m > 0.0)
             .then(|| sum(|arrival| arrival.path_length_m) / straight_m)
@@ -118,18 +127,18 @@ mod tests {
     fn travel_ends_when_the_error_stays_small() {
         let mut travel = travel_of_two_robots();
         // The first robot takes a detour, leaves its target and returns; the second never arrives.
-        let way =
+        let samples =
             [(0.0, 0.0, 1.0), (0.5, 0.5, 0.7), (1.0, 0.0, 0.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)];
-        for (second, (x, y, error)) in (0..).zip(way) {
+        for (second, (x, y, error)) in (0..).zip(samples) {
             let alphas = [Vec2::new(x, y), Vec2::new(0.0, 0.1 * f64::from(second))];
             let t_ns = 1_000_000_000 * u64::from(second as u8);
             travel.add_truth(t_ns, &alphas, &[Some(error), Some(2.0)], &[true, true]);
         }
         // Motion after the arrival does not count.
-        let there = [Vec2::new(1.05, 0.0), Vec2::new(0.0, 0.4)];
-        travel.add_truth(5_000_000_000, &there, &[Some(0.05), Some(1.6)], &[true, true]);
+        let end_positions = [Vec2::new(1.05, 0.0), Vec2::new(0.0, 0.4)];
+        travel.add_truth(5_000_000_000, &end_positions, &[Some(0.05), Some(1.6)], &[true, true]);
         assert_eq!(travel.arrival_times_s(), [Some(4.0), None]);
-        let [Some(first), Some(second)] = travel.path_lengths_m()[..] else { panic!("two ways") };
+        let [Some(first), Some(second)] = travel.path_lengths_m()[..] else { panic!("two paths") };
         let expected = 2f64.sqrt() + 0.6;
         assert!(
             (first - expected).abs() < 1e-12 && (second - 0.4).abs() < 1e-12,
@@ -137,7 +146,7 @@ mod tests {
         );
         assert!((travel.path_ratio().unwrap() - expected).abs() < 1e-12);
         // A robot that dies has not arrived; without an arrival there is no ratio.
-        travel.add_truth(6_000_000_000, &there, &[Some(0.05), Some(1.6)], &[false, true]);
+        travel.add_truth(6_000_000_000, &end_positions, &[Some(0.05), Some(1.6)], &[false, true]);
         assert_eq!((travel.arrival_times_s(), travel.path_ratio()), (vec![None; 2], None));
     }
 }

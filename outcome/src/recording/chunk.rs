@@ -88,14 +88,14 @@ impl Chunk {
         let (first_ns, last_ns) = self.stamps_ns.unwrap_or((stamp_ns, stamp_ns));
         self.stamps_ns = Some((first_ns.min(stamp_ns), last_ns.max(stamp_ns)));
         // Written in one call, because nothing else is written as often.
-        let mut begin = [op::MESSAGE; MESSAGE_HEADER_BYTES];
-        begin[1..9]
+        let mut header = [op::MESSAGE; MESSAGE_HEADER_BYTES];
+        header[1..9]
             .copy_from_slice(&((MESSAGE_HEADER_BYTES - 9 + data.len()) as u64).to_le_bytes());
-        begin[9..11].copy_from_slice(&channel_id.to_le_bytes());
-        begin[11..15].copy_from_slice(&sequence.to_le_bytes());
-        begin[15..23].copy_from_slice(&stamp_ns.to_le_bytes());
-        begin[23..].copy_from_slice(&stamp_ns.to_le_bytes());
-        self.records.extend_from_slice(&begin);
+        header[9..11].copy_from_slice(&channel_id.to_le_bytes());
+        header[11..15].copy_from_slice(&sequence.to_le_bytes());
+        header[15..23].copy_from_slice(&stamp_ns.to_le_bytes());
+        header[23..].copy_from_slice(&stamp_ns.to_le_bytes());
+        self.records.extend_from_slice(&header);
         self.records.extend_from_slice(data);
     }
 
@@ -131,8 +131,8 @@ impl Chunk {
         };
         for (channel_id, entries) in (0_u16..).zip(&self.index_entries) {
             if !entries.is_empty() {
-                let place = offset + self.encoded_chunk.len() as u64;
-                index.message_index_offsets.insert(channel_id, place);
+                let index_offset = offset + self.encoded_chunk.len() as u64;
+                index.message_index_offsets.insert(channel_id, index_offset);
                 let length = (entries.len() as u32).to_le_bytes();
                 let parts = [&channel_id.to_le_bytes()[..], &length, entries];
                 append_record(&mut self.encoded_chunk, op::MESSAGE_INDEX, &parts);

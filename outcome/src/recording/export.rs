@@ -83,24 +83,24 @@ pub enum ExportError {
 /// Writes the tables of the recording `file` into the new directory `out`. A damaged recording is exported only
 /// with `allow_damage`, and its tables then hold the valid data.
 pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<ExportResult, ExportError> {
-    let unreadable = |error| ExportError::Read(file.into(), error);
-    let mut pieces = RecordReader::open(file).map_err(unreadable)?;
+    let read_error = |error| ExportError::Read(file.into(), error);
+    let mut reader = RecordReader::open(file).map_err(read_error)?;
     let run = loop {
-        match pieces.next().transpose().map_err(unreadable)? {
-            Some(Record::Metadata(facts)) if facts.name == METADATA_NAME => {
-                break RecordedRun::from_metadata(&facts);
+        match reader.next().transpose().map_err(read_error)? {
+            Some(Record::Metadata(metadata)) if metadata.name == METADATA_NAME => {
+                break RecordedRun::from_metadata(&metadata);
             }
             Some(_) => {}
             None => break None,
         }
     };
     let run = run.ok_or_else(|| ExportError::NotARecording(file.into()))?;
-    let integrity = read_integrity(file).map_err(unreadable)?;
+    let integrity = read_integrity(file).map_err(read_error)?;
     if !integrity.is_complete() && !allow_damage {
         return Err(ExportError::DamagedRecording(file.into(), integrity));
     }
     if !allow_damage
-        && let Some((found, listed)) = find_checksum_difference(file).map_err(unreadable)?
+        && let Some((found, listed)) = find_checksum_difference(file).map_err(read_error)?
     {
         return Err(ExportError::OtherRecording { file: file.into(), found, listed });
     }
@@ -108,25 +108,25 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<ExportResul
         io::ErrorKind::AlreadyExists => ExportError::Exists(out.into()),
         _ => ExportError::Write(out.into(), error),
     })?;
-    let filled = fill_tables(ExportTables::create(out)?, pieces, &run, file);
-    if matches!(filled, Err(ExportError::MalformedMessage(..))) {
+    let result = fill_tables(ExportTables::create(out)?, reader, &run, file);
+    if matches!(result, Err(ExportError::MalformedMessage(..))) {
         // Partial tables could be taken for complete ones.
         let _ = fs::remove_dir_all(out);
     }
-    Ok(ExportResult { tables: filled?, integrity })
+    Ok(ExportResult { tables: result?, integrity })
 }
 
 /// Writes the messages into the tables. Returns the name and the number of rows of each table.
 fn fill_tables(
     mut tables: ExportTables,
-    pieces: RecordReader,
+    reader: RecordReader,
     run: &RecordedRun,
     file: &Path,
 ) -> Result<Vec<(&'static str, u64)>, ExportError> {
-    let unreadable = |error| ExportError::Read(file.into(), error);
+    let read_error = |error| ExportError::Read(file.into(), error);
     let mut channels = HashMap::new();
-    for piece in pieces {
-        match piece.map_err(unreadable)? {
+    for record in reader {
+        match record.map_err(read_error)? {
             Record::Channel(channel) => {
                 let kind = run.find_observation(&channel.topic);
                 if let Some(ObservationKind::Law(topic, _)) = kind {
@@ -137,8 +137,8 @@ fn fill_tables(
             Record::Message { header, data } => {
                 let Some((topic, Some(kind))) = channels.get(&header.channel_id) else { continue };
                 let t_s = ns_to_seconds(header.log_time.saturating_sub(run.started_unix_ns));
-                let is_taken = run.write_message(&mut tables, *kind, t_s, &data)?;
-                is_taken.ok_or_else(|| {
+                let written = run.write_message(&mut tables, *kind, t_s, &data)?;
+                written.ok_or_else(|| {
                     ExportError::MalformedMessage(file.into(), topic.clone(), t_s)
                 })?;
             }
@@ -157,9 +157,9 @@ fn find_checksum_difference(file: &Path) -> io::Result<Option<(String, String)>>
 
 /// Reads the complete file and returns its integrity.
 fn read_integrity(file: &Path) -> io::Result<Integrity> {
-    let mut pieces = RecordReader::open(file)?;
-    pieces.by_ref().try_for_each(|piece| piece.map(drop))?;
-    Ok(pieces.integrity())
+    let mut reader = RecordReader::open(file)?;
+    reader.by_ref().try_for_each(|record| record.map(drop))?;
+    Ok(reader.integrity())
 }
 
 /// Identity of the recorded run.
@@ -180,11 +180,11 @@ enum ObservationKind {
 }
 
 impl RecordedRun {
-    fn from_metadata(facts: &Metadata) -> Option<RecordedRun> {
+    fn from_metadata(metadata: &Metadata) -> Option<RecordedRun> {
         let list = |key: &str| -> Option<Vec<String>> {
-            Some(facts.metadata.get(key)?.split(',').map(str::to_owned).collect())
+            Some(metadata.metadata.get(key)?.split(',').map(str::to_owned).collect())
         };
-        let started_unix_ns = facts.metadata.get(EPOCH_KEY)?.parse().ok()?;
+        let started_unix_ns = metadata.metadata.get(EPOCH_KEY)?.parse().ok()?;
         let (robots, topics) = (list(ROBOTS_KEY)?, list(TOPICS_KEY)?);
         (robots.len() == topics.len()).then_some(RecordedRun { started_unix_ns, robots, topics })
     }
@@ -194,13 +194,14 @@ impl RecordedRun {
             "/metrics" => Some(ObservationKind::Metrics),
             "/rosout" => Some(ObservationKind::Event),
             _ => {
-                let (robot, what) = topic.strip_prefix('/')?.split_once('/')?;
+                let (robot, topic_name) = topic.strip_prefix('/')?.split_once('/')?;
                 let robot = self.topics.iter().position(|known| known == robot)?;
-                match what {
+                match topic_name {
                     "pose" => Some(ObservationKind::Pose(robot)),
                     "cmd_vel" => Some(ObservationKind::Command(robot)),
                     _ => {
-                        let topic = LawTopic::ALL.into_iter().find(|topic| topic.name() == what)?;
+                        let topic =
+                            LawTopic::ALL.into_iter().find(|topic| topic.name() == topic_name)?;
                         Some(ObservationKind::Law(topic, robot))
                     }
                 }
@@ -219,8 +220,8 @@ impl RecordedRun {
         let name = |robot: usize| self.robots[robot].clone();
         match kind {
             ObservationKind::Pose(robot) => {
-                let Some(place) = read_pose_stamped(message) else { return Ok(None) };
-                let Pose { x_m, y_m, heading_rad } = place.pose();
+                let Some(pose_message) = read_pose_stamped(message) else { return Ok(None) };
+                let Pose { x_m, y_m, heading_rad } = pose_message.pose();
                 let robot = name(robot);
                 tables.poses.write_row(PoseLine { t_s, robot, x_m, y_m, heading_rad })?;
             }
@@ -266,7 +267,7 @@ impl RecordedRun {
                     tables.errors.write_row(ErrorLine(t_s, robot, values.collect()))?;
                 }
                 if let Some((min_distance_m, [a, b])) = metrics.nearest_pair {
-                    let name = |place: usize| Some((*metrics.robots.get(place)?).to_owned());
+                    let name = |index: usize| Some((*metrics.robots.get(index)?).to_owned());
                     let (Some(robot_a), Some(robot_b)) = (name(a), name(b)) else {
                         return Ok(None);
                     };

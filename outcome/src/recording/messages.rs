@@ -24,13 +24,13 @@ pub(crate) fn write_metrics(
     out: &mut Writer,
     stamp_ns: u64,
     lines: &[SampleLine],
-    nearest: Option<NearestPair>,
+    nearest_pair: Option<NearestPair>,
 ) {
     out.clear();
     out.write_time(stamp_ns);
-    out.write_f64s(&[nearest.map_or(f64::NAN, |(distance_m, _)| distance_m)]);
-    for place in nearest.map_or([0, 0], |(_, pair)| pair) {
-        out.write_u32(place as u32);
+    out.write_f64s(&[nearest_pair.map_or(f64::NAN, |(distance_m, _)| distance_m)]);
+    for robot in nearest_pair.map_or([0, 0], |(_, pair)| pair) {
+        out.write_u32(robot as u32);
     }
     out.write_u32(lines.len() as u32);
     lines.iter().for_each(|line| out.write_string(&line.robot));
@@ -53,13 +53,13 @@ pub(crate) fn write_metrics(
 /// Returns the fields of `phalanx_msgs/Metrics` that are recorded columns, in the language of ROS 2 messages.
 pub(crate) fn recorded_fields() -> String {
     let field = |column: &Column<SampleLine>| {
-        let (kind, absent) = match column.kind {
+        let (kind, missing_value_note) = match column.kind {
             ColumnKind::Number => ("float64", " NaN where `samples.csv` is empty."),
             ColumnKind::Count => ("uint32", ""),
             ColumnKind::Flag => ("bool", ""),
             ColumnKind::Text => ("string", ""),
         };
-        format!("# {}{absent}\n{kind}[] {}\n", column.text.trim(), column.name)
+        format!("# {}{missing_value_note}\n{kind}[] {}\n", column.text.trim(), column.name)
     };
     SampleLine::recorded_columns().map(field).collect()
 }
@@ -79,8 +79,8 @@ pub(crate) fn read_metrics(message: &[u8]) -> Option<MetricsMessage<'_>> {
             false => reader.read_list(|reader| read_value(reader, column.kind))?,
         });
     }
-    let nearest = (!distance_m.is_nan()).then_some((distance_m, pair));
-    Some(MetricsMessage { nearest_pair: nearest, robots, columns })
+    let nearest_pair = (!distance_m.is_nan()).then_some((distance_m, pair));
+    Some(MetricsMessage { nearest_pair, robots, columns })
 }
 
 /// Reads a value of a recorded column. Returns `None` if it is malformed.

@@ -96,27 +96,35 @@ impl Integrity {
 impl fmt::Display for Integrity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let &Integrity {
-            damaged_records: damaged,
-            lost_time_ns: lost_ns,
-            truncated_bytes: cut_bytes,
-            has_checksum_mismatch: checksum_mismatch,
+            damaged_records,
+            lost_time_ns,
+            truncated_bytes,
+            has_checksum_mismatch,
             has_end,
             ..
         } = self;
-        let no_end = match (self.has_data_end, self.is_data_truncated) {
+        let missing_end_text = match (self.has_data_end, self.is_data_truncated) {
             (true, _) => "it has no index",
             (false, true) => "its end is lost: the run had written more",
             (false, false) => "it has no end; whether the run wrote more is not known",
         };
         let faults = [
-            (damaged > 0, format!("damaged chunks or other records: {damaged}")),
-            (lost_ns > 0, format!("seconds lost: {:.3}", formation::ns_to_seconds(lost_ns))),
-            (cut_bytes > 0, format!("truncated bytes at the end: {cut_bytes}")),
-            (checksum_mismatch, "a checksum of the file does not match".to_owned()),
-            (!has_end && cut_bytes == 0 && !checksum_mismatch, no_end.to_owned()),
+            (damaged_records > 0, format!("damaged chunks or other records: {damaged_records}")),
+            (
+                lost_time_ns > 0,
+                format!("seconds lost: {:.3}", formation::ns_to_seconds(lost_time_ns)),
+            ),
+            (truncated_bytes > 0, format!("truncated bytes at the end: {truncated_bytes}")),
+            (has_checksum_mismatch, "a checksum of the file does not match".to_owned()),
+            (
+                !has_end && truncated_bytes == 0 && !has_checksum_mismatch,
+                missing_end_text.to_owned(),
+            ),
         ];
-        let faults: Vec<String> =
-            faults.into_iter().filter_map(|(is_so, words)| is_so.then_some(words)).collect();
+        let faults: Vec<String> = faults
+            .into_iter()
+            .filter_map(|(is_present, text)| is_present.then_some(text))
+            .collect();
         f.write_str(&faults.join("; "))
     }
 }
@@ -124,13 +132,13 @@ impl fmt::Display for Integrity {
 impl RecordReader {
     pub(crate) fn open(path: &Path) -> io::Result<RecordReader> {
         let file = regular_file::open(path, SymlinkPolicy::Followed)?;
-        let length = file.metadata()?.len();
+        let file_length = file.metadata()?.len();
         Ok(RecordReader {
             file,
             reader: create_linear_reader(true),
             pending_records: VecDeque::new(),
             is_reading: true,
-            file_length: length,
+            file_length,
             integrity: Integrity { has_checksums: true, ..Integrity::default() },
             valid_len: 0,
             resync_bytes: 0,
@@ -142,9 +150,9 @@ impl RecordReader {
 
     /// Returns the integrity of the file. It is final after the last record.
     pub(crate) fn integrity(&self) -> Integrity {
-        let ends_too_early = self.was_completed && !self.integrity.has_data_end;
+        let is_end_missing = self.was_completed && !self.integrity.has_data_end;
         Integrity {
-            is_data_truncated: self.integrity.is_data_truncated || ends_too_early,
+            is_data_truncated: self.integrity.is_data_truncated || is_end_missing,
             ..self.integrity
         }
     }
@@ -153,9 +161,12 @@ impl RecordReader {
     fn read_record(&mut self) -> io::Result<()> {
         while let Some(event) = self.reader.next_event() {
             match event {
-                Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                Ok(LinearReadEvent::ReadRequest(requested_bytes)) => {
                     let read = loop {
-                        match self.file.read(self.reader.insert(wanted.min(READ_BYTES_MAX))) {
+                        match self
+                            .file
+                            .read(self.reader.insert(requested_bytes.min(READ_BYTES_MAX)))
+                        {
                             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                             other => break other?,
                         }
@@ -163,8 +174,8 @@ impl RecordReader {
                     self.reader.notify_read(read);
                 }
                 Ok(LinearReadEvent::Record { opcode, data }) => {
-                    let begin = self.valid_len.max(MAGIC.len() as u64);
-                    self.valid_len = begin + RECORD_HEADER_BYTES + data.len() as u64;
+                    let record_start = self.valid_len.max(MAGIC.len() as u64);
+                    self.valid_len = record_start + RECORD_HEADER_BYTES + data.len() as u64;
                     let records = match opcode {
                         op::CHUNK => parse_chunk_records(data),
                         // No own writer puts a message outside of a chunk, where it has no checksum: the record was
@@ -180,13 +191,13 @@ impl RecordReader {
                             // No own writer pads chunks: the length is wrong, and more of the file follows.
                             if let Some(length) = length.filter(|_| is_padded) {
                                 self.integrity.damaged_records += 1;
-                                return self.seek_to(begin + RECORD_HEADER_BYTES + length);
+                                return self.seek_to(record_start + RECORD_HEADER_BYTES + length);
                             }
                         }
                         None if opcode == op::CHUNK
                             && self.read_header_at(self.valid_len)?.is_none() =>
                         {
-                            self.valid_len = begin;
+                            self.valid_len = record_start;
                             return self.resync_after_corruption();
                         }
                         None => {
@@ -217,15 +228,15 @@ impl RecordReader {
     /// Continues reading behind a record with a wrong length. Where that is impossible, the file is cut there.
     fn resync_after_corruption(&mut self) -> io::Result<()> {
         // In the index, resynchronization would recover nothing.
-        let next = if self.integrity.has_data_end {
+        let next_offset = if self.integrity.has_data_end {
             None
         } else {
             self.find_next_valid(self.valid_len + 1)?
         };
-        if let Some(at) = next {
+        if let Some(offset) = next_offset {
             self.integrity.damaged_records += 1;
             self.has_gap = true;
-            return self.seek_to(at);
+            return self.seek_to(offset);
         }
         self.integrity.truncated_bytes = self.file_length - self.valid_len.min(self.file_length);
         self.integrity.is_data_truncated =
@@ -236,38 +247,39 @@ impl RecordReader {
     }
 
     /// Returns the next offset at which a valid chunk or the end of the data begins.
-    fn find_next_valid(&mut self, mut at: u64) -> io::Result<Option<u64>> {
+    fn find_next_valid(&mut self, mut offset: u64) -> io::Result<Option<u64>> {
         let mut block = vec![0; READ_BYTES_MAX];
         loop {
-            let read = self.file.read_at(&mut block, at)?;
-            for (place, &kind) in block[..read].iter().enumerate() {
-                let may_begin = matches!(kind, op::CHUNK | op::DATA_END);
-                if may_begin && self.is_valid_at(at + place as u64)? {
-                    return Ok(Some(at + place as u64));
+            let read = self.file.read_at(&mut block, offset)?;
+            for (i, &kind) in block[..read].iter().enumerate() {
+                let is_candidate = matches!(kind, op::CHUNK | op::DATA_END);
+                if is_candidate && self.is_valid_at(offset + i as u64)? {
+                    return Ok(Some(offset + i as u64));
                 }
             }
             if read == 0 {
                 return Ok(None);
             }
-            at += read as u64;
+            offset += read as u64;
         }
     }
 
     /// Reads kind and length of the record at this offset. Returns `None` if no record can begin there.
-    fn read_header_at(&self, at: u64) -> io::Result<Option<(u8, u64)>> {
-        let Some(rest) = self.file_length.checked_sub(at + RECORD_HEADER_BYTES) else {
+    fn read_header_at(&self, offset: u64) -> io::Result<Option<(u8, u64)>> {
+        let Some(bytes_after) = self.file_length.checked_sub(offset + RECORD_HEADER_BYTES) else {
             return Ok(None);
         };
         let mut header = [0; RECORD_HEADER_BYTES as usize];
-        self.file.read_exact_at(&mut header, at)?;
+        self.file.read_exact_at(&mut header, offset)?;
         let length = u64::from_le_bytes(header[1..].try_into().expect("8 bytes"));
-        let is_one = (op::HEADER..=op::DATA_END).contains(&header[0]) && length <= rest;
-        Ok(is_one.then_some((header[0], length)))
+        let is_record_header =
+            (op::HEADER..=op::DATA_END).contains(&header[0]) && length <= bytes_after;
+        Ok(is_record_header.then_some((header[0], length)))
     }
 
     /// Returns whether a chunk that matches its checksum, or the end of all data, begins at this offset.
-    fn is_valid_at(&mut self, at: u64) -> io::Result<bool> {
-        let length = match self.read_header_at(at)? {
+    fn is_valid_at(&mut self, offset: u64) -> io::Result<bool> {
+        let length = match self.read_header_at(offset)? {
             Some((op::DATA_END, length)) => return Ok(length == 4),
             Some((op::CHUNK, length)) if length <= RECORD_BYTES_MAX as u64 => length,
             _ => return Ok(false),
@@ -277,14 +289,14 @@ impl RecordReader {
         }
         self.resync_bytes += length;
         let mut body = vec![0; length as usize];
-        self.file.read_exact_at(&mut body, at + RECORD_HEADER_BYTES)?;
+        self.file.read_exact_at(&mut body, offset + RECORD_HEADER_BYTES)?;
         Ok(parse_chunk_records(&body).is_some())
     }
 
-    fn seek_to(&mut self, at: u64) -> io::Result<()> {
-        self.file.seek(SeekFrom::Start(at))?;
+    fn seek_to(&mut self, offset: u64) -> io::Result<()> {
+        self.file.seek(SeekFrom::Start(offset))?;
         self.reader = create_linear_reader(false);
-        self.valid_len = at;
+        self.valid_len = offset;
         Ok(())
     }
 
@@ -299,11 +311,11 @@ impl RecordReader {
 }
 
 /// Creates a reader of the file, from its first byte or from a record in the middle.
-fn create_linear_reader(from_the_start: bool) -> LinearReader {
+fn create_linear_reader(is_from_start: bool) -> LinearReader {
     let options = LinearReaderOptions::default()
         .with_emit_chunks(true)
-        .with_skip_start_magic(!from_the_start)
-        .with_validate_data_section_crc(from_the_start)
+        .with_skip_start_magic(!is_from_start)
+        .with_validate_data_section_crc(is_from_start)
         .with_validate_summary_section_crc(true)
         .with_check_finishes_after_end_magic(true)
         .with_record_length_limit(RECORD_BYTES_MAX);
@@ -316,16 +328,17 @@ impl Iterator for RecordReader {
     fn next(&mut self) -> Option<io::Result<Record<'static>>> {
         loop {
             match self.pending_records.pop_front() {
-                Some(Record::DataEnd(end)) => {
+                Some(Record::DataEnd(data_end)) => {
                     self.integrity.has_data_end = true;
-                    self.integrity.has_checksums &= end.data_section_crc != 0;
+                    self.integrity.has_checksums &= data_end.data_section_crc != 0;
                 }
                 Some(Record::Message { header, data }) => {
                     self.record_stamp(header.log_time);
                     return Some(Ok(Record::Message { header, data }));
                 }
-                Some(Record::Statistics(said)) if said.message_count > 0 => {
-                    let (start_ns, end_ns) = (said.message_start_time, said.message_end_time);
+                Some(Record::Statistics(statistics)) if statistics.message_count > 0 => {
+                    let (start_ns, end_ns) =
+                        (statistics.message_start_time, statistics.message_end_time);
                     let (first_ns, last_ns) = self.stamps_ns.unwrap_or((end_ns, start_ns));
                     let lost_ns =
                         first_ns.saturating_sub(start_ns) + end_ns.saturating_sub(last_ns);
@@ -368,8 +381,8 @@ fn parse_chunk_records(body: &[u8]) -> Option<VecDeque<Record<'static>>> {
     let mut records = VecDeque::new();
     loop {
         match reader.next_event()?.ok()? {
-            LinearReadEvent::ReadRequest(wanted) => {
-                let read = bytes.read(reader.insert(wanted)).ok()?;
+            LinearReadEvent::ReadRequest(requested_bytes) => {
+                let read = bytes.read(reader.insert(requested_bytes)).ok()?;
                 reader.notify_read(read);
             }
             LinearReadEvent::Record { opcode: op::DATA_END, .. } => return Some(records),
@@ -382,9 +395,9 @@ fn parse_chunk_records(body: &[u8]) -> Option<VecDeque<Record<'static>>> {
 
 /// Returns the length of a chunk by the length of its compressed data.
 fn chunk_length(body: &[u8]) -> Option<u64> {
-    let behind_name = FieldEncoding::Text.skip(body.get(28..)?)?;
-    let compressed = u64::from_le_bytes(*behind_name.first_chunk()?);
-    compressed.checked_add((body.len() - behind_name.len() + 8) as u64)
+    let after_name = FieldEncoding::Text.skip(body.get(28..)?)?;
+    let compressed_length = u64::from_le_bytes(*after_name.first_chunk()?);
+    compressed_length.checked_add((body.len() - after_name.len() + 8) as u64)
 }
 
 /// Returns the header of a record of this kind and length.
@@ -446,14 +459,14 @@ impl FieldEncoding {
                 rest.get(u32::from_le_bytes(*length) as usize..)
             }
             FieldEncoding::TextMap => {
-                let behind = FieldEncoding::Text.skip(rest)?;
-                let mut texts = &rest[4..rest.len() - behind.len()];
+                let after_map = FieldEncoding::Text.skip(rest)?;
+                let mut texts = &rest[4..rest.len() - after_map.len()];
                 while !texts.is_empty() {
                     texts = FieldEncoding::Text
                         .skip(texts)
                         .and_then(|value| FieldEncoding::Text.skip(value))?;
                 }
-                Some(behind)
+                Some(after_map)
             }
             FieldEncoding::Data => {
                 let (length, rest) = rest.split_first_chunk()?;

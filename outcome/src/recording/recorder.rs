@@ -12,7 +12,7 @@ use protocol::ros2::cdr;
 use protocol::ros2::messages::{self as robot_messages, StampedState, base_link};
 
 pub use crate::recording::messages::NearestPair;
-use crate::recording::messages::{self as of_all, LogEvent, recorded_fields};
+use crate::recording::messages::{self as run_messages, LogEvent, recorded_fields};
 use crate::recording::schemas::{self, Schema};
 use crate::recording::topics::topic_names;
 use crate::recording::walls;
@@ -123,12 +123,12 @@ impl Recorder {
     pub fn create(path: &Path, run: &RunDescription<'_>) -> io::Result<Recorder> {
         let topics = topic_names(run.robots);
         let mut writer = RecordingWriter::create(path, MCAP_PROFILE)?;
-        let mut facts = run.metadata.clone();
-        facts.insert(EPOCH_KEY.into(), run.started_unix_ns.to_string());
-        facts.insert(ROBOTS_KEY.into(), run.robots.join(","));
-        facts.insert(TOPICS_KEY.into(), topics.join(","));
-        let facts = Metadata { name: METADATA_NAME.into(), metadata: facts };
-        writer.append_metadata(&facts)?;
+        let mut metadata = run.metadata.clone();
+        metadata.insert(EPOCH_KEY.into(), run.started_unix_ns.to_string());
+        metadata.insert(ROBOTS_KEY.into(), run.robots.join(","));
+        metadata.insert(TOPICS_KEY.into(), topics.join(","));
+        let metadata = Metadata { name: METADATA_NAME.into(), metadata };
+        writer.append_metadata(&metadata)?;
         for &(name, media_type, content) in run.attachments {
             let header = AttachmentHeader {
                 log_time: run.started_unix_ns,
@@ -138,9 +138,9 @@ impl Recorder {
             };
             writer.append_attachment(header, content.as_bytes())?;
         }
-        let tf = open_channel_of_schema(&mut writer, &schemas::TF, "/tf", NO_QOS)?;
-        let rosout = open_channel_of_schema(&mut writer, &schemas::LOG, "/rosout", NO_QOS)?;
-        let metrics = open_channel_of_schema(
+        let tf_channel = open_channel_of_schema(&mut writer, &schemas::TF, "/tf", NO_QOS)?;
+        let rosout_channel = open_channel_of_schema(&mut writer, &schemas::LOG, "/rosout", NO_QOS)?;
+        let metrics_channel = open_channel_of_schema(
             &mut writer,
             &schemas::metrics_schema(&recorded_fields()),
             "/metrics",
@@ -156,32 +156,32 @@ impl Recorder {
                 *schema = Some(register_schema(&mut writer, topic.schema())?);
             }
         }
-        for (place, (name, topic)) in run.robots.iter().zip(&topics).enumerate() {
-            let mut open = |schema: u16, what: &str| {
-                writer.register_channel(schema, &format!("/{topic}/{what}"), qos_metadata(NO_QOS))
+        for (robot_index, (name, topic)) in run.robots.iter().zip(&topics).enumerate() {
+            let mut open_channel = |schema: u16, name: &str| {
+                writer.register_channel(schema, &format!("/{topic}/{name}"), qos_metadata(NO_QOS))
             };
             let mut channels = RobotChannels {
                 name: name.clone(),
                 frame: base_link(name),
-                odometry_channel: open(odometry, "odom")?,
-                pose_channel: open(pose, "pose")?,
-                command_channel: open(command, "cmd_vel")?,
+                odometry_channel: open_channel(odometry, "odom")?,
+                pose_channel: open_channel(pose, "pose")?,
+                command_channel: open_channel(command, "cmd_vel")?,
                 law_channels: [None; LawTopic::ALL.len()],
             };
-            for (schema, (topic, has_it)) in law_schemas.iter().zip(&run.law_topics) {
-                if let Some(schema) = schema.filter(|_| has_it[place]) {
-                    let channel = open(schema, topic.name())?;
+            for (schema, (topic, has_topic)) in law_schemas.iter().zip(&run.law_topics) {
+                if let Some(schema) = schema.filter(|_| has_topic[robot_index]) {
+                    let channel = open_channel(schema, topic.name())?;
                     channels.law_channels[*topic as usize] = Some(channel);
                 }
             }
             robots.push(channels);
         }
-        let mut message = cdr::Writer::new();
+        let mut message_buffer = cdr::Writer::new();
         if !run.walls.is_empty() {
             let channel =
                 open_channel_of_schema(&mut writer, &schemas::WALLS, "/walls", walls::LATCHED_QOS)?;
-            walls::write_wall_markers(&mut message, run.walls, run.started_unix_ns);
-            writer.add_message(channel, 0, run.started_unix_ns, message.bytes())?;
+            walls::write_wall_markers(&mut message_buffer, run.walls, run.started_unix_ns);
+            writer.add_message(channel, 0, run.started_unix_ns, message_buffer.bytes())?;
         }
         writer.flush()?;
         Ok(Recorder {
@@ -189,10 +189,10 @@ impl Recorder {
             started_unix_ns: run.started_unix_ns,
             is_reproducible: run.is_reproducible,
             robots,
-            tf_channel: tf,
-            metrics_channel: metrics,
-            rosout_channel: rosout,
-            message_buffer: message,
+            tf_channel,
+            metrics_channel,
+            rosout_channel,
+            message_buffer,
             transforms_buffer: cdr::Writer::new(),
             text_buffer: String::new(),
             sample_count: 0,
@@ -208,7 +208,7 @@ impl Recorder {
         &mut self,
         t_ns: u64,
         lines: &[SampleLine],
-        nearest: Option<NearestPair>,
+        nearest_pair: Option<NearestPair>,
     ) -> io::Result<()> {
         if self.is_reproducible
             && u128::from(t_ns.saturating_sub(self.flushed_t_ns)) >= FLUSH_INTERVAL.as_nanos()
@@ -217,24 +217,24 @@ impl Recorder {
             self.writer.flush()?;
         }
         let (number, stamp_ns) = (self.sample_count, self.started_unix_ns + t_ns);
-        let Recorder { writer, message_buffer: message, transforms_buffer: transforms, .. } = self;
-        robot_messages::begin_transforms(transforms, self.robots.len());
+        let Recorder { writer, message_buffer, transforms_buffer, .. } = self;
+        robot_messages::begin_transforms(transforms_buffer, self.robots.len());
         for (robot, line) in self.robots.iter().zip(lines) {
             let &SampleLine { x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s, .. } = line;
             let (pose, twist) =
                 (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, side_m_s, w_rad_s });
             let state = StampedState::new(&robot.frame, stamp_ns, pose, twist);
-            robot_messages::write_transform(transforms, &state);
-            robot_messages::write_odometry(message, &state);
-            writer.add_message(robot.odometry_channel, number, stamp_ns, message.bytes())?;
-            robot_messages::write_pose_stamped(message, &state);
-            writer.add_message(robot.pose_channel, number, stamp_ns, message.bytes())?;
-            robot_messages::write_twist(message, twist);
-            writer.add_message(robot.command_channel, number, stamp_ns, message.bytes())?;
+            robot_messages::write_transform(transforms_buffer, &state);
+            robot_messages::write_odometry(message_buffer, &state);
+            writer.add_message(robot.odometry_channel, number, stamp_ns, message_buffer.bytes())?;
+            robot_messages::write_pose_stamped(message_buffer, &state);
+            writer.add_message(robot.pose_channel, number, stamp_ns, message_buffer.bytes())?;
+            robot_messages::write_twist(message_buffer, twist);
+            writer.add_message(robot.command_channel, number, stamp_ns, message_buffer.bytes())?;
         }
-        writer.add_message(self.tf_channel, number, stamp_ns, transforms.bytes())?;
-        of_all::write_metrics(message, stamp_ns, lines, nearest);
-        writer.add_message(self.metrics_channel, number, stamp_ns, message.bytes())?;
+        writer.add_message(self.tf_channel, number, stamp_ns, transforms_buffer.bytes())?;
+        run_messages::write_metrics(message_buffer, stamp_ns, lines, nearest_pair);
+        writer.add_message(self.metrics_channel, number, stamp_ns, message_buffer.bytes())?;
         self.sample_count = self.sample_count.wrapping_add(1);
         self.has_unflushed_data = true;
         Ok(())
@@ -242,9 +242,13 @@ impl Recorder {
 
     /// Writes lines of `signals.csv`, which are ordered by robot: one message for each robot.
     pub fn record_signals(&mut self, t_ns: u64, lines: &[SignalLine]) -> io::Result<()> {
-        for of_one in lines.chunk_by(|a, b| a.robot == b.robot) {
-            of_all::write_signals(&mut self.message_buffer, self.started_unix_ns, of_one);
-            self.add_law_values(LawTopic::Signals, &of_one[0].robot, t_ns)?;
+        for robot_lines in lines.chunk_by(|a, b| a.robot == b.robot) {
+            run_messages::write_signals(
+                &mut self.message_buffer,
+                self.started_unix_ns,
+                robot_lines,
+            );
+            self.add_law_values(LawTopic::Signals, &robot_lines[0].robot, t_ns)?;
         }
         Ok(())
     }
@@ -256,7 +260,11 @@ impl Recorder {
         messages: &[RecordedMessage],
     ) -> io::Result<()> {
         for message in messages {
-            of_all::write_law_message(&mut self.message_buffer, self.started_unix_ns, message);
+            run_messages::write_law_message(
+                &mut self.message_buffer,
+                self.started_unix_ns,
+                message,
+            );
             self.add_law_values(LawTopic::Messages, &message.robot, t_ns)?;
         }
         Ok(())
@@ -264,7 +272,7 @@ impl Recorder {
 
     /// Writes the message in the buffer to a topic of a robot; does nothing if the robot does not have the topic.
     fn add_law_values(&mut self, topic: LawTopic, robot: &str, t_ns: u64) -> io::Result<()> {
-        let robot = self.robots.iter().find(|known| known.name == robot);
+        let robot = self.robots.iter().find(|channels| channels.name == robot);
         let Some(channel) = robot.and_then(|robot| robot.law_channels[topic as usize]) else {
             return Ok(());
         };
@@ -285,7 +293,7 @@ impl Recorder {
         let name = if robot.is_empty() { SUPERVISOR_NAME } else { robot };
         let event = LogEvent { level: ros_log_level(kind), name, kind, text: &self.text_buffer };
         let stamp_ns = self.started_unix_ns + t_ns;
-        of_all::write_log(&mut self.message_buffer, stamp_ns, &event);
+        run_messages::write_log(&mut self.message_buffer, stamp_ns, &event);
         self.writer.add_message(
             self.rosout_channel,
             self.event_count,

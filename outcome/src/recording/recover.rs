@@ -1,5 +1,6 @@
 //! Recovery of a recording: writes the index and the summary that a killed supervisor never wrote. Every valid chunk is
-//! copied, and also attachments and metadata, which readers do not need but people do. The old file is only read.
+//! copied, and also attachments and metadata, which users need, but programs that read the file do not. The old file is
+//! only read.
 
 use std::fmt;
 use std::fs::File;
@@ -63,12 +64,12 @@ pub enum RecoverError {
 
 /// Copies the valid records of `file` into the new file `out`, unless `file` is complete.
 pub fn recover(file: &Path, out: &Path) -> Result<RecoverOutcome, RecoverError> {
-    let unreadable = |error| RecoverError::Read(file.into(), error);
-    let unwritten = |error| RecoverError::Write(out.into(), error);
-    let mut pieces = RecordReader::open(file).map_err(unreadable)?;
+    let read_error = |error| RecoverError::Read(file.into(), error);
+    let write_error = |error| RecoverError::Write(out.into(), error);
+    let mut reader = RecordReader::open(file).map_err(read_error)?;
     let (mut profile, mut has_messages) = (None, false);
-    for piece in pieces.by_ref() {
-        match piece.map_err(unreadable)? {
+    for record in reader.by_ref() {
+        match record.map_err(read_error)? {
             Record::Header(header) => drop(profile.get_or_insert(header.profile)),
             Record::Message { .. } => has_messages = true,
             _ => {}
@@ -77,37 +78,37 @@ pub fn recover(file: &Path, out: &Path) -> Result<RecoverOutcome, RecoverError> 
     // The header may be damaged although the messages behind it are valid.
     let profile = profile.or_else(|| has_messages.then(|| MCAP_PROFILE.to_owned()));
     let profile = profile.ok_or_else(|| RecoverError::NoValidRecord(file.into()))?;
-    let integrity = pieces.integrity();
+    let integrity = reader.integrity();
     if integrity.is_complete() {
         return Ok(RecoverOutcome::Complete { is_checked: integrity.has_checksums });
     }
 
     let mut writer = create_writer(out, &profile).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => RecoverError::Exists(out.into()),
-        _ => unwritten(error),
+        _ => write_error(error),
     })?;
-    let mut recovered = RecoverySummary { integrity, ..RecoverySummary::default() };
+    let mut summary = RecoverySummary { integrity, ..RecoverySummary::default() };
     let mut copy_all = || -> Result<(), RecoverError> {
-        for piece in RecordReader::open(file).map_err(unreadable)? {
-            let record = piece.map_err(unreadable)?;
-            match copy_record(&record, &mut writer, &mut recovered) {
+        for record in RecordReader::open(file).map_err(read_error)? {
+            let record = record.map_err(read_error)?;
+            match copy_record(&record, &mut writer, &mut summary) {
                 Ok(()) => {}
-                Err(McapError::Io(error)) => return Err(unwritten(error)),
+                Err(McapError::Io(error)) => return Err(write_error(error)),
                 // The record refers to one that was lost, or contradicts an earlier one.
                 Err(_) => {
-                    recovered.orphan_message_count +=
+                    summary.orphan_message_count +=
                         u64::from(matches!(record, Record::Message { .. }))
                 }
             }
         }
-        writer.finish().map(drop).map_err(|error| unwritten(io_error(error)))
+        writer.finish().map(drop).map_err(|error| write_error(io_error(error)))
     };
     if let Err(error) = copy_all() {
         // A partial file would only block the next attempt.
         let _ = std::fs::remove_file(out);
         return Err(error);
     }
-    Ok(RecoverOutcome::Recovered(recovered))
+    Ok(RecoverOutcome::Recovered(summary))
 }
 
 /// Writer of the crate `mcap`, which accepts records in any order. Speed does not matter here.
@@ -136,7 +137,7 @@ fn io_error(error: McapError) -> io::Error {
 fn copy_record(
     record: &Record<'_>,
     writer: &mut McapWriter,
-    recovered: &mut RecoverySummary,
+    summary: &mut RecoverySummary,
 ) -> McapResult<()> {
     match record {
         Record::Schema { header, data } => {
@@ -149,10 +150,10 @@ fn copy_record(
         }
         Record::Message { header, data } => {
             writer.write_to_known_channel(header, data)?;
-            recovered.message_count += 1;
-            let (first, last) = recovered.stamps_ns.unwrap_or((u64::MAX, 0));
+            summary.message_count += 1;
+            let (first, last) = summary.stamps_ns.unwrap_or((u64::MAX, 0));
             let stamp_ns = header.log_time;
-            recovered.stamps_ns = Some((first.min(stamp_ns), last.max(stamp_ns)));
+            summary.stamps_ns = Some((first.min(stamp_ns), last.max(stamp_ns)));
         }
         Record::Attachment { header, data, .. } => {
             writer.attach(&Attachment {
@@ -162,11 +163,11 @@ fn copy_record(
                 media_type: header.media_type.clone(),
                 data: data.clone(),
             })?;
-            recovered.attachment_count += 1;
+            summary.attachment_count += 1;
         }
         Record::Metadata(metadata) => {
             writer.write_metadata(metadata)?;
-            recovered.metadata_count += 1;
+            summary.metadata_count += 1;
         }
         _ => {}
     }
@@ -199,8 +200,8 @@ impl fmt::Display for RecoverySummary {
             writeln!(f, "           messages of unknown channels: {}", self.orphan_message_count)?;
         }
         if self.integrity.has_checksum_mismatch && self.integrity.damaged_records == 0 {
-            let what = "metadata or an index was changed, and which one is not known: compare the metadata";
-            writeln!(f, "           {what}")?;
+            let hint = "metadata or an index was changed, and which one is not known: compare the metadata";
+            writeln!(f, "           {hint}")?;
         }
         Ok(())
     }

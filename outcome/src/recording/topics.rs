@@ -7,27 +7,27 @@
 /// underscores become one. If two names then collide, the later one gets a number: `r-1` and `r_1` become `r_1_2`
 /// and `r_1`.
 pub fn topic_names(names: &[String]) -> Vec<String> {
-    let plain = |name: &String| -> String {
+    let to_topic = |name: &String| -> String {
         let mut topic = String::with_capacity(name.len());
-        for letter in name.chars() {
-            let letter = if letter == '-' { '_' } else { letter };
-            if letter != '_' || !topic.ends_with('_') {
-                topic.push(letter);
+        for character in name.chars() {
+            let character = if character == '-' { '_' } else { character };
+            if character != '_' || !topic.ends_with('_') {
+                topic.push(character);
             }
         }
         topic
     };
     let mut topics: Vec<String> = Vec::with_capacity(names.len());
     for name in names {
-        let wanted = plain(name);
+        let preferred = to_topic(name);
         // A name that needs no change keeps its spelling in any order.
-        let taken = |topic: &String| topics.contains(topic) || names.contains(topic);
-        let topic = if wanted == *name || !taken(&wanted) {
-            wanted
+        let is_taken = |topic: &String| topics.contains(topic) || names.contains(topic);
+        let topic = if preferred == *name || !is_taken(&preferred) {
+            preferred
         } else {
-            let stem = wanted.trim_end_matches('_');
+            let stem = preferred.trim_end_matches('_');
             let numbered = (2..).map(|number| format!("{stem}_{number}"));
-            numbered.into_iter().find(|topic| !taken(topic)).expect("some number is free")
+            numbered.into_iter().find(|topic| !is_taken(topic)).expect("some number is free")
         };
         topics.push(topic);
     }

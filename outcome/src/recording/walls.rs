@@ -44,7 +44,7 @@ pub(crate) fn write_wall_markers(out: &mut Writer, walls: &[Obstacle], stamp_ns:
         out.write_string(MAP_FRAME);
         out.write_string("walls");
         out.write_u32(id);
-        let (kind, at, scale, points) = match wall {
+        let (kind, position_m, scale, points) = match wall {
             Obstacle::Disc { center_m, radius_m } => (
                 CYLINDER_MARKER,
                 *center_m,
@@ -62,9 +62,9 @@ pub(crate) fn write_wall_markers(out: &mut Writer, walls: &[Obstacle], stamp_ns:
         out.write_u32(kind);
         out.write_u32(ADD_MARKER);
         // Position without rotation.
-        out.write_f64s(&[at[0], at[1], 0.0, 0.0, 0.0, 0.0, 1.0]);
+        out.write_f64s(&[position_m[0], position_m[1], 0.0, 0.0, 0.0, 0.0, 1.0]);
         out.write_f64s(&scale);
-        COLOR.into_iter().for_each(|part| out.write_f32(part));
+        COLOR.into_iter().for_each(|component| out.write_f32(component));
         // Lifetime 0: the marker never expires.
         out.write_time(0);
         out.write_u8(0);

@@ -47,11 +47,11 @@ struct OutputFile {
 impl OutputFile {
     /// Writes `bytes` at the end of the valid data. Returns their offset.
     fn append(&mut self, bytes: &[u8]) -> io::Result<u64> {
-        let begin = self.valid_length;
-        self.file.write_all_at(bytes, begin)?;
+        let offset = self.valid_length;
+        self.file.write_all_at(bytes, offset)?;
         self.valid_length += bytes.len() as u64;
         self.crc.update(bytes);
-        Ok(begin)
+        Ok(offset)
     }
 }
 
@@ -61,13 +61,13 @@ impl RecordingWriter {
         let crc = crc32fast::Hasher::new();
         let mut file = OutputFile { file: File::create_new(path)?, valid_length: 0, crc };
         let library = concat!("phalanx ", env!("CARGO_PKG_VERSION")).to_owned();
-        let mut begin = MAGIC.to_vec();
+        let mut file_start = MAGIC.to_vec();
         append_record(
-            &mut begin,
+            &mut file_start,
             op::HEADER,
             &[&encode_content(&Header { profile: profile.into(), library })],
         );
-        file.append(&begin)?;
+        file.append(&file_start)?;
         Ok(RecordingWriter {
             file,
             chunk: Chunk::new(),
@@ -92,11 +92,11 @@ impl RecordingWriter {
         let id = self.statistics.schema_count + 1;
         let header = SchemaHeader { id, name: name.into(), encoding: encoding.into() };
         let length = (data.len() as u32).to_le_bytes();
-        let begin = self.schemas.len();
+        let record_start = self.schemas.len();
         append_record(&mut self.schemas, op::SCHEMA, &[&encode_content(&header), &length, data]);
         self.statistics.schema_count = id;
-        self.ensure_space(self.schemas.len() - begin)?;
-        self.chunk.add_record(&self.schemas[begin..]);
+        self.ensure_space(self.schemas.len() - record_start)?;
+        self.chunk.add_record(&self.schemas[record_start..]);
         Ok(id)
     }
 
@@ -115,11 +115,11 @@ impl RecordingWriter {
         let id = u16::try_from(self.message_counts.len()).map_err(too_many)?;
         let (topic, message_encoding) = (topic.to_owned(), "cdr".to_owned());
         let channel = Channel { id, schema_id, topic, message_encoding, metadata };
-        let begin = self.channels.len();
+        let record_start = self.channels.len();
         append_record(&mut self.channels, op::CHANNEL, &[&encode_content(&channel)]);
         self.message_counts.push(0);
-        self.ensure_space(self.channels.len() - begin)?;
-        self.chunk.add_record(&self.channels[begin..]);
+        self.ensure_space(self.channels.len() - record_start)?;
+        self.chunk.add_record(&self.channels[record_start..]);
         Ok(id)
     }
 
@@ -188,14 +188,14 @@ impl RecordingWriter {
         if self.chunk.is_empty() {
             return Ok(());
         }
-        let (piece, index) = self.chunk.close(self.file.valid_length);
-        self.file.append(piece)?;
+        let (encoded_chunk, index) = self.chunk.close(self.file.valid_length);
+        self.file.append(encoded_chunk)?;
         append_record(&mut self.chunk_indexes, op::CHUNK_INDEX, &[&encode_content(&index)]);
         let statistics = &mut self.statistics;
         statistics.chunk_count += 1;
         if let Some((first_ns, last_ns)) = self.chunk.stamps_ns() {
-            let none_before = statistics.message_end_time == 0;
-            let start_ns = if none_before { first_ns } else { statistics.message_start_time };
+            let is_first_chunk = statistics.message_end_time == 0;
+            let start_ns = if is_first_chunk { first_ns } else { statistics.message_start_time };
             statistics.message_start_time = start_ns.min(first_ns);
             statistics.message_end_time = statistics.message_end_time.max(last_ns);
         }
@@ -214,7 +214,7 @@ impl RecordingWriter {
         let data_section_crc = self.file.crc.clone().finalize();
         self.append_record(op::DATA_END, &[&encode_content(&DataEnd { data_section_crc })])?;
 
-        let summary = self.file.valid_length;
+        let summary_start = self.file.valid_length;
         self.file.crc = crc32fast::Hasher::new();
         let counts = (0..).zip(self.message_counts.iter().copied()).filter(|&(_, count)| count > 0);
         self.statistics.channel_message_counts = counts.collect();
@@ -238,11 +238,12 @@ impl RecordingWriter {
         }
 
         // The checksum covers everything before it, including a part of its own record.
-        let mut end = offsets;
-        let starts = [summary.to_le_bytes(), self.file.valid_length.to_le_bytes()].concat();
-        append_record(&mut end, op::FOOTER, &[&starts, &[0; 4]]);
-        end.truncate(end.len() - 4);
-        self.file.append(&end)?;
+        let mut footer = offsets;
+        let section_starts =
+            [summary_start.to_le_bytes(), self.file.valid_length.to_le_bytes()].concat();
+        append_record(&mut footer, op::FOOTER, &[&section_starts, &[0; 4]]);
+        footer.truncate(footer.len() - 4);
+        self.file.append(&footer)?;
         let crc = self.file.crc.clone().finalize().to_le_bytes();
         self.file.append(&[&crc, MAGIC].concat()).map(drop)
     }

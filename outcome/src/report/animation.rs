@@ -58,19 +58,15 @@ pub fn draw_animation(run: &LoadedRun) -> Option<String> {
     if frames.len() < 2 {
         return None;
     }
-    let lasts_s = (frames[frames.len() - 1].t_s - frames[0].t_s).clamp(1.0, DURATION_S_MAX);
-    let animation = Animation {
-        run,
-        view: PlaneProjection::fit_view(run, &frames)?,
-        frames,
-        duration_s: lasts_s,
-    };
-    let rim = SvgElement::rect([0.5, 0.5, WIDTH - 1.0, HEIGHT - 1.0]).with_attribute("rx", 8);
+    let duration_s = (frames[frames.len() - 1].t_s - frames[0].t_s).clamp(1.0, DURATION_S_MAX);
+    let animation =
+        Animation { run, view: PlaneProjection::fit_view(run, &frames)?, frames, duration_s };
+    let border = SvgElement::rect([0.5, 0.5, WIDTH - 1.0, HEIGHT - 1.0]).with_attribute("rx", 8);
     let mut svg = SvgElement::root(WIDTH, HEIGHT, "system-ui, sans-serif")
         .with_attribute("font-size", 13)
         .with_child(SvgElement::new("title").with_text(&run.scene.name))
         .with_child(SvgElement::new("defs").with_child(arrowhead()))
-        .with_child(rim.with_fill(WHITE, 1.0).with_attribute("stroke", BORDER_COLOR));
+        .with_child(border.with_fill(WHITE, 1.0).with_attribute("stroke", BORDER_COLOR));
     svg.extend(animation.draw_heading());
     let mut plane =
         SvgElement::clip([0.0, PLANE_TOP_AND_HEIGHT.0, PLANE_WIDTH, PLANE_TOP_AND_HEIGHT.1]);
@@ -107,10 +103,11 @@ fn animation_frames(run: &LoadedRun) -> Vec<SceneFrame> {
     }
     let (robots, edges) = (run.scene.robots.len(), run.scene.edges.len());
     let bytes = 50 * robots + 38 * edges + 20;
-    let lasts_s = run.end_s().min(DURATION_S_MAX);
-    let most = ((lasts_s * FRAME_RATE_HZ) as usize).min(ANIMATION_BYTES_MAX / bytes).max(2);
-    let every = frames.len().div_ceil(most);
-    frames.into_iter().step_by(every).collect()
+    let duration_s = run.end_s().min(DURATION_S_MAX);
+    let frame_count_max =
+        ((duration_s * FRAME_RATE_HZ) as usize).min(ANIMATION_BYTES_MAX / bytes).max(2);
+    let step = frames.len().div_ceil(frame_count_max);
+    frames.into_iter().step_by(step).collect()
 }
 
 /// Mapping from the plane to the picture.
@@ -123,36 +120,36 @@ struct PlaneProjection {
 
 impl PlaneProjection {
     fn fit_view(run: &LoadedRun, frames: &[SceneFrame]) -> Option<PlaneProjection> {
-        let places =
-            frames.iter().flat_map(|frame| front_points(run, frame)).filter(|at| is_finite(*at));
-        let reach = places.map(|at| (at, at));
-        let (low, high) = reach.reduce(|(low, high), (at, _)| (low.inf(&at), high.sup(&at)))?;
+        let positions = frames.iter().flat_map(|frame| front_points(run, frame));
+        let extents = positions.filter(|at| is_finite(*at)).map(|at| (at, at));
+        let (low, high) = extents.reduce(|(low, high), (at, _)| (low.inf(&at), high.sup(&at)))?;
         let d_m = run.scene.distance_min_m;
-        let room = high - low + Vec2::repeat(1.6 * d_m + (0.5 * d_m).min(0.1));
-        let room = room.sup(&Vec2::repeat(VIEW_SIZE_M_MIN));
-        let scale = (PLANE_WIDTH / room.x).min(PLANE_TOP_AND_HEIGHT.1 / room.y);
-        Some(PlaneProjection { center_m: (low + high) / 2.0, scale_px_per_m: scale })
+        let view_size_m = high - low + Vec2::repeat(1.6 * d_m + (0.5 * d_m).min(0.1));
+        let view_size_m = view_size_m.sup(&Vec2::repeat(VIEW_SIZE_M_MIN));
+        let scale_px_per_m =
+            (PLANE_WIDTH / view_size_m.x).min(PLANE_TOP_AND_HEIGHT.1 / view_size_m.y);
+        Some(PlaneProjection { center_m: (low + high) / 2.0, scale_px_per_m })
     }
 
-    fn project(&self, place: Vec2) -> CanvasPoint {
-        let from_middle = (place - self.center_m) * self.scale_px_per_m;
+    fn project(&self, position_m: Vec2) -> CanvasPoint {
+        let from_center = (position_m - self.center_m) * self.scale_px_per_m;
         (
-            PLANE_WIDTH / 2.0 + from_middle.x,
-            PLANE_TOP_AND_HEIGHT.0 + PLANE_TOP_AND_HEIGHT.1 / 2.0 - from_middle.y,
+            PLANE_WIDTH / 2.0 + from_center.x,
+            PLANE_TOP_AND_HEIGHT.0 + PLANE_TOP_AND_HEIGHT.1 / 2.0 - from_center.y,
         )
     }
 }
 
 /// Returns the front points at an instant, m.
 fn front_points<'a>(run: &'a LoadedRun, frame: &'a SceneFrame) -> impl Iterator<Item = Vec2> + 'a {
-    frame.robots.iter().zip(&run.scene.robots).map(|(at, robot)| {
-        let pose = Pose { x_m: at.x_m, y_m: at.y_m, heading_rad: at.heading_rad };
+    frame.robots.iter().zip(&run.scene.robots).map(|(sample, robot)| {
+        let pose = Pose { x_m: sample.x_m, y_m: sample.y_m, heading_rad: sample.heading_rad };
         front_point(pose, robot.front_point_m)
     })
 }
 
-fn is_finite(at: Vec2) -> bool {
-    at.x.is_finite() && at.y.is_finite()
+fn is_finite(position: Vec2) -> bool {
+    position.x.is_finite() && position.y.is_finite()
 }
 
 /// The animation during drawing.
@@ -225,78 +222,86 @@ impl Animation<'_> {
 
     /// Returns the scenario's name, and the newest active fault.
     fn draw_heading(&self) -> Vec<SvgElement> {
-        let words = |words: &str, x: f64, anchor| {
-            let text = SvgElement::text(words, (x, 25.0), anchor);
+        let heading = |text: &str, x: f64, anchor| {
+            let text = SvgElement::text(text, (x, 25.0), anchor);
             text.with_attribute("font-size", 15).with_attribute("font-weight", 600)
         };
         let faults = &self.run.scene.faults;
         // The newest fault is shown if several are active.
-        let newest = |t_s: f64| {
-            let lasting = faults.iter().enumerate().filter(|(_, fault)| fault.is_active_at(t_s));
-            lasting.max_by(|(_, a), (_, b)| a.t_s.total_cmp(&b.t_s)).map(|(place, _)| place)
+        let newest_active_fault = |t_s: f64| {
+            let active = faults.iter().enumerate().filter(|(_, fault)| fault.is_active_at(t_s));
+            active.max_by(|(_, a), (_, b)| a.t_s.total_cmp(&b.t_s)).map(|(index, _)| index)
         };
-        let at_each: Vec<Option<usize>> = self.map_frames(|frame| newest(frame.t_s));
+        let shown_faults: Vec<Option<usize>> =
+            self.map_frames(|frame| newest_active_fault(frame.t_s));
         // Only faults that are shown at some instant are drawn, because a run may have thousands.
-        let seen: BTreeSet<usize> = at_each.iter().flatten().copied().collect();
-        let fault = |place: usize| {
-            let shown = at_each.iter().map(|at| u8::from(*at == Some(place)).to_string());
-            let shown: Vec<String> = shown.collect();
-            let what = &faults[place].what;
-            let text = words(what, WIDTH - 16.0, Anchor::End).with_fill(VERMILION, 1.0);
-            self.animate_switches(text, "opacity", &shown)
+        let drawn_faults: BTreeSet<usize> = shown_faults.iter().flatten().copied().collect();
+        let draw_fault = |index: usize| {
+            let opacities =
+                shown_faults.iter().map(|shown| u8::from(*shown == Some(index)).to_string());
+            let opacities: Vec<String> = opacities.collect();
+            let description = &faults[index].what;
+            let text = heading(description, WIDTH - 16.0, Anchor::End).with_fill(VERMILION, 1.0);
+            self.animate_switches(text, "opacity", &opacities)
         };
-        let name = words(&self.run.scene.name, 16.0, Anchor::Start);
-        std::iter::once(name).chain(seen.into_iter().map(fault)).collect()
+        let name = heading(&self.run.scene.name, 16.0, Anchor::Start);
+        std::iter::once(name).chain(drawn_faults.into_iter().map(draw_fault)).collect()
     }
 
     /// Returns a grid in meters, and the leader's trajectory.
     fn draw_ground(&self) -> Vec<SvgElement> {
         let (view, bottom) = (&self.view, PLANE_TOP_AND_HEIGHT.0 + PLANE_TOP_AND_HEIGHT.1);
         let step_m = round_up_to_nice_step(40.0 / view.scale_px_per_m);
-        let half = Vec2::new(PLANE_WIDTH, PLANE_TOP_AND_HEIGHT.1) / 2.0 / view.scale_px_per_m;
+        let half_m = Vec2::new(PLANE_WIDTH, PLANE_TOP_AND_HEIGHT.1) / 2.0 / view.scale_px_per_m;
         let lines = |axis: usize| {
-            let (low, high) = (view.center_m[axis] - half[axis], view.center_m[axis] + half[axis]);
+            let (low, high) =
+                (view.center_m[axis] - half_m[axis], view.center_m[axis] + half_m[axis]);
             let first = (low / step_m).ceil() as i64;
-            (first..).map(move |n| n as f64 * step_m).take_while(move |&at| at <= high)
+            (first..).map(move |n| n as f64 * step_m).take_while(move |&value| value <= high)
         };
-        let upright = lines(0).map(|x| view.project(Vec2::new(x, 0.0)).0);
-        let level = lines(1).map(|y| view.project(Vec2::new(0.0, y)).1);
-        let upright = upright.map(|x| {
+        let vertical = lines(0).map(|x| view.project(Vec2::new(x, 0.0)).0);
+        let horizontal = lines(1).map(|y| view.project(Vec2::new(0.0, y)).1);
+        let vertical = vertical.map(|x| {
             format!("M{} {}v{}", format_px(x), PLANE_TOP_AND_HEIGHT.0, PLANE_TOP_AND_HEIGHT.1)
         });
-        let level = level.map(|y| format!("M0 {}h{PLANE_WIDTH}", format_px(y)));
-        let grid: String = upright.chain(level).collect();
-        let mut drawn =
+        let horizontal = horizontal.map(|y| format!("M0 {}h{PLANE_WIDTH}", format_px(y)));
+        let grid: String = vertical.chain(horizontal).collect();
+        let mut elements =
             vec![SvgElement::path(&grid).with_stroke(LineStyle::solid(Color(0xec, 0xef, 0xf2)))];
-        let lead = self.run.leader_reference_m.iter().map(|&[x, y]| view.project(Vec2::new(x, y)));
-        let lead: Vec<CanvasPoint> = lead.collect();
-        if lead.len() > 1 {
-            let dots = SvgElement::path(&path_data(simplify_curve(&lead, 0.4)));
-            let dots = dots.with_stroke(LineStyle::solid(GRAY).with_width(2.0).with_opacity(0.5));
-            drawn.push(
-                dots.with_attribute("stroke-dasharray", "1 5")
+        let leader_path =
+            self.run.leader_reference_m.iter().map(|&[x, y]| view.project(Vec2::new(x, y)));
+        let leader_path: Vec<CanvasPoint> = leader_path.collect();
+        if leader_path.len() > 1 {
+            let dotted_path = SvgElement::path(&path_data(simplify_curve(&leader_path, 0.4)));
+            let dotted_path =
+                dotted_path.with_stroke(LineStyle::solid(GRAY).with_width(2.0).with_opacity(0.5));
+            elements.push(
+                dotted_path
+                    .with_attribute("stroke-dasharray", "1 5")
                     .with_attribute("stroke-linecap", "round"),
             );
         }
-        let (step, ends) =
+        let (step_px, label_position) =
             (step_m * view.scale_px_per_m, (22.0 + step_m * view.scale_px_per_m, bottom - 8.0));
-        let scale =
-            SvgElement::path(&path_data([(16.0, bottom - 12.0), (16.0 + step, bottom - 12.0)]));
-        let meters = SvgElement::text(&format!("{} m", format_short(step_m)), ends, Anchor::Start);
-        drawn.push(scale.with_stroke(LineStyle::solid(SECONDARY_TEXT_COLOR).with_width(2.0)));
-        drawn.push(meters.with_fill(SECONDARY_TEXT_COLOR, 1.0));
-        drawn
+        let scale_bar =
+            SvgElement::path(&path_data([(16.0, bottom - 12.0), (16.0 + step_px, bottom - 12.0)]));
+        let bar_label =
+            SvgElement::text(&format!("{} m", format_short(step_m)), label_position, Anchor::Start);
+        elements
+            .push(scale_bar.with_stroke(LineStyle::solid(SECONDARY_TEXT_COLOR).with_width(2.0)));
+        elements.push(bar_label.with_fill(SECONDARY_TEXT_COLOR, 1.0));
+        elements
     }
 
     /// Returns the walls and obstacles.
     fn draw_walls(&self) -> Option<SvgElement> {
-        let shape = |wall: &Obstacle| match wall {
+        let wall_path = |wall: &Obstacle| match wall {
             Obstacle::Disc { center_m, radius_m } => {
                 let ((x, y), r) =
                     (self.view.project(Vec2::from(*center_m)), radius_m * self.view.scale_px_per_m);
-                let (left, across, r) = (format_px(x - r), format_px(2.0 * r), format_px(r));
+                let (left, diameter, r) = (format_px(x - r), format_px(2.0 * r), format_px(r));
                 format!(
-                    "M{left} {}a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0Z",
+                    "M{left} {}a{r} {r} 0 1 0 {diameter} 0a{r} {r} 0 1 0 -{diameter} 0Z",
                     format_px(y)
                 )
             }
@@ -305,47 +310,49 @@ impl Animation<'_> {
                     + "Z"
             }
         };
-        let shapes: String = self.run.scene.walls.iter().map(shape).collect();
-        let drawn = SvgElement::path(&shapes)
+        let path_text: String = self.run.scene.walls.iter().map(wall_path).collect();
+        let path = SvgElement::path(&path_text)
             .with_fill(BORDER_COLOR, 1.0)
             .with_attribute("stroke", SECONDARY_TEXT_COLOR);
-        let drawn =
-            drawn.with_attribute("stroke-width", 2.5).with_attribute("stroke-linejoin", "round");
-        (!shapes.is_empty()).then_some(drawn)
+        let path =
+            path.with_attribute("stroke-width", 2.5).with_attribute("stroke-linejoin", "round");
+        (!path_text.is_empty()).then_some(path)
     }
 
     /// Returns the recent path of each robot: a dash that moves along its path.
     fn draw_trails(&self) -> Vec<SvgElement> {
         let trail = |robot: usize| {
-            let places = self.robot_path(robot);
+            let positions = self.robot_path(robot);
             let mut lengths = vec![0.0];
-            for pair in places.windows(2) {
-                let step = portable_math::hypot(pair[1].0 - pair[0].0, pair[1].1 - pair[0].1);
-                lengths.push(lengths[lengths.len() - 1] + step);
+            for pair in positions.windows(2) {
+                let length = portable_math::hypot(pair[1].0 - pair[0].0, pair[1].1 - pair[0].1);
+                lengths.push(lengths[lengths.len() - 1] + length);
             }
-            let whole = lengths[lengths.len() - 1];
+            let total_length = lengths[lengths.len() - 1];
             let offsets: Vec<String> =
                 lengths.iter().map(|length| format_px(TRAIL_LENGTH - length)).collect();
             let line = LineStyle::solid(robot_color(robot)).with_width(2.5).with_opacity(0.45);
-            let path = SvgElement::path(&path_data(places))
+            let path = SvgElement::path(&path_data(positions))
                 .with_stroke(line)
                 .with_attribute("stroke-linejoin", "round");
             let path = path.with_attribute(
                 "stroke-dasharray",
-                format!("{TRAIL_LENGTH} {}", format_px(whole + TRAIL_LENGTH)),
+                format!("{TRAIL_LENGTH} {}", format_px(total_length + TRAIL_LENGTH)),
             );
-            (whole >= 1.0).then(|| self.animate_attribute(path, "stroke-dashoffset", &offsets))
+            (total_length >= 1.0)
+                .then(|| self.animate_attribute(path, "stroke-dashoffset", &offsets))
         };
         (0..self.run.scene.robots.len()).filter_map(trail).collect()
     }
 
     /// Returns the position of a robot at each instant, or the last known position.
     fn robot_path(&self, robot: usize) -> Vec<CanvasPoint> {
-        let mut last = self.view.center_m;
+        let mut newest = self.view.center_m;
         self.map_frames(|frame| {
-            let at = front_points(self.run, frame).nth(robot).expect("each frame has every robot");
-            last = if is_finite(at) { at } else { last };
-            self.view.project(last)
+            let position =
+                front_points(self.run, frame).nth(robot).expect("each frame has every robot");
+            newest = if is_finite(position) { position } else { newest };
+            self.view.project(newest)
         })
     }
 
@@ -353,13 +360,14 @@ impl Animation<'_> {
     fn draw_hull(&self) -> Option<SvgElement> {
         let (_, leaders) = self.run.followers_and_leaders()?;
         let shapes = self.map_frames(|frame| {
-            let places: Vec<Vec2> = front_points(self.run, frame).collect();
-            let leaders: Vec<Vec2> = leaders.iter().map(|&robot| places[robot]).collect();
+            let positions: Vec<Vec2> = front_points(self.run, frame).collect();
+            let leaders: Vec<Vec2> = leaders.iter().map(|&robot| positions[robot]).collect();
             let mut corners = formation::hull::convex_hull(&leaders);
             // The number of corners is constant and begins with the first leader, so that the shape can be
             // interpolated.
-            let first = leaders.iter().find_map(|leader| corners.iter().position(|c| c == leader));
-            corners.rotate_left(first.unwrap_or(0));
+            let first_corner =
+                leaders.iter().find_map(|leader| corners.iter().position(|c| c == leader));
+            corners.rotate_left(first_corner.unwrap_or(0));
             corners.resize(leaders.len(), corners.last().copied().unwrap_or(leaders[0]));
             path_data(corners.into_iter().map(|corner| self.view.project(corner))) + "Z"
         });
@@ -369,14 +377,15 @@ impl Animation<'_> {
 
     /// Returns the edges: arrows from sender to receiver, dashed while no beacon passes.
     fn draw_edges(&self) -> Vec<SvgElement> {
-        let edge = |place: usize| {
-            let edge = self.run.scene.edges[place];
-            let ends = self.robot_path(edge.from).into_iter().zip(self.robot_path(edge.to));
-            let shapes = ends.map(|((x, y), (u, v))| {
+        let edge = |index: usize| {
+            let edge = self.run.scene.edges[index];
+            let end_positions =
+                self.robot_path(edge.from).into_iter().zip(self.robot_path(edge.to));
+            let shapes = end_positions.map(|((x, y), (u, v))| {
                 path_data([(x, y), (x + 0.66 * (u - x), y + 0.66 * (v - y)), (u, v)])
             });
             let (colors, dashes): (Vec<String>, Vec<String>) = self
-                .map_frames(|frame| match frame.edges[place] {
+                .map_frames(|frame| match frame.edges[index] {
                     EdgeState::Closed => ("transparent".to_owned(), "1 0".to_owned()),
                     EdgeState::Fresh if edge.spare => (BLUE.to_string(), "1 0".to_owned()),
                     EdgeState::Fresh => (GRAY.to_string(), "1 0".to_owned()),
@@ -403,17 +412,19 @@ impl Animation<'_> {
         let scene = &self.run.scene;
         let robot = |i: usize| {
             let size_m = scene.robots[i].keep_m.unwrap_or(scene.distance_min_m / 2.0);
-            let reach = size_m * self.view.scale_px_per_m;
-            let places = self
+            let radius_px = size_m * self.view.scale_px_per_m;
+            let positions = self
                 .robot_path(i)
                 .into_iter()
                 .map(|(x, y)| format!("{},{}", format_px(x), format_px(y)));
             let mut heading_rad = 0.0;
             let headings = self.map_frames(|frame| {
-                let turn: f64 = frame.robots[i].heading_rad - heading_rad;
-                if turn.is_finite() {
-                    heading_rad +=
-                        portable_math::atan2(portable_math::sin(turn), portable_math::cos(turn));
+                let turn_rad: f64 = frame.robots[i].heading_rad - heading_rad;
+                if turn_rad.is_finite() {
+                    heading_rad += portable_math::atan2(
+                        portable_math::sin(turn_rad),
+                        portable_math::cos(turn_rad),
+                    );
                 }
                 format_px(-heading_rad.to_degrees())
             });
@@ -421,19 +432,19 @@ impl Animation<'_> {
                 true => robot_color(i).to_string(),
                 false => GRAY.to_string(),
             });
-            let dead = |frame: &SceneFrame| frame.robots[i].state == RobotState::Dead;
-            let crossed = self.map_frames(|frame| u8::from(dead(frame)).to_string());
-            let length = (scene.robots[i].front_point_m * self.view.scale_px_per_m).max(9.0);
+            let is_dead = |frame: &SceneFrame| frame.robots[i].state == RobotState::Dead;
+            let cross_opacities = self.map_frames(|frame| u8::from(is_dead(frame)).to_string());
+            let body_length = (scene.robots[i].front_point_m * self.view.scale_px_per_m).max(9.0);
             let corners = [(0.35, 0.0), (-1.35, 0.75), (-0.9, 0.0), (-1.35, -0.75)];
-            let body = corners.map(|(x, y)| (x * length, y * length));
+            let body = corners.map(|(x, y)| (x * body_length, y * body_length));
             let body = SvgElement::path(&(path_data(body) + "Z")).with_attribute("stroke", WHITE);
-            let arm = 1.1 * length;
+            let arm = 1.1 * body_length;
             let cross =
                 path_data([(-arm, -arm), (arm, arm)]) + &path_data([(arm, -arm), (-arm, arm)]);
             let cross =
                 SvgElement::path(&cross).with_stroke(LineStyle::solid(VERMILION).with_width(3.0));
             let circle = SvgElement::new("circle")
-                .with_attribute("r", format_px(reach))
+                .with_attribute("r", format_px(radius_px))
                 .with_attribute("fill-opacity", 0.1);
             let mut group = self
                 .animate_switches(SvgElement::new("g"), "fill", &colors)
@@ -447,33 +458,34 @@ impl Animation<'_> {
                     "rotate",
                     &headings,
                 ))
-                .with_child(self.animate_switches(cross, "opacity", &crossed));
+                .with_child(self.animate_switches(cross, "opacity", &cross_opacities));
             if scene.robots.len() <= NAMED_ROBOTS_MAX {
-                let above = (0.0, -length.max(reach) - 4.0);
-                let name = SvgElement::text(&scene.robots[i].name, above, Anchor::Middle);
+                let name_position = (0.0, -body_length.max(radius_px) - 4.0);
+                let name = SvgElement::text(&scene.robots[i].name, name_position, Anchor::Middle);
                 let name =
                     name.with_fill(Color(0x24, 0x29, 0x2f), 1.0).with_attribute("stroke", WHITE);
                 group.push(
                     name.with_attribute("stroke-width", 3).with_attribute("paint-order", "stroke"),
                 );
             }
-            self.animate_transform(group, "translate", &places.collect::<Vec<_>>())
+            self.animate_transform(group, "translate", &positions.collect::<Vec<_>>())
         };
         (0..scene.robots.len()).map(robot).collect()
     }
 
     /// Returns the largest error and the smallest distance over time, with a moving cursor.
     fn draw_panels(&self) -> SvgElement {
-        let all = self.run.frames();
-        let errors = all.iter().map(|frame| {
-            let living = frame.robots.iter().filter(|robot| robot.state.can_move());
-            Some((frame.t_s, living.filter_map(|robot| robot.error_m).reduce(f64::max)?))
+        let frames = self.run.frames();
+        let errors = frames.iter().map(|frame| {
+            let moving_robots = frame.robots.iter().filter(|robot| robot.state.can_move());
+            Some((frame.t_s, moving_robots.filter_map(|robot| robot.error_m).reduce(f64::max)?))
         });
-        let distances = all.iter().map(|frame| Some((frame.t_s, frame.distance_m?)));
+        let distances = frames.iter().map(|frame| Some((frame.t_s, frame.distance_m?)));
         let (errors, distances): (Vec<_>, Vec<_>) = (errors.collect(), distances.collect());
-        let axis = |label: &str, values: &[Option<CanvasPoint>], least: f64| {
-            let known = values.iter().flatten().map(|at| at.1).filter(|value| value.is_finite());
-            Axis::linear(label, 0.0, known.fold(least, f64::max))
+        let axis = |label: &str, values: &[Option<CanvasPoint>], minimum: f64| {
+            let finite_values =
+                values.iter().flatten().map(|point| point.1).filter(|value| value.is_finite());
+            Axis::linear(label, 0.0, finite_values.fold(minimum, f64::max))
         };
         let d = self.run.scene.distance_min_m;
         let mut error = panel_over_time(self.run, axis("largest error (m)", &errors, 1e-9));
@@ -485,18 +497,19 @@ impl Animation<'_> {
             let label = format!("d = {} m", format_short(d));
             distance.add_horizontal_line(d, (0.0, self.run.end_s()), label, BOUND_LINE);
         }
-        let below = Rect { y: UPPER_PANEL.y + UPPER_PANEL.height, ..UPPER_PANEL };
-        let (top, bottom) = (UPPER_PANEL.plot_area(&error.bands), below.plot_area(&distance.bands));
+        let lower_panel = Rect { y: UPPER_PANEL.y + UPPER_PANEL.height, ..UPPER_PANEL };
+        let (top, bottom) =
+            (UPPER_PANEL.plot_area(&error.bands), lower_panel.plot_area(&distance.bands));
         let (first_s, last_s) = (self.frames[0].t_s, self.frames[self.frames.len() - 1].t_s);
-        let places = [first_s, last_s].map(|t_s| top.x + error.x_axis.fraction(t_s) * top.width);
+        let cursor_x = [first_s, last_s].map(|t_s| top.x + error.x_axis.fraction(t_s) * top.width);
         let line = path_data([(0.0, top.y), (0.0, bottom.y + bottom.height)]);
         let line = SvgElement::path(&line).with_stroke(LineStyle::solid(BLACK));
-        let places = places.map(|x| format!("{},0", format_px(x)));
+        let cursor_x = cursor_x.map(|x| format!("{},0", format_px(x)));
         SvgElement::new("g")
             .with_attribute("font-size", 12)
             .with_child(error.draw(UPPER_PANEL))
-            .with_child(distance.draw(below))
-            .with_child(self.animate_transform(line, "translate", &places))
+            .with_child(distance.draw(lower_panel))
+            .with_child(self.animate_transform(line, "translate", &cursor_x))
     }
 }
 
@@ -525,8 +538,8 @@ fn draw_legend(run: &LoadedRun) -> Vec<SvgElement> {
     }
     let step = (105.0 / lines.len() as f64).min(21.0);
     let line = |(i, line): (usize, &String)| {
-        let at = (LEGEND_POSITION.0, LEGEND_POSITION.1 + step * i as f64);
-        SvgElement::text(line, at, Anchor::Start).with_fill(SECONDARY_TEXT_COLOR, 1.0)
+        let position = (LEGEND_POSITION.0, LEGEND_POSITION.1 + step * i as f64);
+        SvgElement::text(line, position, Anchor::Start).with_fill(SECONDARY_TEXT_COLOR, 1.0)
     };
     lines.iter().enumerate().map(line).collect()
 }

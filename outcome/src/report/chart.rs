@@ -1,4 +1,4 @@
-//! Figures as SVG for screen and print: panels with axes, their content, and a key below.
+//! Figures as SVG for screen and print: panels with axes, their content, and a legend below.
 //!
 //! Lengths are in px of a page at 100 %. Must not depend on robots.
 
@@ -41,7 +41,7 @@ pub struct Figure {
     pub width: f64,
     /// Panels with their positions, from the upper left corner.
     pub panels: Vec<(Rect, Panel)>,
-    /// Key: line styles and their descriptions.
+    /// Legend: line styles and their descriptions.
     pub legend: Vec<(LineStyle, String)>,
 }
 
@@ -61,13 +61,13 @@ pub struct Rect {
 impl Rect {
     /// Returns the rectangle inside of the axes, in which curves are drawn.
     pub fn plot_area(self, bands: &[Band]) -> Rect {
-        let above =
+        let top_space =
             if bands.is_empty() { 8.0 } else { 6.0 + LINE_HEIGHT * band_label_rows(bands) as f64 };
         Rect {
             x: self.x + LEFT_SPACE,
-            y: self.y + above,
+            y: self.y + top_space,
             width: self.width - LEFT_SPACE - RIGHT_SPACE,
-            height: self.height - above - BOTTOM_SPACE,
+            height: self.height - top_space - BOTTOM_SPACE,
         }
     }
 
@@ -173,73 +173,71 @@ impl Panel {
     pub fn add_curve(
         &mut self,
         points: impl IntoIterator<Item = Option<CanvasPoint>>,
-        line: LineStyle,
+        style: LineStyle,
     ) {
         let points = points.into_iter().map(|point| point.filter(is_finite));
         let points: Vec<Option<CanvasPoint>> = points.collect();
-        for part in points.split(Option::is_none).filter(|part| !part.is_empty()) {
-            self.curves.push((part.iter().flatten().copied().collect(), line, true));
+        for segment in points.split(Option::is_none).filter(|segment| !segment.is_empty()) {
+            self.curves.push((segment.iter().flatten().copied().collect(), style, true));
         }
     }
 
     /// Adds a closed polyline.
-    pub fn add_outline(&mut self, mut corners: Vec<CanvasPoint>, line: LineStyle) {
+    pub fn add_outline(&mut self, mut corners: Vec<CanvasPoint>, style: LineStyle) {
         corners.extend(corners.first().copied());
-        self.curves.push((corners, line, false));
+        self.curves.push((corners, style, false));
     }
 
-    /// Adds a horizontal line from `from` to `to`, labeled at its right end.
+    /// Adds a horizontal line from `start` to `end`, labeled at its right end.
     pub fn add_horizontal_line(
         &mut self,
-        level: f64,
-        (from, to): (f64, f64),
+        y: f64,
+        (start, end): (f64, f64),
         label: String,
-        line: LineStyle,
+        style: LineStyle,
     ) {
-        let (from, to) = ((from, level), (to, level));
-        self.reference_lines.push(ReferenceLine {
-            start: from,
-            end: to,
-            label,
-            label_end_x: to.0,
-            style: line,
-        });
+        let (start, end) = ((start, y), (end, y));
+        self.reference_lines.push(ReferenceLine { start, end, label, label_end_x: end.0, style });
     }
 
     /// Adds a vertical line from the bottom to a fraction of the height.
-    pub fn add_vertical_line(&mut self, x: f64, share: f64, label: String, line: LineStyle) {
-        let (from, to) = ((x, self.y_axis.value_at(share)), (x, self.y_axis.value_at(0.0)));
-        self.reference_lines.push(ReferenceLine {
-            start: from,
-            end: to,
-            label,
-            label_end_x: x,
-            style: line,
-        });
+    pub fn add_vertical_line(
+        &mut self,
+        x: f64,
+        height_fraction: f64,
+        label: String,
+        style: LineStyle,
+    ) {
+        let (start, end) =
+            ((x, self.y_axis.value_at(height_fraction)), (x, self.y_axis.value_at(0.0)));
+        self.reference_lines.push(ReferenceLine { start, end, label, label_end_x: x, style });
     }
 
     /// Draws the panel with its axes in a rectangle.
-    pub fn draw(&self, place: Rect) -> SvgElement {
-        let drawing = PanelDrawing { panel: self, plot_area: place.plot_area(&self.bands) };
+    pub fn draw(&self, outer: Rect) -> SvgElement {
+        let drawing = PanelDrawing { panel: self, plot_area: outer.plot_area(&self.bands) };
         let Rect { x, y, width, height } = drawing.plot_area;
-        let (two, margin) = (2.0 * HALF_LINE_WIDTH, HALF_LINE_WIDTH);
-        let mut clip = SvgElement::clip([x - margin, y - margin, width + two, height + two]);
+        let (both_margins, margin) = (2.0 * HALF_LINE_WIDTH, HALF_LINE_WIDTH);
+        let mut clip =
+            SvgElement::clip([x - margin, y - margin, width + both_margins, height + both_margins]);
         clip.extend(self.bands.iter().flat_map(|band| drawing.draw_band(band)));
         clip.push(drawing.draw_grid());
         clip.extend(self.areas.iter().map(|(corners, color, opacity)| {
             SvgElement::path(&(drawing.path_data(corners) + "Z")).with_fill(*color, *opacity)
         }));
         clip.extend(self.curves.iter().filter_map(|curve| drawing.draw_curve(curve)));
-        let rules = || self.reference_lines.iter().filter(|rule| drawing.is_in_range(rule));
-        let placed = |rule: &ReferenceLine| {
-            path_data([drawing.project(rule.start), drawing.project(rule.end)])
+        let visible_lines = || self.reference_lines.iter().filter(|line| drawing.is_in_range(line));
+        let line_path = |line: &ReferenceLine| {
+            path_data([drawing.project(line.start), drawing.project(line.end)])
         };
-        clip.extend(rules().map(|rule| SvgElement::path(&placed(rule)).with_stroke(rule.style)));
+        clip.extend(
+            visible_lines().map(|line| SvgElement::path(&line_path(line)).with_stroke(line.style)),
+        );
         clip.extend(self.marks.iter().filter_map(|mark| drawing.draw_mark(mark)));
         let mut group = SvgElement::new("g").with_child(clip);
         group.extend(drawing.draw_band_labels());
-        group.extend(drawing.draw_axes(place));
-        group.extend(rules().filter_map(|rule| drawing.draw_reference_line_label(rule)));
+        group.extend(drawing.draw_axes(outer));
+        group.extend(visible_lines().filter_map(|line| drawing.draw_reference_line_label(line)));
         group.extend(self.marks.iter().filter_map(|mark| drawing.draw_mark_label(mark)));
         group
     }
@@ -260,19 +258,20 @@ impl Figure {
         name: &'static str,
         title: &str,
         caption: String,
-        place: Rect,
+        rect: Rect,
         panel: Panel,
-        key: Vec<(LineStyle, String)>,
+        legend: Vec<(LineStyle, String)>,
     ) -> Figure {
-        let (title, width) = (title.to_owned(), place.width);
-        Figure { name, title, caption, width, panels: vec![(place, panel)], legend: key }
+        let (title, width) = (title.to_owned(), rect.width);
+        Figure { name, title, caption, width, panels: vec![(rect, panel)], legend }
     }
 
     /// Returns the figure as an SVG file.
     pub fn to_svg(&self) -> String {
-        let panels = self.panels.iter().map(|(place, _)| place.bottom_px()).fold(0.0, f64::max);
+        let panels_bottom =
+            self.panels.iter().map(|(rect, _)| rect.bottom_px()).fold(0.0, f64::max);
         let rows = self.legend_rows();
-        let height = panels + rows.len() as f64 * LINE_HEIGHT + 6.0;
+        let height = panels_bottom + rows.len() as f64 * LINE_HEIGHT + 6.0;
         let svg = SvgElement::root(self.width, height, "Helvetica, Arial, sans-serif");
         let mut svg = svg
             .with_attribute("role", "img")
@@ -281,18 +280,18 @@ impl Figure {
             .with_child(SvgElement::new("title").with_text(&self.title))
             .with_child(SvgElement::new("desc").with_text(&self.caption))
             .with_child(SvgElement::rect([0.0, 0.0, self.width, height]).with_fill(WHITE, 1.0));
-        svg.extend(self.panels.iter().map(|(place, panel)| panel.draw(*place)));
+        svg.extend(self.panels.iter().map(|(rect, panel)| panel.draw(*rect)));
         for (row, entries) in rows.into_iter().enumerate() {
-            let y = panels + (row as f64 + 0.5) * LINE_HEIGHT;
-            for (x, (line, words)) in entries {
-                svg.push(SvgElement::path(&path_data([(x, y), (x + 26.0, y)])).with_stroke(*line));
-                svg.push(SvgElement::text(words, centered_baseline((x + 31.0, y)), Anchor::Start));
+            let y = panels_bottom + (row as f64 + 0.5) * LINE_HEIGHT;
+            for (x, (style, text)) in entries {
+                svg.push(SvgElement::path(&path_data([(x, y), (x + 26.0, y)])).with_stroke(*style));
+                svg.push(SvgElement::text(text, centered_baseline((x + 31.0, y)), Anchor::Start));
             }
         }
         format!("{svg}\n")
     }
 
-    /// Arranges the key in rows. Returns the x position of each entry, and the entry.
+    /// Arranges the legend in rows. Returns the x position of each entry, and the entry.
     fn legend_rows(&self) -> Vec<Vec<(f64, &(LineStyle, String))>> {
         let mut rows: Vec<Vec<_>> = Vec::new();
         let mut x = f64::INFINITY;
@@ -317,42 +316,47 @@ struct PanelDrawing<'a> {
 
 impl PanelDrawing<'_> {
     fn project(&self, (x, y): CanvasPoint) -> CanvasPoint {
-        let share = |axis: &Axis, value| axis.fraction(value).clamp(-POSITION_MAX, POSITION_MAX);
+        let clamped_fraction =
+            |axis: &Axis, value| axis.fraction(value).clamp(-POSITION_MAX, POSITION_MAX);
         let Rect { x: left, y: top, width, height } = self.plot_area;
-        let (right, up) = (share(&self.panel.x_axis, x), share(&self.panel.y_axis, y));
-        (left + right * width, top + (1.0 - up) * height)
+        let (x_fraction, y_fraction) =
+            (clamped_fraction(&self.panel.x_axis, x), clamped_fraction(&self.panel.y_axis, y));
+        (left + x_fraction * width, top + (1.0 - y_fraction) * height)
     }
 
     fn path_data(&self, points: &[CanvasPoint]) -> String {
-        path_data(points.iter().filter(|at| is_finite(at)).map(|&at| self.project(at)))
+        path_data(points.iter().filter(|point| is_finite(point)).map(|&point| self.project(point)))
     }
 
     /// Returns for each axis the positions, px, and texts of the ticks, and its label.
     fn ticks(&self) -> [(Vec<(f64, String)>, String); 2] {
         let Rect { width, height, .. } = self.plot_area;
-        let many = |length: f64, room: f64| ((length / room) as usize).clamp(2, 12);
+        let tick_count = |length: f64, spacing: f64| ((length / spacing) as usize).clamp(2, 12);
         let Panel { x_axis: x, y_axis: y, .. } = self.panel;
-        let along = |axis: &Axis, many, place: &dyn Fn(f64) -> f64| {
-            let (ticks, label) = axis.tick_labels(many);
-            let placed = ticks.into_iter().map(|(tick, text)| (place(axis.fraction(tick)), text));
-            (placed.collect(), label)
+        let axis_ticks = |axis: &Axis, tick_count, position_px: &dyn Fn(f64) -> f64| {
+            let (ticks, label) = axis.tick_labels(tick_count);
+            let labeled =
+                ticks.into_iter().map(|(tick, text)| (position_px(axis.fraction(tick)), text));
+            (labeled.collect(), label)
         };
         [
-            along(x, many(width, 62.0), &|share| self.plot_area.x + share * width),
-            along(y, many(height, 28.0), &|share| self.plot_area.bottom_px() - share * height),
+            axis_ticks(x, tick_count(width, 62.0), &|fraction| self.plot_area.x + fraction * width),
+            axis_ticks(y, tick_count(height, 28.0), &|fraction| {
+                self.plot_area.bottom_px() - fraction * height
+            }),
         ]
     }
 
     fn draw_grid(&self) -> SvgElement {
         let Rect { x, y, width, height } = self.plot_area;
-        let [(across, _), (up, _)] = self.ticks();
-        let upright = across
-            .iter()
-            .map(|(at, _)| format!("M{} {}v{}", format_px(*at), format_px(y), format_px(height)));
-        let level = up
-            .iter()
-            .map(|(at, _)| format!("M{} {}h{}", format_px(x), format_px(*at), format_px(width)));
-        let lines: String = upright.chain(level).collect();
+        let [(x_ticks, _), (y_ticks, _)] = self.ticks();
+        let vertical = x_ticks.iter().map(|(position, _)| {
+            format!("M{} {}v{}", format_px(*position), format_px(y), format_px(height))
+        });
+        let horizontal = y_ticks.iter().map(|(position, _)| {
+            format!("M{} {}h{}", format_px(x), format_px(*position), format_px(width))
+        });
+        let lines: String = vertical.chain(horizontal).collect();
         SvgElement::path(&lines)
             .with_stroke(LineStyle::solid(GRAY).with_width(0.4).with_opacity(0.25))
     }
@@ -360,32 +364,43 @@ impl PanelDrawing<'_> {
     fn draw_axes(&self, outer: Rect) -> Vec<SvgElement> {
         let inner = self.plot_area;
         let (right, bottom) = (inner.right_px(), inner.bottom_px());
-        let [(across, x_label), (up, y_label)] = self.ticks();
+        let [(x_ticks, x_label), (y_ticks, y_label)] = self.ticks();
         let mut lines = path_data([(inner.x, inner.y), (inner.x, bottom), (right, bottom)]);
         lines.extend(
-            across.iter().map(|(at, _)| format!("M{} {}v5", format_px(*at), format_px(bottom))),
+            x_ticks
+                .iter()
+                .map(|(position, _)| format!("M{} {}v5", format_px(*position), format_px(bottom))),
         );
         lines.extend(
-            up.iter().map(|(at, _)| format!("M{} {}h-5", format_px(inner.x), format_px(*at))),
+            y_ticks.iter().map(|(position, _)| {
+                format!("M{} {}h-5", format_px(inner.x), format_px(*position))
+            }),
         );
-        let mut drawn =
+        let mut elements =
             vec![SvgElement::path(&lines).with_stroke(LineStyle::solid(BLACK).with_width(0.8))];
-        let number = |(at, number): &(f64, String)| {
-            SvgElement::text(number, centered_baseline((*at, bottom + 13.0)), Anchor::Middle)
+        let number = |(position, number): &(f64, String)| {
+            SvgElement::text(number, centered_baseline((*position, bottom + 13.0)), Anchor::Middle)
         };
-        drawn.extend(across.iter().map(number));
-        let number = |(at, number): &(f64, String)| {
-            SvgElement::text(number, centered_baseline((inner.x - 8.0, *at)), Anchor::End)
+        elements.extend(x_ticks.iter().map(number));
+        let number = |(position, number): &(f64, String)| {
+            SvgElement::text(number, centered_baseline((inner.x - 8.0, *position)), Anchor::End)
         };
-        drawn.extend(up.iter().map(number));
-        let below = (inner.x + inner.width / 2.0, outer.bottom_px() - 0.5 * LINE_HEIGHT);
-        drawn.push(SvgElement::text(&x_label, centered_baseline(below), Anchor::Middle));
-        let beside = (outer.x + 14.0, inner.y + inner.height / 2.0);
-        let turned =
-            format!("translate({} {}) rotate(-90)", format_px(beside.0), format_px(beside.1));
+        elements.extend(y_ticks.iter().map(number));
+        let x_label_position = (inner.x + inner.width / 2.0, outer.bottom_px() - 0.5 * LINE_HEIGHT);
+        elements.push(SvgElement::text(
+            &x_label,
+            centered_baseline(x_label_position),
+            Anchor::Middle,
+        ));
+        let y_label_position = (outer.x + 14.0, inner.y + inner.height / 2.0);
+        let rotation = format!(
+            "translate({} {}) rotate(-90)",
+            format_px(y_label_position.0),
+            format_px(y_label_position.1)
+        );
         let label = SvgElement::text(&y_label, (0.0, 0.0), Anchor::Middle);
-        drawn.push(label.with_attribute("transform", turned));
-        drawn
+        elements.push(label.with_attribute("transform", rotation));
+        elements
     }
 
     /// Returns the horizontal extent of a band, px.
@@ -397,79 +412,95 @@ impl PanelDrawing<'_> {
     }
 
     fn draw_band(&self, band: &Band) -> [SvgElement; 2] {
-        let ((from, to), Rect { y, height, .. }) = (self.band_extent_px(band), self.plot_area);
-        let begins = LineStyle::solid(VERMILION).with_width(0.4).with_opacity(0.7);
+        let ((left, right), Rect { y, height, .. }) = (self.band_extent_px(band), self.plot_area);
+        let border_style = LineStyle::solid(VERMILION).with_width(0.4).with_opacity(0.7);
         [
-            SvgElement::rect([from, y, to - from, height]).with_fill(VERMILION, 0.16),
-            SvgElement::path(&path_data([(from, y), (from, y + height)])).with_stroke(begins),
+            SvgElement::rect([left, y, right - left, height]).with_fill(VERMILION, 0.16),
+            SvgElement::path(&path_data([(left, y), (left, y + height)])).with_stroke(border_style),
         ]
     }
 
     /// Returns the labels of the bands that fit.
     fn draw_band_labels(&self) -> Vec<SvgElement> {
-        let mut free_from = vec![f64::NEG_INFINITY; band_label_rows(&self.panel.bands)];
+        let mut free_x = vec![f64::NEG_INFINITY; band_label_rows(&self.panel.bands)];
         let mut labels = Vec::new();
         for band in &self.panel.bands {
             let width = text_width(&band.label);
-            let begin = self
+            let left = self
                 .band_extent_px(band)
                 .0
                 .min(self.plot_area.right_px() - width)
                 .max(self.plot_area.x);
-            let Some(row) = free_from.iter().position(|&free| free <= begin) else { continue };
-            free_from[row] = begin + width + 8.0;
-            let at = centered_baseline((
-                begin,
+            let Some(row) = free_x.iter().position(|&free_x| free_x <= left) else { continue };
+            free_x[row] = left + width + 8.0;
+            let position = centered_baseline((
+                left,
                 self.plot_area.y - 3.0 - LINE_HEIGHT * (row as f64 + 0.5),
             ));
-            labels.push(SvgElement::text(&band.label, at, Anchor::Start).with_fill(VERMILION, 1.0));
+            labels.push(
+                SvgElement::text(&band.label, position, Anchor::Start).with_fill(VERMILION, 1.0),
+            );
         }
         labels
     }
 
     fn draw_curve(
         &self,
-        (points, line, add_curve): &(Vec<CanvasPoint>, LineStyle, bool),
+        (points, style, is_over_x): &(Vec<CanvasPoint>, LineStyle, bool),
     ) -> Option<SvgElement> {
-        let placed = points.iter().filter(|at| is_finite(at)).map(|&at| self.project(at));
-        let placed: Vec<CanvasPoint> = placed.collect();
-        let placed =
-            if *add_curve { simplify_by_column(&placed, DECIMATION_BIN_WIDTH) } else { placed };
-        let mut seen = simplify_curve(&placed, SIMPLIFICATION_TOLERANCE);
-        if let [(x, y)] = seen[..] {
-            seen.push((x + 1.0, y)); // a single value is drawn as a short line
+        let projected =
+            points.iter().filter(|point| is_finite(point)).map(|&point| self.project(point));
+        let projected: Vec<CanvasPoint> = projected.collect();
+        let projected = if *is_over_x {
+            simplify_by_column(&projected, DECIMATION_BIN_WIDTH)
+        } else {
+            projected
+        };
+        let mut simplified = simplify_curve(&projected, SIMPLIFICATION_TOLERANCE);
+        if let [(x, y)] = simplified[..] {
+            simplified.push((x + 1.0, y)); // a single value is drawn as a short line
         }
-        (!seen.is_empty()).then(|| SvgElement::path(&path_data(seen)).with_stroke(*line))
+        (!simplified.is_empty())
+            .then(|| SvgElement::path(&path_data(simplified)).with_stroke(*style))
     }
 
-    fn is_in_range(&self, rule: &ReferenceLine) -> bool {
+    fn is_in_range(&self, line: &ReferenceLine) -> bool {
         let rows = self.plot_area.y - 1.0..=self.plot_area.bottom_px() + 1.0;
-        [rule.start, rule.end]
+        [line.start, line.end]
             .iter()
-            .all(|&end| is_finite(&end) && rows.contains(&self.project(end).1))
+            .all(|&point| is_finite(&point) && rows.contains(&self.project(point).1))
     }
 
-    fn draw_reference_line_label(&self, rule: &ReferenceLine) -> Option<SvgElement> {
-        let (from, to) = (self.project(rule.start), self.project(rule.end));
-        if from.1 == to.1 {
+    fn draw_reference_line_label(&self, line: &ReferenceLine) -> Option<SvgElement> {
+        let (start, end) = (self.project(line.start), self.project(line.end));
+        if start.1 == end.1 {
             // Above the right end, or below it if there is no space above.
-            let above = from.1 - self.plot_area.y > LINE_HEIGHT + 2.0;
-            let y = if above { from.1 - 0.6 * LINE_HEIGHT } else { from.1 + 0.7 * LINE_HEIGHT };
-            let ends = self.project((rule.label_end_x, rule.end.1)).0 - 3.0;
-            return text_with_background(&rule.label, (ends, y), Anchor::End, rule.style.color);
+            let has_space_above = start.1 - self.plot_area.y > LINE_HEIGHT + 2.0;
+            let y = if has_space_above {
+                start.1 - 0.6 * LINE_HEIGHT
+            } else {
+                start.1 + 0.7 * LINE_HEIGHT
+            };
+            let label_end = self.project((line.label_end_x, line.end.1)).0 - 3.0;
+            return text_with_background(
+                &line.label,
+                (label_end, y),
+                Anchor::End,
+                line.style.color,
+            );
         }
-        let (x, side) = self.label_position(from.0, 4.0, &rule.label);
+        let (x, anchor) = self.label_position(start.0, 4.0, &line.label);
         text_with_background(
-            &rule.label,
-            (x, from.1.min(to.1) + 0.7 * LINE_HEIGHT),
-            side,
-            rule.style.color,
+            &line.label,
+            (x, start.1.min(end.1) + 0.7 * LINE_HEIGHT),
+            anchor,
+            line.style.color,
         )
     }
 
     fn draw_mark(&self, mark: &Mark) -> Option<SvgElement> {
         let (x, y) = self.project(mark.position);
-        let drawn = match mark.shape {
+        let shape = match mark.shape {
             _ if !is_finite(&(x, y)) => return None,
             MarkShape::Cross => {
                 let [left, top] = [x - 3.5, y - 3.5].map(format_px);
@@ -478,7 +509,7 @@ impl PanelDrawing<'_> {
             MarkShape::Ring => SvgElement::circle((x, y), 4.5),
             MarkShape::LabelOnly => return None,
         };
-        Some(drawn.with_stroke(LineStyle::solid(mark.color).with_width(1.6)))
+        Some(shape.with_stroke(LineStyle::solid(mark.color).with_width(1.6)))
     }
 
     fn draw_mark_label(&self, mark: &Mark) -> Option<SvgElement> {
@@ -489,10 +520,10 @@ impl PanelDrawing<'_> {
         if mark.shape == MarkShape::LabelOnly {
             return text_with_background(&mark.label, (x, y), Anchor::Middle, mark.color);
         }
-        let (x, side) = self.label_position(x, 8.0, &mark.label);
+        let (x, anchor) = self.label_position(x, 8.0, &mark.label);
         let lowest = self.plot_area.bottom_px() - 0.6 * LINE_HEIGHT;
         let y = (y - 0.7 * LINE_HEIGHT).min(lowest).max(self.plot_area.y + 6.0);
-        text_with_background(&mark.label, (x, y), side, mark.color)
+        text_with_background(&mark.label, (x, y), anchor, mark.color)
     }
 
     /// Returns the position and the alignment of a label at this distance to the right of x, or to the left if
@@ -517,19 +548,21 @@ fn text_width(text: &str) -> f64 {
 
 /// Returns a text on a translucent background, for drawing over curves; `None` for an empty text.
 fn text_with_background(
-    words: &str,
-    at: CanvasPoint,
+    text: &str,
+    position: CanvasPoint,
     anchor: Anchor,
     color: Color,
 ) -> Option<SvgElement> {
-    let width = text_width(words);
+    let width = text_width(text);
     let left = match anchor {
-        Anchor::Start => at.0,
-        Anchor::Middle => at.0 - width / 2.0,
-        Anchor::End => at.0 - width,
+        Anchor::Start => position.0,
+        Anchor::Middle => position.0 - width / 2.0,
+        Anchor::End => position.0 - width,
     };
-    let paper = SvgElement::rect([left - 2.0, at.1 - 0.5 * LINE_HEIGHT, width + 4.0, LINE_HEIGHT]);
-    let text = SvgElement::text(words, centered_baseline(at), anchor).with_fill(color, 1.0);
-    let both = SvgElement::new("g").with_child(paper.with_fill(WHITE, 0.65)).with_child(text);
-    (!words.is_empty()).then_some(both)
+    let background =
+        SvgElement::rect([left - 2.0, position.1 - 0.5 * LINE_HEIGHT, width + 4.0, LINE_HEIGHT]);
+    let element = SvgElement::text(text, centered_baseline(position), anchor).with_fill(color, 1.0);
+    let group =
+        SvgElement::new("g").with_child(background.with_fill(WHITE, 0.65)).with_child(element);
+    (!text.is_empty()).then_some(group)
 }

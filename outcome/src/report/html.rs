@@ -62,21 +62,22 @@ pub struct Section {
 
 /// Returns all sections with content, in order.
 fn sections(run: &LoadedRun, figures: &[Figure]) -> Vec<Section> {
-    let of =
+    let summary_section =
         |content: fn(&Summary) -> String| run.summary.as_ref().map(content).unwrap_or_default();
     let replay = page::replay_html(&run.scene, &run.frames());
-    let all = [
+    let sections = [
         ("replay", "Replay", replay),
-        ("summary", "Summary", of(summary_html)),
-        ("expectations", "Expectations", of(expectations_html)),
-        ("faults", "Faults", of(faults_html)),
+        ("summary", "Summary", summary_section(summary_html)),
+        ("expectations", "Expectations", summary_section(expectations_html)),
+        ("faults", "Faults", summary_section(faults_html)),
         ("repairs", "Repairs", repairs_html(run)),
         ("figures", "Figures", figures_html(figures)),
-        ("latency", "Latency", of(latency_html)),
-        ("robots", "Robots and processes", of(robots_html)),
+        ("latency", "Latency", summary_section(latency_html)),
+        ("robots", "Robots and processes", summary_section(robots_html)),
         ("machine", "Machine and manifest", manifest_html(&run.manifest)),
     ];
-    all.into_iter()
+    sections
+        .into_iter()
         .filter(|(_, _, content)| !content.is_empty())
         .map(|(id, title, content)| Section { id, title, content })
         .collect()
@@ -87,8 +88,11 @@ fn header_html(run: &LoadedRun) -> String {
     let pace = escape_markup(&run.scene.pace);
     let robots = run.scene.robots.len();
     let edges = run.scene.edges.iter().filter(|edge| !edge.spare).count();
-    let about = run.introduction.as_ref().map(|about| format!("<p>{}</p>\n", escape_markup(about)));
-    let mut text = about.unwrap_or_default();
+    let introduction = run
+        .introduction
+        .as_ref()
+        .map(|introduction| format!("<p>{}</p>\n", escape_markup(introduction)));
+    let mut text = introduction.unwrap_or_default();
     let _ = writeln!(
         text,
         "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>",
@@ -104,10 +108,12 @@ fn header_html(run: &LoadedRun) -> String {
         let damage = escape_markup(damage);
         let _ = writeln!(text, "<p class=\"verdict missed\">results are unreliable: {damage}</p>");
     }
-    if let Some(why) = &run.missing_guarantee {
-        let why = escape_markup(why);
-        let _ =
-            writeln!(text, "<p class=\"verdict undeclared\">no promise about distances: {why}</p>");
+    if let Some(reason) = &run.missing_guarantee {
+        let reason = escape_markup(reason);
+        let _ = writeln!(
+            text,
+            "<p class=\"verdict undeclared\">no promise about distances: {reason}</p>"
+        );
     }
     if run.decimation > 1 {
         let _ = writeln!(
@@ -127,12 +133,14 @@ fn summary_html(summary: &Summary) -> String {
 
 /// Capitalizes a column head of the screen for the page.
 fn capitalize(name: &str) -> String {
-    let mut letters = name.chars();
-    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+    let mut characters = name.chars();
+    characters
+        .next()
+        .map_or(String::new(), |first| first.to_uppercase().chain(characters).collect())
 }
 
 fn expectations_html(summary: &Summary) -> String {
-    let reasons = summary.expectations.iter().any(|expectation| expectation.reason.is_some());
+    let has_reasons = summary.expectations.iter().any(|expectation| expectation.reason.is_some());
     let rows = rows::expectation_rows(summary).map(|expectation| {
         let mut row = vec![
             TableCell::Text(expectation.name.to_owned()),
@@ -141,40 +149,41 @@ fn expectations_html(summary: &Summary) -> String {
             TableCell::Verdict(expectation.verdict),
         ];
         let reason = expectation.reason.unwrap_or_default().to_owned();
-        row.extend(reasons.then_some(TableCell::LongText(reason)));
+        row.extend(has_reasons.then_some(TableCell::LongText(reason)));
         row
     });
     let heads = ["Expected", "#Measured", "#Required", "Verdict", "Why"];
-    table_html(&heads[..if reasons { 5 } else { 4 }], rows)
+    table_html(&heads[..if has_reasons { 5 } else { 4 }], rows)
 }
 
 fn faults_html(summary: &Summary) -> String {
-    let rows = summary.faults.iter().enumerate().map(|(place, fault)| {
+    let rows = summary.faults.iter().enumerate().map(|(index, fault)| {
         let [t_s, what, numbers @ ..] = rows::format_fault_row(fault);
-        let [mut predicted, others @ ..] = rows::format_broken_robots(fault);
+        let [mut predicted, other_groups @ ..] = rows::format_broken_robots(fault);
         if !fault.predicted_why.is_empty() {
             predicted = fault.predicted_why.join("; ");
         }
         [
-            TableCell::Number((place + 1).to_string()),
+            TableCell::Number((index + 1).to_string()),
             TableCell::Number(t_s),
             TableCell::UnbrokenText(what),
         ]
         .into_iter()
         .chain(numbers.map(TableCell::Number))
         .chain([TableCell::LongText(predicted)])
-        .chain(others.map(TableCell::Text))
+        .chain(other_groups.map(TableCell::Text))
         .collect()
     });
-    let words = |place: usize| place == 1;
-    let heads = ["#No.".to_owned()].into_iter().chain(column_heads(&rows::FAULT_COLUMNS, words));
+    let is_text_column = |index: usize| index == 1;
+    let heads =
+        ["#No.".to_owned()].into_iter().chain(column_heads(&rows::FAULT_COLUMNS, is_text_column));
     let heads: Vec<String> = heads.chain(rows::BROKEN_ROBOT_COLUMNS.map(capitalize)).collect();
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
     let Some(first) = summary.faults.first() else { return String::new() };
-    let means = escape_markup(&first.describe_broken());
-    let left_out = omitted_rows_note(summary.faults.len(), "summary.json");
+    let definition = escape_markup(&first.describe_broken());
+    let omitted_note = omitted_rows_note(summary.faults.len(), "summary.json");
     format!(
-        "{}{left_out}<p class=\"quiet\">{means}</p>\n",
+        "{}{omitted_note}<p class=\"quiet\">{definition}</p>\n",
         table_html(&heads, rows.take(SHOWN_ROWS_MAX))
     )
 }
@@ -191,20 +200,20 @@ fn omitted_rows_note(count: usize, file: &str) -> String {
 
 /// Returns the table of repair events.
 fn repairs_html(run: &LoadedRun) -> String {
-    let rows = run.repair_events.iter().map(|(t_s, robot, what)| {
+    let rows = run.repair_events.iter().map(|(t_s, robot, change)| {
         vec![
             TableCell::Number(format_four_digits(*t_s)),
             TableCell::UnbrokenText(robot.clone()),
-            TableCell::Text(what.clone()),
+            TableCell::Text(change.clone()),
         ]
     });
-    let left_out = omitted_rows_note(run.repair_events.len(), "events.csv");
-    table_html(&["#Time, s", "Robot", "Change"], rows.take(SHOWN_ROWS_MAX)) + &left_out
+    let omitted_note = omitted_rows_note(run.repair_events.len(), "events.csv");
+    table_html(&["#Time, s", "Robot", "Change"], rows.take(SHOWN_ROWS_MAX)) + &omitted_note
 }
 
 /// Converts column heads of the screen to heads of the page. Columns that are not text are numbers.
-fn column_heads(heads: &[(&str, usize)], words: impl Fn(usize) -> bool) -> Vec<String> {
-    let heads = heads.iter().enumerate().map(|(place, (head, _))| match words(place) {
+fn column_heads(heads: &[(&str, usize)], is_text_column: impl Fn(usize) -> bool) -> Vec<String> {
+    let heads = heads.iter().enumerate().map(|(index, (head, _))| match is_text_column(index) {
         true => capitalize(head),
         false => format!("#{}", capitalize(head)),
     });
@@ -232,10 +241,10 @@ pub fn figures_html(figures: &[Figure]) -> String {
 fn latency_html(summary: &Summary) -> String {
     let row = |line: &StageLatency| -> Vec<TableCell> {
         let [stage, edge, numbers @ ..] = rows::format_latency_row(line);
-        let words = [stage, edge].map(TableCell::Text);
-        words.into_iter().chain(numbers.map(TableCell::Number)).collect()
+        let text_cells = [stage, edge].map(TableCell::Text);
+        text_cells.into_iter().chain(numbers.map(TableCell::Number)).collect()
     };
-    let heads = column_heads(&rows::LATENCY_COLUMNS, |place| place < 2);
+    let heads = column_heads(&rows::LATENCY_COLUMNS, |index| index < 2);
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
     let worst = table_html(&heads, summary.worst_latencies().into_iter().map(row));
     let ages = information_ages_html(&summary.information_ages);
@@ -260,26 +269,26 @@ fn information_ages_html(ages: &[InformationAge]) -> String {
             ms(age.peak_ns as f64),
         ]
     });
-    let all = table_html(&["Edge", "#Beacons received", "#Mean age, ms", "#Peak age, ms"], rows);
-    if all.is_empty() {
-        return all;
+    let table = table_html(&["Edge", "#Beacons received", "#Mean age, ms", "#Peak age, ms"], rows);
+    if table.is_empty() {
+        return table;
     }
     format!(
         "<h3>Age of information</h3>\n<p>At every instant, now minus the stamp of the newest beacon received: \
-         the age grows while an edge is silent.</p>\n{all}"
+         the age grows while an edge is silent.</p>\n{table}"
     )
 }
 
 fn robots_html(summary: &Summary) -> String {
-    let of = |list: &[(String, Option<f64>)], name: &str| {
+    let value_of = |list: &[(String, Option<f64>)], name: &str| {
         let value = list.iter().find(|(robot, _)| robot == name).and_then(|(_, value)| *value);
         TableCell::Number(value.map_or("\u{2013}".into(), format_four_digits))
     };
     let rows = summary.wall.processes.iter().map(|process| {
         vec![
             TableCell::Text(process.name.clone()),
-            of(&summary.final_error_m, &process.name),
-            of(&summary.integrated_error_m_s, &process.name),
+            value_of(&summary.final_error_m, &process.name),
+            value_of(&summary.integrated_error_m_s, &process.name),
             TableCell::Number(process.starts.to_string()),
             TableCell::Number(format_four_digits(process.usage.user_s + process.usage.system_s)),
             TableCell::Number(process.usage.involuntary_switches.to_string()),
@@ -300,18 +309,20 @@ fn robots_html(summary: &Summary) -> String {
 
 /// Returns explanations of the processes that are no robots.
 fn processes_html(summary: &Summary) -> String {
-    let words = [
+    let explanations = [
         (
             "machine",
             "only waits on the robots' timer, as a baseline for the wake-up latency of this machine",
         ),
         ("awake", "keeps the cores out of sleep states, at idle priority"),
     ];
-    let is_there = |name: &str| summary.wall.processes.iter().any(|process| process.name == name);
-    words
+    let exists = |name: &str| summary.wall.processes.iter().any(|process| process.name == name);
+    explanations
         .iter()
-        .filter(|(name, _)| is_there(name))
-        .map(|(name, does)| format!("<p class=\"quiet\">{name}: a process that {does}.</p>\n"))
+        .filter(|(name, _)| exists(name))
+        .map(|(name, description)| {
+            format!("<p class=\"quiet\">{name}: a process that {description}.</p>\n")
+        })
         .collect()
 }
 

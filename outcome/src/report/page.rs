@@ -104,11 +104,12 @@ fn picture_html(
     panels: &str,
     blocks: &[String],
 ) -> String {
-    let (board, blocks) = (PICTURE_HTML.replace(TIME_LINE_PLACEHOLDER, time_line), blocks.concat());
+    let (picture, blocks) =
+        (PICTURE_HTML.replace(TIME_LINE_PLACEHOLDER, time_line), blocks.concat());
     format!(
         "<style>{STYLE}</style>\n\
          <section class=\"phalanx-picture\" data-mode=\"{mode}\" aria-label=\"{label}\">\n\
-         {board}{panels}{LEGEND_HTML}{blocks}</section>\n"
+         {picture}{panels}{LEGEND_HTML}{blocks}</section>\n"
     )
 }
 
@@ -143,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn hostile_names_stay_words() {
+    fn hostile_names_stay_text() {
         for html in [replay_html(&hostile_scene(), &[]), live_html(&hostile_scene(), true)] {
             assert!(!html.contains("alert(1)</script>"), "{html}");
             let scene: serde_json::Value =

@@ -95,13 +95,13 @@ const DASHES: [Dash; 4] = [Dash::Solid, Dash::Dashed, Dash::DashDotted, Dash::Do
 
 /// Returns the line style of the robot with this index, or of other curves. 36 styles differ, and neighboring ones
 /// differ in color and dashes.
-pub fn robot_line(place: usize) -> LineStyle {
-    LineStyle::solid(robot_color(place)).with_dash(DASHES[place % DASHES.len()])
+pub fn robot_line(index: usize) -> LineStyle {
+    LineStyle::solid(robot_color(index)).with_dash(DASHES[index % DASHES.len()])
 }
 
 /// Returns the color of the robot with this index in all figures and pictures.
-pub fn robot_color(place: usize) -> Color {
-    COLORS[place % COLORS.len()]
+pub fn robot_color(index: usize) -> Color {
+    COLORS[index % COLORS.len()]
 }
 
 #[cfg(test)]
@@ -111,8 +111,8 @@ mod tests {
     #[test]
     fn colors_match_the_page_and_lines_differ_from_faults() {
         let style = include_str!("../../assets/page.css");
-        for (place, color) in COLORS.into_iter().enumerate() {
-            assert!(style.contains(&format!("--c{place}: {color};")), "no {color}");
+        for (index, color) in COLORS.into_iter().enumerate() {
+            assert!(style.contains(&format!("--c{index}: {color};")), "no {color}");
         }
         let lines: Vec<LineStyle> = (0..36).map(robot_line).collect();
         assert!((0..36).all(|i| !lines[..i].contains(&lines[i])));

@@ -51,13 +51,13 @@ pub struct ExpectationRow<'s> {
 pub fn expectation_rows(summary: &Summary) -> impl Iterator<Item = ExpectationRow<'_>> {
     summary.expectations.iter().map(|expectation| {
         let bound = expectation.bound;
-        let (measured, bound) = match expectation.value {
+        let (measured_value, bound) = match expectation.value {
             Some(value) => format_distinct(value, bound).into(),
             None => ("-".to_owned(), format_short(bound)),
         };
         ExpectationRow {
             name: &expectation.name,
-            measured_value: measured,
+            measured_value,
             required_value: format!("{} {bound}", expectation.relation()),
             verdict: expectation.verdict(),
             reason: expectation.reason.as_deref(),
@@ -73,10 +73,10 @@ pub fn deadline_advice(summary: &Summary) -> Option<String> {
     }
     let late = summary.late_wake_ups_by_cause();
     let total: u64 = late.iter().map(|&(_, count)| count).sum();
-    let waited = late.iter().find(|(cause, _)| *cause == LatenessCause::Core)?.1;
-    (summary.pace == Pace::Realtime && summary.deadline_misses > 0 && 2 * waited > total).then(|| {
+    let core_waits = late.iter().find(|(cause, _)| *cause == LatenessCause::Core)?.1;
+    (summary.pace == Pace::Realtime && summary.deadline_misses > 0 && 2 * core_waits > total).then(|| {
         format!(
-            "other programs occupied the cores ({waited} of {total} late wake-ups waited for a core); results with \
+            "other programs occupied the cores ({core_waits} of {total} late wake-ups waited for a core); results with \
              `--pace lockstep` do not depend on that"
         )
     })
@@ -103,9 +103,9 @@ pub const LATENCY_COLUMNS: [(&str, usize); 7] = [
 
 /// Formats a row of the latency table.
 pub fn format_latency_row(line: &StageLatency) -> [String; 7] {
-    let us = |ns: u64| format_four_digits(ns as f64 / 1e3);
+    let format_us = |ns: u64| format_four_digits(ns as f64 / 1e3);
     let StageLatency { stage, count, p50_ns, p99_ns, p99_9_ns, max_ns, .. } = line;
-    let [p50, p99, p99_9, max] = [*p50_ns, *p99_ns, *p99_9_ns, *max_ns].map(us);
+    let [p50, p99, p99_9, max] = [*p50_ns, *p99_ns, *p99_9_ns, *max_ns].map(format_us);
     [stage.clone(), line.robot_or_edge_name(), count.to_string(), p50, p99, p99_9, max]
 }
 
@@ -142,13 +142,13 @@ pub const BROKEN_ROBOT_COLUMNS: [&str; 4] =
 
 /// Formats these four groups of robots.
 pub fn format_broken_robots(fault: &FaultReport) -> [String; 4] {
-    let all = [&fault.predicted, &fault.broken, &fault.affected, &fault.orphaned];
-    all.map(|robots| match robots.as_slice() {
+    let groups = [&fault.predicted, &fault.broken, &fault.affected, &fault.orphaned];
+    groups.map(|robots| match robots.as_slice() {
         [] => "none".to_owned(),
-        [few @ .., _] if few.len() >= SHOWN_ROBOTS_MAX => {
+        [names @ .., _] if names.len() >= SHOWN_ROBOTS_MAX => {
             format!("{} and {} more", robots[..8].join(", "), robots.len() - 8)
         }
-        few => few.join(", "),
+        names => names.join(", "),
     })
 }
 
@@ -180,8 +180,8 @@ mod tests {
         summary.deadline_misses = 2;
         for (expired, times) in [(1, "once"), (6, "6 times")] {
             summary.commands.expired = expired;
-            let words = format!("; with 2 deadline misses; a robot stopped {times} because");
-            assert!(late(&summary).contains(&words), "{}", late(&summary));
+            let expected = format!("; with 2 deadline misses; a robot stopped {times} because");
+            assert!(late(&summary).contains(&expected), "{}", late(&summary));
         }
     }
 }

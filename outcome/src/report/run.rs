@@ -41,7 +41,7 @@ pub struct LoadedRun {
     pub repair_events: Vec<(f64, String, String)>,
     /// Summary of the run; `None` if the run was cut short before it was written.
     pub summary: Option<Summary>,
-    /// Reason why no promise about distances holds although it usually would.
+    /// Reason why no guarantee about distances holds although it usually would.
     pub missing_guarantee: Option<String>,
     /// Sentence about the run for the top of the page.
     pub introduction: Option<String>,
@@ -117,14 +117,14 @@ pub struct LatencyDistribution {
 impl LoadedRun {
     /// Returns the end of the record, s.
     pub fn end_s(&self) -> f64 {
-        let recorded = self.times_s.last().copied().unwrap_or(0.0);
-        self.summary.as_ref().map_or(recorded, |summary| summary.t_s.max(recorded))
+        let recorded_end_s = self.times_s.last().copied().unwrap_or(0.0);
+        self.summary.as_ref().map_or(recorded_end_s, |summary| summary.t_s.max(recorded_end_s))
     }
 
     /// Returns the planned end of the run, s: `duration_s`, or the time reached if it ended early after convergence.
     pub fn duration_s(&self) -> f64 {
-        let early = self.summary.as_ref().filter(|summary| summary.ended_early);
-        early.map_or(self.scene.duration_s, |summary| summary.t_s)
+        let early_summary = self.summary.as_ref().filter(|summary| summary.ended_early);
+        early_summary.map_or(self.scene.duration_s, |summary| summary.t_s)
     }
 
     /// Returns the front point of a robot at an instant, m.
@@ -153,14 +153,15 @@ impl LoadedRun {
     }
 
     fn leader_points(&self, leaders: &[usize], instant: usize) -> Vec<Vec2> {
-        let edges_in_use = match self.scene.edges.iter().any(|edge| edge.for_place) {
+        let is_in_use = match self.scene.edges.iter().any(|edge| edge.for_place) {
             true => self.edges_in_use(self.times_s[instant]),
             false => Vec::new(),
         };
-        let edges = self.scene.edges.iter().zip(edges_in_use);
-        let takes = edges.filter(|(edge, edges_in_use)| edge.for_place && *edges_in_use);
-        let living = takes.map(|(edge, _)| edge.to).filter(|&i| self.tracks[i][instant].is_alive);
-        let leaders = leaders.iter().copied().chain(living);
+        let edges = self.scene.edges.iter().zip(is_in_use);
+        let replacing_edges = edges.filter(|(edge, is_in_use)| edge.for_place && *is_in_use);
+        let replacements =
+            replacing_edges.map(|(edge, _)| edge.to).filter(|&i| self.tracks[i][instant].is_alive);
+        let leaders = leaders.iter().copied().chain(replacements);
         leaders.map(|robot| self.front_point(robot, instant)).collect()
     }
 
@@ -171,69 +172,69 @@ impl LoadedRun {
         formation::closest::closest_pair(&points).map(|closest| closest.distance_m)
     }
 
-    /// Returns the contact state of each edge at the start.
+    /// Returns the state of each edge at the start.
     fn initial_edge_states(&self) -> Vec<EdgeState> {
-        let closed = |edge: &SceneEdge| match edge.spare || edge.by_distance {
+        let initial_state = |edge: &SceneEdge| match edge.spare || edge.by_distance {
             true => EdgeState::Closed,
             false => EdgeState::Fresh,
         };
-        self.scene.edges.iter().map(closed).collect()
+        self.scene.edges.iter().map(initial_state).collect()
     }
 
     /// Returns for each edge whether it is in use at this time, s. An edge from a backup neighbor is in use while
     /// it replaces another.
     pub fn edges_in_use(&self, t_s: f64) -> Vec<bool> {
-        let mut heard = self.initial_edge_states();
+        let mut edge_states = self.initial_edge_states();
         for change in self.state_changes.iter().take_while(|change| change.t_s <= t_s) {
             if let NewState::Edge(edge, state) = change.new_state {
-                heard[edge] = state;
+                edge_states[edge] = state;
             }
         }
-        heard.into_iter().map(|state| state != EdgeState::Closed).collect()
+        edge_states.into_iter().map(|state| state != EdgeState::Closed).collect()
     }
 
     /// Returns the frames of the replay.
     pub fn frames(&self) -> Vec<SceneFrame> {
         let robots = self.scene.robots.len();
-        let seconds = self.end_s().max(1e-9);
-        let most_hz = FRAME_ROBOTS_MAX / robots.max(1) as f64 / seconds;
-        let step_s = 1.0 / FRAMES_HZ.min(most_hz);
+        let end_s = self.end_s().max(1e-9);
+        let rate_hz_max = FRAME_ROBOTS_MAX / robots.max(1) as f64 / end_s;
+        let step_s = 1.0 / FRAMES_HZ.min(rate_hz_max);
         let mut states = vec![RobotState::Moving; robots];
-        let mut heard = self.initial_edge_states();
+        let mut edge_states = self.initial_edge_states();
         let mut changes = self.state_changes.iter().peekable();
         let mut frames = Vec::new();
-        let mut due_s = f64::NEG_INFINITY;
+        let mut next_frame_s = f64::NEG_INFINITY;
         for (instant, &t_s) in self.times_s.iter().enumerate() {
-            let last = instant + 1 == self.times_s.len();
+            let is_last = instant + 1 == self.times_s.len();
             // The tolerance absorbs rounding of recorded times.
-            if t_s < due_s - 1e-6 && !last {
+            if t_s < next_frame_s - 1e-6 && !is_last {
                 continue;
             }
-            due_s = ((t_s + 1e-6) / step_s).floor() * step_s + step_s;
+            next_frame_s = ((t_s + 1e-6) / step_s).floor() * step_s + step_s;
             while let Some(change) = changes.next_if(|change| change.t_s <= t_s) {
                 match change.new_state {
                     NewState::Robot(robot, state) => states[robot] = state,
-                    NewState::Edge(edge, state) => heard[edge] = state,
+                    NewState::Edge(edge, state) => edge_states[edge] = state,
                     NewState::Leads(..) => {}
                 }
             }
-            let robot = |robot: usize| {
+            let frame_robot = |robot: usize| {
                 let RobotSample { x_m, y_m, heading_rad, error_m, .. } =
                     self.tracks[robot][instant];
                 // Dead robots have no target.
                 let error_m = error_m.filter(|_| states[robot] != RobotState::Dead);
                 FrameRobot { x_m, y_m, heading_rad, error_m, state: states[robot] }
             };
-            let cut = |edge: usize| {
+            let is_cut = |edge: usize| {
                 let mut faults = self.scene.faults.iter().filter(|fault| fault.cuts == Some(edge));
                 faults.any(|fault| fault.is_active_at(t_s))
             };
-            let edge = |(place, edge): (usize, &SceneEdge)| {
-                heard[place].combine([states[edge.from], states[edge.to]], cut(place))
+            let edge = |(index, edge): (usize, &SceneEdge)| {
+                edge_states[index].combine([states[edge.from], states[edge.to]], is_cut(index))
             };
             frames.push(SceneFrame {
                 t_s,
-                robots: (0..robots).map(robot).collect(),
+                robots: (0..robots).map(frame_robot).collect(),
                 edges: self.scene.edges.iter().enumerate().map(edge).collect(),
                 distance_m: self.minimum_distance_m(instant),
             });

@@ -80,7 +80,7 @@ pub struct SceneFault {
     pub until_s: Option<f64>,
     /// Description as on the command line: `kill r2`.
     pub what: String,
-    /// Indices of the robots that the fault strikes.
+    /// Indices of the robots that the fault affects.
     pub robots: Vec<usize>,
     /// Index of the edge that the fault cuts: no beacon passes while it lasts.
     pub cuts: Option<usize>,
@@ -165,13 +165,13 @@ pub enum EdgeState {
 }
 
 impl EdgeState {
-    /// Combines the contact state of an edge with the states of the robots at its ends, `[from, to]`, and with a
+    /// Combines the reception state of an edge with the states of the robots at its ends, `[from, to]`, and with a
     /// cut.
-    pub fn combine(self, [from, to]: [RobotState; 2], cut: bool) -> EdgeState {
+    pub fn combine(self, [from, to]: [RobotState; 2], is_cut: bool) -> EdgeState {
         match (from, to) {
             _ if self == EdgeState::Closed => self,
             (RobotState::Dead, _) | (_, RobotState::Dead) => EdgeState::Dead,
-            _ if cut => EdgeState::Cut,
+            _ if is_cut => EdgeState::Cut,
             // A process that does not run receives nothing.
             (_, RobotState::Frozen | RobotState::Starting) => EdgeState::Lost,
             _ => self,
@@ -186,10 +186,10 @@ mod tests {
     #[test]
     fn edge_of_dead_robot_is_dead_and_cut_edge_is_cut() {
         use RobotState::{Dead, Frozen, Moving, Starting};
-        for heard in [EdgeState::Fresh, EdgeState::Stale, EdgeState::Lost] {
-            for (ends, cut, state) in [
-                ([Moving, Moving], false, heard),
-                ([Frozen, Moving], false, heard),
+        for reception in [EdgeState::Fresh, EdgeState::Stale, EdgeState::Lost] {
+            for (end_states, is_cut, expected) in [
+                ([Moving, Moving], false, reception),
+                ([Frozen, Moving], false, reception),
                 ([Moving, Frozen], false, EdgeState::Lost),
                 ([Moving, Starting], false, EdgeState::Lost),
                 ([Moving, Moving], true, EdgeState::Cut),
@@ -197,7 +197,11 @@ mod tests {
                 ([Moving, Dead], false, EdgeState::Dead),
                 ([Moving, Dead], true, EdgeState::Dead),
             ] {
-                assert_eq!(heard.combine(ends, cut), state, "{heard:?} {ends:?} {cut}");
+                assert_eq!(
+                    reception.combine(end_states, is_cut),
+                    expected,
+                    "{reception:?} {end_states:?} {is_cut}"
+                );
             }
         }
     }

@@ -12,18 +12,21 @@ use crate::report::rows::{
 
 /// Formats the summary of a run for the screen.
 pub fn format_screen(summary: &Summary) -> String {
-    let (words, _) = verdict(summary);
-    let mut text = format!("{}, {}: {words}\n", summary.scenario, summary.pace.keyword());
+    let (verdict_text, _) = verdict(summary);
+    let mut text = format!("{}, {}: {verdict_text}\n", summary.scenario, summary.pace.keyword());
     for expectation in expectation_rows(summary) {
-        let sign = match expectation.verdict {
+        let verdict_label = match expectation.verdict {
             Verdict::Held => "held  ",
             Verdict::Missed => "MISSED",
             Verdict::Unseen => "UNSEEN",
         };
         let reason = expectation.reason.map_or(String::new(), |reason| format!(": {reason}"));
-        let (name, measured) = (expectation.name, expectation.measured_value);
+        let (name, measured_value) = (expectation.name, expectation.measured_value);
         let required = format!("required {}{reason}", expectation.required_value);
-        append_line(&mut text, format_args!("  {sign} {name:<23} {measured:>12}  {required}"));
+        append_line(
+            &mut text,
+            format_args!("  {verdict_label} {name:<23} {measured_value:>12}  {required}"),
+        );
     }
     if let Some(advice) = deadline_advice(summary) {
         append_line(&mut text, format_args!("  {advice}"));
@@ -46,16 +49,16 @@ pub fn format_screen(summary: &Summary) -> String {
     }
     if let Some(first) = summary.faults.first() {
         let row = |[t_s, what, rest @ ..]: [&str; 7]| {
-            let [(_, wide), (_, whats), widths @ ..] = FAULT_COLUMNS;
-            format!("{t_s:>wide$}  {what:<whats$} {}", align_columns(rest, widths, &[], " "))
+            let [(_, width), (_, what_width), widths @ ..] = FAULT_COLUMNS;
+            format!("{t_s:>width$}  {what:<what_width$} {}", align_columns(rest, widths, &[], " "))
         };
         append_line(&mut text, format_args!("\n  {}", row(FAULT_COLUMNS.map(|(head, _)| head))));
-        for each in summary.faults.iter().take(SHOWN_ROWS_MAX) {
+        for fault in summary.faults.iter().take(SHOWN_ROWS_MAX) {
             append_line(
                 &mut text,
-                format_args!("  {}", row(format_fault_row(each).each_ref().map(String::as_str))),
+                format_args!("  {}", row(format_fault_row(fault).each_ref().map(String::as_str))),
             );
-            let [predicted, observed, affected, orphaned] = format_broken_robots(each);
+            let [predicted, observed, affected, orphaned] = format_broken_robots(fault);
             let indent = "             ";
             append_line(
                 &mut text,
@@ -64,10 +67,10 @@ pub fn format_screen(summary: &Summary) -> String {
                     BROKEN_ROBOT_COLUMNS[0], BROKEN_ROBOT_COLUMNS[1], BROKEN_ROBOT_COLUMNS[2]
                 ),
             );
-            for why in &each.predicted_why {
-                append_line(&mut text, format_args!("{indent}  {why}"));
+            for reason in &fault.predicted_why {
+                append_line(&mut text, format_args!("{indent}  {reason}"));
             }
-            if !each.orphaned.is_empty() {
+            if !fault.orphaned.is_empty() {
                 append_line(
                     &mut text,
                     format_args!("{indent}{}: {orphaned}", BROKEN_ROBOT_COLUMNS[3]),
@@ -97,14 +100,15 @@ fn append_line(text: &mut String, line: std::fmt::Arguments<'_>) {
 fn align_columns<const N: usize>(
     cells: [&str; N],
     widths: [(&str, usize); N],
-    words: &[usize],
-    between: &str,
+    text_columns: &[usize],
+    separator: &str,
 ) -> String {
-    let cell =
-        |(place, (cell, (_, wide))): (usize, (&str, (&str, usize)))| match words.contains(&place) {
-            true => format!("{cell:<wide$}"),
-            false => format!("{cell:>wide$}"),
-        };
+    let cell = |(index, (cell, (_, width))): (usize, (&str, (&str, usize)))| match text_columns
+        .contains(&index)
+    {
+        true => format!("{cell:<width$}"),
+        false => format!("{cell:>width$}"),
+    };
     let cells: Vec<String> = cells.into_iter().zip(widths).enumerate().map(cell).collect();
-    cells.join(between)
+    cells.join(separator)
 }

@@ -7,17 +7,17 @@ pub type CanvasPoint = (f64, f64);
 
 /// Returns of a curve over x the first, lowest, highest and last point in every `column` of the canvas.
 pub fn simplify_by_column(points: &[CanvasPoint], column: f64) -> Vec<CanvasPoint> {
-    let mut kept = Vec::new();
+    let mut simplified = Vec::new();
     for group in points.chunk_by(|a, b| (a.0 / column).floor() == (b.0 / column).floor()) {
-        let places = 0..group.len();
-        let lowest = places.clone().min_by(|&a, &b| group[a].1.total_cmp(&group[b].1));
-        let highest = places.max_by(|&a, &b| group[a].1.total_cmp(&group[b].1));
-        let mut chosen = [Some(0), lowest, highest, Some(group.len() - 1)].map(Option::unwrap);
-        chosen.sort_unstable();
-        kept.extend(chosen.iter().map(|&place| group[place]));
+        let indices = 0..group.len();
+        let lowest = indices.clone().min_by(|&a, &b| group[a].1.total_cmp(&group[b].1));
+        let highest = indices.max_by(|&a, &b| group[a].1.total_cmp(&group[b].1));
+        let mut selected = [Some(0), lowest, highest, Some(group.len() - 1)].map(Option::unwrap);
+        selected.sort_unstable();
+        simplified.extend(selected.iter().map(|&index| group[index]));
     }
-    kept.dedup();
-    kept
+    simplified.dedup();
+    simplified
 }
 
 /// Simplifies a curve by the Douglas-Peucker algorithm: no removed point is farther than `tolerance` from the
@@ -26,20 +26,21 @@ pub fn simplify_curve(points: &[CanvasPoint], tolerance: f64) -> Vec<CanvasPoint
     if points.len() < 3 {
         return points.to_vec();
     }
-    let mut keep = vec![false; points.len()];
-    keep[0] = true;
-    keep[points.len() - 1] = true;
-    let mut open = vec![(0, points.len() - 1)];
-    while let Some((first, last)) = open.pop() {
-        let between = first + 1..last;
-        let far = |&place: &usize| distance_to_segment(points[place], points[first], points[last]);
-        let farthest = between.max_by(|a, b| far(a).total_cmp(&far(b)));
-        if let Some(place) = farthest.filter(|place| far(place) > tolerance) {
-            keep[place] = true;
-            open.extend([(first, place), (place, last)]);
+    let mut is_kept = vec![false; points.len()];
+    is_kept[0] = true;
+    is_kept[points.len() - 1] = true;
+    let mut open_ranges = vec![(0, points.len() - 1)];
+    while let Some((first, last)) = open_ranges.pop() {
+        let inner_indices = first + 1..last;
+        let deviation =
+            |&index: &usize| distance_to_segment(points[index], points[first], points[last]);
+        let farthest_index = inner_indices.max_by(|a, b| deviation(a).total_cmp(&deviation(b)));
+        if let Some(index) = farthest_index.filter(|index| deviation(index) > tolerance) {
+            is_kept[index] = true;
+            open_ranges.extend([(first, index), (index, last)]);
         }
     }
-    points.iter().zip(keep).filter(|(_, keep)| *keep).map(|(point, _)| *point).collect()
+    points.iter().zip(is_kept).filter(|(_, is_kept)| *is_kept).map(|(point, _)| *point).collect()
 }
 
 /// Returns the distance of a point from the segment from `a` to `b`.
@@ -47,8 +48,8 @@ fn distance_to_segment(point: CanvasPoint, a: CanvasPoint, b: CanvasPoint) -> f6
     let (dx, dy) = (b.0 - a.0, b.1 - a.1);
     let (x, y) = (point.0 - a.0, point.1 - a.1);
     let square = dx * dx + dy * dy;
-    let along = if square > 0.0 { ((x * dx + y * dy) / square).clamp(0.0, 1.0) } else { 0.0 };
-    portable_math::hypot(x - along * dx, y - along * dy)
+    let fraction = if square > 0.0 { ((x * dx + y * dy) / square).clamp(0.0, 1.0) } else { 0.0 };
+    portable_math::hypot(x - fraction * dx, y - fraction * dy)
 }
 
 #[cfg(test)]
@@ -70,25 +71,25 @@ mod tests {
     proptest! {
         #[test]
         fn column_simplification_keeps_all_extremes(points in curve(), column in 0.1..50.0f64) {
-            let kept = simplify_by_column(&points, column);
+            let simplified = simplify_by_column(&points, column);
             let extremes = |points: &[CanvasPoint]| {
-                let heights = points.iter().map(|point| point.1);
-                (heights.clone().fold(f64::INFINITY, f64::min), heights.fold(-99.0, f64::max))
+                let y_values = points.iter().map(|point| point.1);
+                (y_values.clone().fold(f64::INFINITY, f64::min), y_values.fold(-99.0, f64::max))
             };
-            prop_assert_eq!(extremes(&kept), extremes(&points));
-            prop_assert_eq!((kept[0], kept[kept.len() - 1]), (points[0], points[points.len() - 1]));
+            prop_assert_eq!(extremes(&simplified), extremes(&points));
+            prop_assert_eq!((simplified[0], simplified[simplified.len() - 1]), (points[0], points[points.len() - 1]));
             let columns = (points[points.len() - 1].0 / column) as usize + 1;
-            prop_assert!(kept.len() <= 4 * columns && kept.is_sorted_by_key(|point| point.0));
+            prop_assert!(simplified.len() <= 4 * columns && simplified.is_sorted_by_key(|point| point.0));
         }
 
         #[test]
         fn no_point_is_farther_from_the_simpler_curve_than_allowed(
             points in curve(), tolerance in 0.0..3.0f64,
         ) {
-            let kept = simplify_curve(&points, tolerance);
+            let simplified = simplify_curve(&points, tolerance);
             for &point in &points {
-                let near = |pair: &[CanvasPoint]| distance_to_segment(point, pair[0], pair[1]) <= tolerance + 1e-9;
-                prop_assert!(kept.contains(&point) || kept.windows(2).any(near));
+                let is_near = |pair: &[CanvasPoint]| distance_to_segment(point, pair[0], pair[1]) <= tolerance + 1e-9;
+                prop_assert!(simplified.contains(&point) || simplified.windows(2).any(is_near));
             }
         }
     }

@@ -67,21 +67,21 @@ impl SvgElement {
     }
 
     /// Creates a path from path data; see [`path_data`].
-    pub fn path(steps: &str) -> SvgElement {
-        SvgElement::new("path").with_attribute("d", steps)
+    pub fn path(data: &str) -> SvgElement {
+        SvgElement::new("path").with_attribute("d", data)
     }
 
     /// Creates a text on this base line.
-    pub fn text(words: &str, (x, y): CanvasPoint, anchor: Anchor) -> SvgElement {
-        let text = SvgElement::new("text")
+    pub fn text(text: &str, (x, y): CanvasPoint, anchor: Anchor) -> SvgElement {
+        let element = SvgElement::new("text")
             .with_attribute("x", format_px(x))
             .with_attribute("y", format_px(y));
-        let text = match anchor {
-            Anchor::Start => text,
-            Anchor::Middle => text.with_attribute("text-anchor", "middle"),
-            Anchor::End => text.with_attribute("text-anchor", "end"),
+        let element = match anchor {
+            Anchor::Start => element,
+            Anchor::Middle => element.with_attribute("text-anchor", "middle"),
+            Anchor::End => element.with_attribute("text-anchor", "end"),
         };
-        text.with_text(words)
+        element.with_text(text)
     }
 
     /// Returns the element with this attribute.
@@ -118,26 +118,26 @@ impl SvgElement {
     }
 
     /// Returns the element with this text, escaped.
-    pub fn with_text(mut self, words: &str) -> SvgElement {
-        self.content.push_str(&escape_markup(words));
+    pub fn with_text(mut self, text: &str) -> SvgElement {
+        self.content.push_str(&escape_markup(text));
         self
     }
 
     /// Returns the element with this child.
-    pub fn with_child(mut self, inner: SvgElement) -> SvgElement {
-        self.push(inner);
+    pub fn with_child(mut self, child: SvgElement) -> SvgElement {
+        self.push(child);
         self
     }
 
     /// Appends a child.
-    pub fn push(&mut self, inner: SvgElement) {
-        let _ = write!(self.content, "\n{inner}");
+    pub fn push(&mut self, child: SvgElement) {
+        let _ = write!(self.content, "\n{child}");
     }
 }
 
 impl Extend<SvgElement> for SvgElement {
-    fn extend<T: IntoIterator<Item = SvgElement>>(&mut self, inner: T) {
-        inner.into_iter().for_each(|element| self.push(element));
+    fn extend<T: IntoIterator<Item = SvgElement>>(&mut self, children: T) {
+        children.into_iter().for_each(|child| self.push(child));
     }
 }
 
@@ -153,12 +153,12 @@ impl Display for SvgElement {
 
 /// Returns the path data of a polyline.
 pub fn path_data(points: impl IntoIterator<Item = CanvasPoint>) -> String {
-    let mut steps = String::new();
+    let mut data = String::new();
     for (x, y) in points {
-        let step = if steps.is_empty() { 'M' } else { 'L' };
-        let _ = write!(steps, "{step}{} {}", format_px(x), format_px(y));
+        let command = if data.is_empty() { 'M' } else { 'L' };
+        let _ = write!(data, "{command}{} {}", format_px(x), format_px(y));
     }
-    steps
+    data
 }
 
 /// Formats a length, px, rounded to a tenth.
@@ -168,6 +168,6 @@ pub fn format_px(length: f64) -> String {
 }
 
 /// Rounds an opacity to a thousandth.
-fn round_opacity(share: f64) -> f64 {
-    (share * 1e3).round() / 1e3
+fn round_opacity(opacity: f64) -> f64 {
+    (opacity * 1e3).round() / 1e3
 }

@@ -32,15 +32,15 @@ impl InMemoryRun {
         InMemoryRun { tables: SampleSelector::new(scenario), samples, recorded_events: Vec::new() }
     }
 
-    /// Stores a sample. The last sample of a run is always written. `measured` are the metrics at this sample.
+    /// Stores a sample. The last sample of a run is always written. `metrics` are those at this sample.
     pub fn write_truth(
         &mut self,
         header: &TruthHeader,
         rows: &[TruthRow],
         alive: &[bool],
-        measured: CurrentMetrics<'_>,
+        metrics: CurrentMetrics<'_>,
     ) -> Result<(), InMemoryError> {
-        if self.tables.store_sample(header, rows, alive, measured) {
+        if self.tables.store_sample(header, rows, alive, metrics) {
             self.write_newest();
         }
         Ok(())

@@ -43,7 +43,7 @@ const ALL_ROBOTS: &str = "all robots";
 struct ProcessLatency {
     /// Period of the process's timer, ns.
     wake_period_ns: u64,
-    /// Distributions by stage, and by the robot that a value is about, counted from 1; 0 for no robot.
+    /// Distributions by stage, and by the other robot, counted from 1; 0 for no robot.
     distributions: Vec<BTreeMap<usize, ValueDistribution>>,
     /// Sums of the age of information, by the sending robot, counted from 1.
     ages: BTreeMap<usize, AgeSums>,
@@ -66,23 +66,23 @@ impl ProcessLatency {
 }
 
 fn to_stage_latency(
-    (stage, robot, from, spread): (Stage, &str, Option<&str>, &ValueDistribution),
+    (stage, robot, from, distribution): (Stage, &str, Option<&str>, &ValueDistribution),
 ) -> StageLatency {
-    let (histogram, count) = (spread.histogram(), spread.count);
-    let quantile_ns = |quantile| spread.quantile_ns(&histogram, quantile);
+    let (histogram, count) = (distribution.histogram(), distribution.count);
+    let quantile_ns = |quantile| distribution.quantile_ns(&histogram, quantile);
     StageLatency {
         stage: stage.keyword().into(),
         robot: robot.into(),
         from: from.map(str::to_owned),
         count,
-        min_ns: spread.min_ns,
+        min_ns: distribution.min_ns,
         p50_ns: quantile_ns(0.5),
         p90_ns: quantile_ns(0.9),
         p99_ns: quantile_ns(0.99),
         p99_9_ns: quantile_ns(0.999),
         p99_99_ns: quantile_ns(0.9999),
-        max_ns: spread.max_ns,
-        mean_ns: spread.sum_ns as f64 / count as f64,
+        max_ns: distribution.max_ns,
+        mean_ns: distribution.sum_ns as f64 / count as f64,
     }
 }
 
@@ -116,18 +116,18 @@ impl LatencyCollector {
 
     /// Closes the current interval of run time.
     fn close_interval(&mut self, middle_s: f64) {
-        let name = |place| process_name(&self.robots, place);
+        let name = |process| process_name(&self.robots, process);
         for stage in Stage::ALL {
-            for (place, process) in self.processes.iter_mut().enumerate() {
-                for (&about, spread) in &mut process.distributions[stage as usize] {
-                    let (robot, from) = owner_and_sender(stage, place, about);
+            for (process, latency) in self.processes.iter_mut().enumerate() {
+                for (&other, distribution) in &mut latency.distributions[stage as usize] {
+                    let (robot, from) = owner_and_sender(stage, process, other);
                     let (robot, from) = (name(robot), from.map(&name));
                     self.intervals.add_distribution(
                         middle_s,
                         stage,
                         robot,
                         from,
-                        spread.take_recent_values_ns(),
+                        distribution.take_recent_values_ns(),
                     );
                 }
             }
@@ -147,24 +147,24 @@ impl LatencyCollector {
         self.rows_lost += process.register_batch(header, rows.len());
         process.samples_lost = process.samples_lost.max(header.samples_lost);
         for row in rows {
-            let about = row.from as usize;
-            if about <= robots && AgeSums::is_carried_by(row) {
-                process.ages.entry(about).or_default().add_row(row);
+            let other = row.from as usize;
+            if other <= robots && AgeSums::is_carried_by(row) {
+                process.ages.entry(other).or_default().add_row(row);
                 continue;
             }
             let stage = Stage::from_number(row.stage);
-            let is_valid = about <= robots && row.value_ns <= LATENCY_NS_MAX;
+            let is_valid = other <= robots && row.value_ns <= LATENCY_NS_MAX;
             let Some(stage) = stage.filter(|_| is_valid) else {
                 self.rows_lost += 1;
                 continue;
             };
-            let spread = process.distributions[stage as usize].entry(about).or_default();
-            spread.add(row.value_ns);
+            let distribution = process.distributions[stage as usize].entry(other).or_default();
+            distribution.add(row.value_ns);
             if matches!(stage, Stage::Wake | Stage::Machine) {
-                let mut later_ns = row.value_ns.checked_sub(process.wake_period_ns);
-                while let Some(value_ns) = later_ns {
-                    spread.add(value_ns);
-                    later_ns = value_ns.checked_sub(process.wake_period_ns);
+                let mut next_ns = row.value_ns.checked_sub(process.wake_period_ns);
+                while let Some(value_ns) = next_ns {
+                    distribution.add(value_ns);
+                    next_ns = value_ns.checked_sub(process.wake_period_ns);
                 }
             }
         }
@@ -189,17 +189,18 @@ impl LatencyCollector {
     fn distributions(
         &self,
     ) -> impl Iterator<Item = (Stage, &str, Option<&str>, &ValueDistribution)> {
-        let of_process = move |stage: Stage, place: usize| {
-            self.processes[place].distributions[stage as usize].iter().map(
-                move |(&about, spread)| {
-                    let (robot, from) = owner_and_sender(stage, place, about);
-                    let name = |place| process_name(&self.robots, place);
-                    (stage, name(robot), from.map(name), spread)
+        let distributions_of_process = move |stage: Stage, process: usize| {
+            self.processes[process].distributions[stage as usize].iter().map(
+                move |(&other, distribution)| {
+                    let (robot, from) = owner_and_sender(stage, process, other);
+                    let name = |process| process_name(&self.robots, process);
+                    (stage, name(robot), from.map(name), distribution)
                 },
             )
         };
         Stage::ALL.into_iter().flat_map(move |stage| {
-            (0..self.processes.len()).flat_map(move |place| of_process(stage, place))
+            (0..self.processes.len())
+                .flat_map(move |process| distributions_of_process(stage, process))
         })
     }
 
@@ -210,19 +211,22 @@ impl LatencyCollector {
 
     /// Returns the wake-up latency of all robots as one line; `None` without values.
     pub fn wake_latency_of_all_robots(&self) -> Option<StageLatency> {
-        let of_robots = 1..=self.robots.len();
+        let robot_processes = 1..=self.robots.len();
         let mut all = ValueDistribution::default();
-        let own = |place: usize| self.processes[place].distributions[Stage::Wake as usize].get(&0);
-        of_robots.filter_map(own).for_each(|spread| all.merge(spread));
+        let wake_distribution =
+            |process: usize| self.processes[process].distributions[Stage::Wake as usize].get(&0);
+        robot_processes
+            .filter_map(wake_distribution)
+            .for_each(|distribution| all.merge(distribution));
         (all.count > 0).then(|| to_stage_latency((Stage::Wake, ALL_ROBOTS, None, &all)))
     }
 
     /// Returns the age of information of every edge over which a beacon was received.
     pub fn information_ages(&self) -> Vec<InformationAge> {
-        let of = |place: usize| {
-            self.processes[place].ages.iter().filter_map(move |(&from, sums)| {
+        let ages_of_process = |process: usize| {
+            self.processes[process].ages.iter().filter_map(move |(&from, sums)| {
                 Some(InformationAge {
-                    robot: process_name(&self.robots, place).to_owned(),
+                    robot: process_name(&self.robots, process).to_owned(),
                     from: process_name(&self.robots, from).to_owned(),
                     heard: sums.sample_count,
                     over_ns: sums.duration_ns,
@@ -231,41 +235,47 @@ impl LatencyCollector {
                 })
             })
         };
-        (0..self.processes.len()).flat_map(of).collect()
+        (0..self.processes.len()).flat_map(ages_of_process).collect()
     }
 
     /// Returns for each stage the robot or edge with the largest value up to now. It is fast, because it computes
     /// quantiles only for these.
     pub fn worst_stage_latencies(&self) -> Vec<StageLatency> {
-        let mut latest = Stage::ALL.map(|_| None);
-        for (stage, robot, from, spread) in self.distributions() {
-            let known: &mut Option<(_, _, _, &ValueDistribution)> = &mut latest[stage as usize];
-            if known.is_none_or(|(.., known)| known.max_ns < spread.max_ns) {
-                *known = Some((stage, robot, from, spread));
+        let mut worst_by_stage = Stage::ALL.map(|_| None);
+        for (stage, robot, from, distribution) in self.distributions() {
+            let worst: &mut Option<(_, _, _, &ValueDistribution)> =
+                &mut worst_by_stage[stage as usize];
+            if worst.is_none_or(|(.., worst)| worst.max_ns < distribution.max_ns) {
+                *worst = Some((stage, robot, from, distribution));
             }
         }
-        latest.into_iter().flatten().map(to_stage_latency).collect()
+        worst_by_stage.into_iter().flatten().map(to_stage_latency).collect()
     }
 
     /// Returns `latency.hlog` in the log format of HdrHistogram: one interval, the run, for each tag `stage:robot`
     /// or `stage:from->to`. Values are in ns, the column of maxima is in ms.
-    pub fn encode_hlog(&self, began: SystemTime, lasted: Duration) -> Vec<u8> {
+    pub fn encode_hlog(&self, start: SystemTime, duration: Duration) -> Vec<u8> {
         let mut log = Vec::new();
         let mut serializer = V2DeflateSerializer::new();
         let mut writer = IntervalLogWriterBuilder::new()
             .add_comment("phalanx: latencies in ns, maxima in ms")
-            .with_start_time(began)
-            .with_base_time(began)
+            .with_start_time(start)
+            .with_base_time(start)
             .with_max_value_divisor(1e6)
             .begin_log_with(&mut log, &mut serializer)
             .expect("memory takes everything");
-        for (stage, robot, from, spread) in self.distributions() {
+        for (stage, robot, from, distribution) in self.distributions() {
             let edge = from.map_or(robot.to_owned(), |from| format!("{from}->{robot}"));
             // A tag may contain neither commas nor white space.
-            let banned = |c: char| c == ',' || c.is_whitespace();
-            let tag = format!("{}:{edge}", stage.keyword()).replace(banned, "_");
+            let is_forbidden = |c: char| c == ',' || c.is_whitespace();
+            let tag = format!("{}:{edge}", stage.keyword()).replace(is_forbidden, "_");
             writer
-                .write_histogram(&spread.histogram(), Duration::ZERO, lasted, Tag::new(&tag))
+                .write_histogram(
+                    &distribution.histogram(),
+                    Duration::ZERO,
+                    duration,
+                    Tag::new(&tag),
+                )
                 .expect("memory takes everything");
         }
         log
@@ -273,20 +283,20 @@ impl LatencyCollector {
 }
 
 /// Returns the name of a process: `plant`, the robot counted from 1, or `machine` for the control timer.
-fn process_name(robots: &[String], place: usize) -> &str {
-    match place.checked_sub(1) {
+fn process_name(robots: &[String], process: usize) -> &str {
+    match process.checked_sub(1) {
         Some(robot) => robots.get(robot).map_or("machine", String::as_str),
         None => "plant",
     }
 }
 
 /// Returns the robot that a value belongs to and, for an edge, the sending robot. `process` measured the value,
-/// `about` is the other robot.
-fn owner_and_sender(stage: Stage, process: usize, about: usize) -> (usize, Option<usize>) {
+/// `other` is the number of the other robot.
+fn owner_and_sender(stage: Stage, process: usize, other: usize) -> (usize, Option<usize>) {
     match stage {
         // The plant measures commands, but the control loop is the robot's.
-        Stage::Command => (about, None),
-        _ => (process, (about > 0).then_some(about)),
+        Stage::Command => (other, None),
+        _ => (process, (other > 0).then_some(other)),
     }
 }
 
@@ -306,14 +316,10 @@ mod tests {
     #[test]
     fn edge_information_age_is_aggregated_over_all_incarnations() {
         let mut latency = LatencyCollector::new(&row_of_three(), Pace::Lockstep);
-        for (incarnation, area_s2, peak_ns) in [(0, 1.0, 7), (1, 2.0, 5)] {
+        for (incarnation, integral_s2, peak_ns) in [(0, 1.0, 7), (1, 2.0, 5)] {
             let header = LatencyHeader { incarnation, ..LatencyHeader::default() };
-            let sums = AgeSums {
-                sample_count: 3,
-                duration_ns: 1_000_000_000,
-                integral_s2: area_s2,
-                peak_ns,
-            };
+            let sums =
+                AgeSums { sample_count: 3, duration_ns: 1_000_000_000, integral_s2, peak_ns };
             latency.add_batch(2, &header, &sums.to_rows(1));
         }
         assert_eq!((latency.stage_latencies(), latency.rows_lost()), (Vec::new(), 0));
@@ -335,19 +341,19 @@ mod tests {
     #[test]
     fn each_interval_has_median_and_maximum_unless_it_is_silent() {
         let mut latency = LatencyCollector::new(&row_of_three(), Pace::Lockstep); // 20 s
-        let mut taken = |t_ms: u64, robot, values_ms: &[u64]| {
+        let mut add_values = |t_ms: u64, robot, values_ms: &[u64]| {
             latency.set_time(t_ms * NS_PER_MS);
             let row = |value_ms: &u64| row(Stage::BeaconAge, 1, value_ms * NS_PER_MS);
             let rows: Vec<LatencyRow> = values_ms.iter().map(row).collect();
             latency.add_batch(robot, &LatencyHeader::default(), &rows);
         };
-        taken(100, 2, &[4, 2]);
-        taken(900, 2, &[3, 9]);
-        taken(900, 3, &[5]);
-        taken(7_000, 2, &[1]);
-        taken(20_000, 2, &[8]);
+        add_values(100, 2, &[4, 2]);
+        add_values(900, 2, &[3, 9]);
+        add_values(900, 3, &[5]);
+        add_values(7_000, 2, &[1]);
+        add_values(20_000, 2, &[8]);
         let lines = latency.intervals_over_time();
-        let seen: Vec<_> = lines
+        let found: Vec<_> = lines
             .iter()
             .map(|line| (line.t_s, line.robot.as_str(), line.count, line.p50_ns, line.max_ns))
             .collect();
@@ -358,7 +364,7 @@ mod tests {
             (7.5, "r2", 1, ms(1, 1)),
             (20.0, "r2", 1, ms(8, 8)), // the last values are sent at the very end
         ];
-        assert_eq!(seen, expected.map(|(t_s, robot, n, (p50, max))| (t_s, robot, n, p50, max)));
+        assert_eq!(found, expected.map(|(t_s, robot, n, (p50, max))| (t_s, robot, n, p50, max)));
         assert!(lines.iter().all(|line| line.from.as_deref() == Some("r1")));
     }
 
@@ -367,24 +373,24 @@ mod tests {
         #[test]
         fn batches_add_up_to_all_measurements(
             values_ns in proptest::collection::vec(0..2 * LATENCY_NS_MAX / 3, 1..400),
-            send_at in proptest::collection::vec(any::<bool>(), 400),
-            room in 1..500_usize,
+            is_sent_after in proptest::collection::vec(any::<bool>(), 400),
+            capacity in 1..500_usize,
         ) {
-            let mut recorder = LatencyRecorder::new(0, room);
+            let mut recorder = LatencyRecorder::new(0, capacity);
             let mut latency = LatencyCollector::new(&row_of_three(), Pace::Lockstep);
-            let mut direct = ValueDistribution::default();
-            let mut kept = 0;
-            for (&value_ns, send) in values_ns.iter().zip(send_at) {
-                if kept < room {
-                    direct.add(value_ns);
-                    kept += 1;
+            let mut expected = ValueDistribution::default();
+            let mut buffered_count = 0;
+            for (&value_ns, is_sent) in values_ns.iter().zip(is_sent_after) {
+                if buffered_count < capacity {
+                    expected.add(value_ns);
+                    buffered_count += 1;
                 }
                 recorder.record(Stage::Odometry, 0, value_ns);
-                if send {
+                if is_sent {
                     let (header, rows) = recorder.batch();
                     latency.add_batch(3, &header, rows);
                     recorder.begin_next_batch(0);
-                    kept = 0;
+                    buffered_count = 0;
                 }
             }
             recorder.record(Stage::Compute, 0, 0); // so that the last batch has a successor
@@ -392,12 +398,12 @@ mod tests {
             latency.add_batch(3, &header, rows);
             recorder.begin_next_batch(0);
             latency.add_batch(3, &recorder.batch().0, &[]);
-            let of = |stage: Stage| latency.processes[3].distributions[stage as usize].get(&0);
-            let found = of(Stage::Odometry).unwrap();
-            prop_assert_eq!(found.histogram(), direct.histogram());
-            prop_assert_eq!(found.sum_ns, direct.sum_ns);
-            let arrived = found.count + of(Stage::Compute).map_or(0, |spread| spread.count);
-            prop_assert_eq!(arrived + latency.rows_lost(), values_ns.len() as u64 + 1);
+            let distribution = |stage: Stage| latency.processes[3].distributions[stage as usize].get(&0);
+            let found = distribution(Stage::Odometry).unwrap();
+            prop_assert_eq!(found.histogram(), expected.histogram());
+            prop_assert_eq!(found.sum_ns, expected.sum_ns);
+            let received_count = found.count + distribution(Stage::Compute).map_or(0, |distribution| distribution.count);
+            prop_assert_eq!(received_count + latency.rows_lost(), values_ns.len() as u64 + 1);
         }
     }
 }

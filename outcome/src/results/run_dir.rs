@@ -120,10 +120,10 @@ impl AppendedFile {
 impl RunDir {
     /// Creates the directory, which must not exist.
     pub fn create(path: &Path, scenario: &Scenario) -> Result<RunDir, RunDirError> {
-        let host = HostDir::create(path)?;
+        let host_dir = HostDir::create(path)?;
         let summary = path.join(SUMMARY_FILE);
         Ok(RunDir {
-            host_dir: host,
+            host_dir,
             newest_samples: SampleSelector::new(scenario),
             walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
             samples: AppendedFile::create::<SampleLine>(path)?,
@@ -163,8 +163,8 @@ impl RunDir {
     fn begin_recording(&mut self, scenario: &str, manifest: &Manifest) -> Result<(), RunDirError> {
         let path = self.path().join(RECORDING_FILE);
         let run = self.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let (seed, reproducible) = (manifest.seed.to_string(), manifest.pace == Pace::Lockstep);
-        let mut facts = BTreeMap::from([
+        let (seed, is_reproducible) = (manifest.seed.to_string(), manifest.pace == Pace::Lockstep);
+        let mut metadata = BTreeMap::from([
             ("scenario", manifest.scenario.as_str()),
             ("pace", manifest.pace.keyword()),
             ("seed", &seed),
@@ -173,21 +173,21 @@ impl RunDir {
         ]);
         let manifest_text = to_json(manifest);
         let mut attachments = vec![(SCENARIO_FILE, "application/toml", scenario)];
-        if !reproducible {
-            facts.insert("run", &run);
+        if !is_reproducible {
+            metadata.insert("run", &run);
             attachments.push(("manifest.json", "application/json", &manifest_text));
         }
-        let facts = facts.into_iter().map(|(key, value)| (key.to_owned(), value.to_owned()));
+        let metadata = metadata.into_iter().map(|(key, value)| (key.to_owned(), value.to_owned()));
         let run = RunDescription {
             started_unix_ns: manifest.epoch_unix_ns,
-            is_reproducible: reproducible,
+            is_reproducible,
             robots: self.newest_samples.robots(),
             law_topics: [
                 (LawTopic::Signals, self.newest_samples.robots_with_signals()),
                 (LawTopic::Messages, self.newest_samples.robots_with_messages()),
             ],
             walls: &self.walls,
-            metadata: facts.collect(),
+            metadata: metadata.collect(),
             attachments: &attachments,
         };
         self.recording = Some(Recorder::create(&path, &run).map_err(write_error(&path))?);
@@ -195,15 +195,15 @@ impl RunDir {
     }
 
     /// Writes a sample to `samples.csv` and the recording if one is due. The last sample of a run is always
-    /// written. `measured` are the metrics at this sample.
+    /// written. `metrics` are those at this sample.
     pub fn write_truth(
         &mut self,
         header: &TruthHeader,
         rows: &[TruthRow],
         alive: &[bool],
-        measured: CurrentMetrics<'_>,
+        metrics: CurrentMetrics<'_>,
     ) -> Result<(), RunDirError> {
-        match self.newest_samples.store_sample(header, rows, alive, measured) {
+        match self.newest_samples.store_sample(header, rows, alive, metrics) {
             true => self.write_newest_sample(),
             false => Ok(()),
         }
@@ -218,7 +218,7 @@ impl RunDir {
     fn write_newest_sample(&mut self) -> Result<(), RunDirError> {
         let Some(sample) = self.newest_samples.take_newest_sample() else { return Ok(()) };
         self.samples.append_text(sample.text)?;
-        let DueSample { t_ns, lines, nearest_pair: nearest, signals, messages, .. } = sample;
+        let DueSample { t_ns, lines, nearest_pair, signals, messages, .. } = sample;
         if let Some(log) = &mut self.signals {
             log.append_text(&tables::format_lines(signals))?;
         }
@@ -228,7 +228,7 @@ impl RunDir {
             log.append_text(&tables::format_lines(&lines))?;
         }
         write_to_recording(&mut self.recording, &self.host_dir, |recording| {
-            recording.record_sample(t_ns, lines, nearest)?;
+            recording.record_sample(t_ns, lines, nearest_pair)?;
             recording.record_signals(t_ns, signals)?;
             recording.record_law_messages(t_ns, messages)
         })
@@ -241,8 +241,8 @@ impl RunDir {
 
     fn flush_tables(&mut self) -> Result<(), RunDirError> {
         self.samples.flush()?;
-        let of_laws = [&mut self.signals, &mut self.messages];
-        of_laws.into_iter().flatten().try_for_each(AppendedFile::flush)
+        let law_tables = [&mut self.signals, &mut self.messages];
+        law_tables.into_iter().flatten().try_for_each(AppendedFile::flush)
     }
 
     /// Flushes buffered data if the last flush was at least [`FLUSH_INTERVAL`] ago, so that a kill loses no more than
@@ -272,18 +272,18 @@ impl RunDir {
     pub fn finish(
         &mut self,
         summary: &mut Summary,
-        mut unwritten: Vec<RunDirError>,
+        mut write_errors: Vec<RunDirError>,
     ) -> Vec<RunDirError> {
-        if !unwritten.is_empty() {
+        if !write_errors.is_empty() {
             summary.exit = exit::INFRASTRUCTURE_FAILURE;
         }
         if let Some(Err(error)) =
             self.reserved_summary.take().map(|reserved| reserved.fill(to_json(summary).as_bytes()))
         {
-            unwritten.push(write_error(&self.path().join(SUMMARY_FILE))(error));
+            write_errors.push(write_error(&self.path().join(SUMMARY_FILE))(error));
             summary.exit = exit::INFRASTRUCTURE_FAILURE;
         }
-        unwritten
+        write_errors
     }
 
     /// Writes all remaining files except for the summary, as far as there is disk space, of a run that lasted for this
@@ -292,9 +292,9 @@ impl RunDir {
         &mut self,
         pairs: &[PairDistance],
         latency: &mut LatencyCollector,
-        lasted: Duration,
+        duration: Duration,
     ) -> Vec<RunDirError> {
-        let hlog = latency.encode_hlog(SystemTime::now() - lasted, lasted);
+        let hlog = latency.encode_hlog(SystemTime::now() - duration, duration);
         // Each file is written, even if one before it failed.
         [
             self.events.flush(),
@@ -338,9 +338,9 @@ fn to_csv<T: Serialize>(lines: &[T]) -> Vec<u8> {
 
 /// Returns the disk space to allocate for the summary, bytes; far more than any summary needs.
 fn summary_bytes(scenario: &Scenario) -> u64 {
-    let parts = scenario.robots.len() + scenario.graph.edges().len() + scenario.faults.len();
-    let hashes = 32 * (scenario.duration_ns / 1_000_000_000);
-    (1 << 16) + (1 << 12) * parts as u64 + hashes
+    let part_count = scenario.robots.len() + scenario.graph.edges().len() + scenario.faults.len();
+    let hash_bytes = 32 * (scenario.duration_ns / 1_000_000_000);
+    (1 << 16) + (1 << 12) * part_count as u64 + hash_bytes
 }
 
 /// Location of a run's directory.
@@ -353,22 +353,22 @@ pub enum RunLocation {
 }
 
 impl RunLocation {
-    /// Calls `make` with a free path. Returns the path and the result. Runs that start at the same time get
+    /// Calls `create` with a free path. Returns the path and the result. Runs that start at the same time get
     /// different paths.
     pub fn create_with<D>(
         &self,
-        make: impl Fn(&Path) -> Result<D, RunDirError>,
+        create: impl Fn(&Path) -> Result<D, RunDirError>,
     ) -> Result<(PathBuf, D), RunDirError> {
         let stem = match self {
-            RunLocation::Path(path) => return Ok((path.clone(), make(path)?)),
+            RunLocation::Path(path) => return Ok((path.clone(), create(path)?)),
             RunLocation::DatedName(name) => name_with_date(name),
         };
         let numbered = (2..).map(|n| format!("{stem}-{n}"));
         let paths = std::iter::once(stem.clone()).chain(numbered);
         for path in paths.map(|name| Path::new(RUNS_DIR).join(name)) {
-            match make(&path) {
+            match create(&path) {
                 Err(RunDirError::Exists(_)) => {}
-                made => return Ok((path, made?)),
+                created => return Ok((path, created?)),
             }
         }
         unreachable!("numbers do not end")
@@ -382,13 +382,14 @@ const NAME_BYTES_MAX: usize = 200;
 /// Returns `<name>-<date>-<time>`, in UTC.
 fn name_with_date(name: &str) -> String {
     // A scenario name is free text; a slash in it must not lead out of the folder.
-    let usable = |c: char| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' };
+    let to_usable_character =
+        |c: char| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' };
     let mut bytes = 0;
     let fits = |c: &char| {
         bytes += c.len_utf8();
         bytes <= NAME_BYTES_MAX
     };
-    let name: String = name.chars().map(usable).take_while(fits).collect();
+    let name: String = name.chars().map(to_usable_character).take_while(fits).collect();
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     format!("{name}-{}", date::format_for_file_name(seconds))
 }
@@ -401,17 +402,17 @@ mod tests {
 
     #[test]
     fn name_taken_concurrently_gets_next_number() {
-        let taken = std::cell::Cell::new(0);
-        let make = |path: &Path| {
-            taken.set(taken.get() + 1);
-            if taken.get() < 3 { Err(RunDirError::Exists(path.into())) } else { Ok(()) }
+        let attempts = std::cell::Cell::new(0);
+        let create = |path: &Path| {
+            attempts.set(attempts.get() + 1);
+            if attempts.get() < 3 { Err(RunDirError::Exists(path.into())) } else { Ok(()) }
         };
-        let (path, ()) = super::RunLocation::DatedName("a/b".into()).create_with(make).unwrap();
+        let (path, ()) = super::RunLocation::DatedName("a/b".into()).create_with(create).unwrap();
         let path = path.to_str().unwrap();
         assert!(path.starts_with("runs/a_b-2") && path.ends_with("-3"), "{path}");
-        taken.set(0);
+        attempts.set(0);
         assert!(
-            super::RunLocation::Path("here".into()).create_with(make).is_err(),
+            super::RunLocation::Path("here".into()).create_with(create).is_err(),
             "no other place was asked for"
         );
     }
@@ -422,18 +423,18 @@ mod tests {
 
     #[test]
     fn second_run_into_the_same_directory_is_refused() {
-        let place = tempfile::tempdir().unwrap();
+        let folder = tempfile::tempdir().unwrap();
         for round in 0..50 {
-            let path = place.path().join(format!("deep/run-{round}"));
-            let both: Vec<_> = std::thread::scope(|scope| {
-                let one = || {
+            let path = folder.path().join(format!("deep/run-{round}"));
+            let results: Vec<_> = std::thread::scope(|scope| {
+                let create_and_write = || {
                     let run_dir = RunDir::create(&path, &row_of_three())?;
                     run_dir.write_scenario("name")
                 };
-                let threads = [scope.spawn(one), scope.spawn(one)];
+                let threads = [scope.spawn(create_and_write), scope.spawn(create_and_write)];
                 threads.into_iter().map(|thread| thread.join().unwrap()).collect()
             });
-            let refused: Vec<_> = both.into_iter().filter_map(Result::err).collect();
+            let refused: Vec<_> = results.into_iter().filter_map(Result::err).collect();
             assert!(matches!(refused[..], [RunDirError::Exists(_)]), "{refused:?}");
             assert_eq!(fs::read_to_string(path.join("scenario.toml")).unwrap(), "name");
         }
@@ -441,20 +442,20 @@ mod tests {
 
     #[test]
     fn samples_of_an_early_end_have_the_first_and_the_last_row() {
-        let place = tempfile::tempdir().unwrap();
-        let mut run_dir = RunDir::create(&place.path().join("run"), &row_of_three()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let mut run_dir = RunDir::create(&folder.path().join("run"), &row_of_three()).unwrap();
         for tick in 1..=7 {
             let rows = rows([tick as f64, -1.0, -2.0]);
-            let measured = CurrentMetrics {
+            let metrics = CurrentMetrics {
                 errors_m: &[None, Some(0.5), None],
                 error_vectors: &[None, Some(Vec2::new(-0.3, 0.4)), None],
                 ideal_errors_m: &[None, None, Some(0.25)],
                 ..CurrentMetrics::default()
             };
-            run_dir.write_truth(&header(tick), &rows, &[true; 3], measured).unwrap();
+            run_dir.write_truth(&header(tick), &rows, &[true; 3], metrics).unwrap();
         }
         run_dir.write_last_truth().unwrap();
-        let text = fs::read_to_string(place.path().join("run/samples.csv")).unwrap();
+        let text = fs::read_to_string(folder.path().join("run/samples.csv")).unwrap();
         let lines: Vec<_> = text.lines().collect();
         assert_eq!(lines[1], "1,r1,0.9,0,0,0,0,,1,,1,0,,,0");
         assert_eq!(lines[2], "1,r2,-1.1,0,0,0,0,0.5,1,,-1,0,-0.3,0.4,0");

@@ -14,20 +14,20 @@ use protocol::message::{ReceptionState, TruthHeader, TruthRow};
 
 /// Returns the constant part of the picture.
 pub fn build_scene(scenario: &Scenario, pace: Pace) -> Scene {
-    let contains = !scenario.contained_robots().is_empty();
-    let by_pair = scenario.has_different_sizes();
+    let has_contained_robots = !scenario.contained_robots().is_empty();
+    let has_different_sizes = scenario.has_different_sizes();
     let robots = scenario.robots.iter().map(|robot| SceneRobot {
         name: robot.name.clone(),
         role: match robot.role.reference {
             Reference::Trajectory if robot.role.leads => "main-leader",
             Reference::Trajectory | Reference::Goal | Reference::LawTarget => robot.role.name,
-            Reference::Offsets if contains => "leader",
+            Reference::Offsets if has_contained_robots => "leader",
             Reference::Offsets => "formation",
             Reference::NeighborMean => "contained",
         }
         .into(),
         front_point_m: robot.front_point_m,
-        keep_m: by_pair.then_some(robot.keep_m),
+        keep_m: has_different_sizes.then_some(robot.keep_m),
     });
     let rewiring = scenario.rewiring();
     let edges = rewiring.links().iter().enumerate();
@@ -39,20 +39,20 @@ pub fn build_scene(scenario: &Scenario, pace: Pace) -> Scene {
         by_distance: scenario.communication_range(link).is_some(),
     };
     let faults = scenario.faults.iter().map(|fault| {
-        let struck = fault.kind.affected_component(scenario);
+        let affected = fault.kind.affected_component(scenario);
         let until_ns = match fault.kind {
             FaultKind::Kill { restart_after_ns, .. } => {
                 restart_after_ns.map(|after_ns| fault.start_ns.saturating_add(after_ns))
             }
             _ => fault.end_ns(),
         };
-        let is_link = matches!(fault.kind, FaultKind::Link { .. });
+        let is_link_fault = matches!(fault.kind, FaultKind::Link { .. });
         SceneFault {
             t_s: ns_to_seconds(fault.start_ns),
             until_s: until_ns.map(ns_to_seconds),
             what: fault.kind.describe(scenario),
-            robots: struck.robot.filter(|_| !is_link).into_iter().collect(),
-            cuts: cut_edge_index(struck.silenced_source),
+            robots: affected.robot.filter(|_| !is_link_fault).into_iter().collect(),
+            cuts: cut_edge_index(affected.silenced_source),
         }
     });
     Scene {
@@ -79,22 +79,22 @@ fn cut_edge_index(silenced: SilencedSource) -> Option<usize> {
 /// Returns whether the scenario cuts an edge at this time.
 fn is_edge_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
     scenario.faults.iter().any(|fault| {
-        let lasts = fault.start_ns <= t_ns && fault.end_ns().is_none_or(|until_ns| t_ns < until_ns);
-        lasts
+        let is_active = fault.start_ns <= t_ns && fault.end_ns().is_none_or(|end_ns| t_ns < end_ns);
+        is_active
             && cut_edge_index(fault.kind.affected_component(scenario).silenced_source) == Some(edge)
     })
 }
 
-/// Returns the picture at one ground-truth sample. `state` returns the state of a robot, `heard` the contact of an
-/// edge `(from, to)`, `manually_cut_edge` whether an edge is cut manually.
+/// Returns the picture at one ground-truth sample. `state` returns the state of a robot, `reception_state` that of an
+/// edge `(from, to)`, `is_edge_cut_manually` whether an edge is cut manually.
 pub fn build_frame(
     scenario: &Scenario,
     header: &TruthHeader,
     rows: &[TruthRow],
     errors_m: &[Option<f64>],
     state: impl Fn(usize) -> RobotState,
-    heard: impl Fn(usize, usize) -> ReceptionState,
-    manually_cut_edge: impl Fn(usize) -> bool,
+    reception_state: impl Fn(usize, usize) -> ReceptionState,
+    is_edge_cut_manually: impl Fn(usize) -> bool,
 ) -> SceneFrame {
     let alphas: Vec<_> = rows
         .iter()
@@ -102,10 +102,10 @@ pub fn build_frame(
         .map(|(row, robot)| front_point(row.pose(), robot.front_point_m))
         .collect();
     let pairs = alphas.iter().enumerate().flat_map(|(i, a)| {
-        let others = &alphas[i + 1..];
-        others.iter().map(move |b| (a - b).norm())
+        let later_robots = &alphas[i + 1..];
+        later_robots.iter().map(move |b| (a - b).norm())
     });
-    let shown = rows.iter().zip(errors_m).enumerate().map(|(robot, (row, error_m))| {
+    let robots = rows.iter().zip(errors_m).enumerate().map(|(robot, (row, error_m))| {
         let state = state(robot);
         FrameRobot {
             x_m: row.x_m,
@@ -115,11 +115,11 @@ pub fn build_frame(
             state,
         }
     });
-    let in_graph = scenario.graph.edges().len();
-    let edge = |(place, ends): (usize, &Edge)| {
-        let contact = match heard(ends.from, ends.to) {
+    let graph_edge_count = scenario.graph.edges().len();
+    let edge_state = |(index, edge): (usize, &Edge)| {
+        let state_at_receiver = match reception_state(edge.from, edge.to) {
             ReceptionState::NothingReceived
-                if place >= in_graph || scenario.communication_range(place).is_some() =>
+                if index >= graph_edge_count || scenario.communication_range(index).is_some() =>
             {
                 EdgeState::Closed
             }
@@ -128,20 +128,20 @@ pub fn build_frame(
             ReceptionState::Stale | ReceptionState::NothingReceived => EdgeState::Stale,
             ReceptionState::Lost => EdgeState::Lost,
         };
-        let cut = place < in_graph && manually_cut_edge(place)
-            || is_edge_cut(scenario, place, header.t_ns);
-        contact.combine([ends.from, ends.to].map(&state), cut)
+        let is_cut = index < graph_edge_count && is_edge_cut_manually(index)
+            || is_edge_cut(scenario, index, header.t_ns);
+        state_at_receiver.combine([edge.from, edge.to].map(&state), is_cut)
     };
     SceneFrame {
         t_s: ns_to_seconds(header.t_ns),
-        robots: shown.collect(),
+        robots: robots.collect(),
         edges: scenario
             .graph
             .edges()
             .iter()
             .chain(&scenario.repair_plan.spares)
             .enumerate()
-            .map(edge)
+            .map(edge_state)
             .collect(),
         distance_m: pairs.reduce(f64::min),
     }
@@ -167,10 +167,10 @@ mod tests {
             },
         ];
         let scene = build_scene(&scenario, Pace::Lockstep);
-        let ends = scenario.graph.edges()[0];
+        let edge = scenario.graph.edges()[0];
         assert_eq!(
             scene.edges[0],
-            SceneEdge { from: ends.from, to: ends.to, ..SceneEdge::default() }
+            SceneEdge { from: edge.from, to: edge.to, ..SceneEdge::default() }
         );
         let [cut, kill] = &scene.faults[..] else { panic!("{:?}", scene.faults) };
         assert_eq!((cut.t_s, cut.until_s, cut.cuts), (1.0, Some(1.5), Some(0)));

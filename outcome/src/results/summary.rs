@@ -19,35 +19,35 @@ pub fn to_json<T: Serialize>(value: &T) -> String {
     text + "\n"
 }
 
-/// Evaluates the expectations of a scenario and returns the summary of the run. `ended_with` is the exit code
+/// Evaluates the expectations of a scenario and returns the summary of the run. `run_exit` is the exit code
 /// before the expectations are taken into account.
 pub fn evaluate_run(
     scenario: &Scenario,
     pace: Pace,
     metrics: &Metrics,
     outcome: &RunOutcome,
-    ended_with: u8,
+    run_exit: u8,
 ) -> Summary {
-    let mut measures = metrics.finish();
+    let mut summary = metrics.finish();
     for (name, value) in &outcome.program_metrics {
-        let known = measures.metrics.iter_mut().find(|(known, _)| known == name);
-        known.into_iter().for_each(|(_, known)| *known = *value);
+        let entry = summary.metrics.iter_mut().find(|(metric, _)| metric == name);
+        entry.into_iter().for_each(|(_, metric_value)| *metric_value = *value);
     }
     let mut expectations =
-        expect::evaluate(scenario, &measures, pace, outcome.deadline_misses, ended_with);
+        expect::evaluate(scenario, &summary, pace, outcome.deadline_misses, run_exit);
     expectations.extend(expect::failed_robots_expectation(scenario, &outcome.failed_robots));
-    let held = expectations.iter().all(|expectation| expectation.held);
-    let expected = scenario.expectations.exit_code == Some(ended_with);
-    let exit = match (ended_with, held) {
+    let all_held = expectations.iter().all(|expectation| expectation.held);
+    let is_expected_exit = scenario.expectations.exit_code == Some(run_exit);
+    let exit = match (run_exit, all_held) {
         (exit::OK, true) => exit::OK,
         (exit::OK, false) => exit::EXPECTATION_MISSED,
-        (_, true) if expected => exit::OK,
+        (_, true) if is_expected_exit => exit::OK,
         (code, _) => code,
     };
-    let truth = outcome.newest_truth.unwrap_or_default();
+    let newest_truth = outcome.newest_truth.unwrap_or_default();
     let wall_s = outcome.wall_time.as_secs_f64();
-    let per_wall = |amount: f64| if wall_s > 0.0 { amount / wall_s } else { 0.0 };
-    let t_s = ns_to_seconds(truth.t_ns);
+    let per_wall_second = |total: f64| if wall_s > 0.0 { total / wall_s } else { 0.0 };
+    let t_s = ns_to_seconds(newest_truth.t_ns);
     let by_robot = |counts: &[u64]| {
         let names = scenario.robots.iter().map(|robot| robot.name.clone());
         names.zip(counts.iter().copied()).collect()
@@ -66,15 +66,15 @@ pub fn evaluate_run(
         interrupted: outcome.was_interrupted,
         acts_by_hand: outcome.manual_interventions,
         t_s,
-        ticks: truth.tick,
+        ticks: newest_truth.tick,
         deadline_misses: outcome.deadline_misses,
         commands: CommandCounts {
-            late: truth.commands_late,
-            old: truth.commands_old,
-            not_finite: truth.commands_not_finite,
-            scaled: truth.commands_scaled,
-            expired: truth.commands_expired,
-            age_ns_max: truth.command_age_ns_max,
+            late: newest_truth.commands_late,
+            old: newest_truth.commands_old,
+            not_finite: newest_truth.commands_not_finite,
+            scaled: newest_truth.commands_scaled,
+            expired: newest_truth.commands_expired,
+            age_ns_max: newest_truth.command_age_ns_max,
             unanswered: outcome.unanswered_samples,
             lost: outcome.latency.commands_lost(),
         },
@@ -91,8 +91,8 @@ pub fn evaluate_run(
         wall: WallTimeValues {
             startup_s: outcome.startup_time.map(|startup| startup.as_secs_f64()),
             wall_s,
-            ticks_per_s: per_wall(truth.tick as f64),
-            real_time_factor: per_wall(t_s),
+            ticks_per_s: per_wall_second(newest_truth.tick as f64),
+            real_time_factor: per_wall_second(t_s),
             latency,
             wake_of_all: outcome.latency.wake_latency_of_all_robots(),
             latencies_lost: outcome.latency.rows_lost(),
@@ -100,7 +100,7 @@ pub fn evaluate_run(
             hosts: outcome.hosts.clone(),
             goals: outcome.goals.clone(),
         },
-        ..measures
+        ..summary
     }
 }
 

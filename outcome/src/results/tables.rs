@@ -338,8 +338,8 @@ impl SampleSelector {
     /// Returns for each robot, in scenario order, whether its law records signals.
     pub fn robots_with_signals(&self) -> Vec<bool> {
         let names = &self.signals.names;
-        let has = |robot: &String| names.iter().any(|(of, _)| of == robot);
-        self.robots.iter().map(has).collect()
+        let has_signals = |robot: &String| names.iter().any(|(owner, _)| owner == robot);
+        self.robots.iter().map(has_signals).collect()
     }
 
     /// Returns for each robot, in scenario order, whether the messages of its law are recorded.
@@ -361,24 +361,24 @@ impl SampleSelector {
         self.record_hz = 0.0;
     }
 
-    /// Stores a sample. Returns whether its lines are due. `measured` are the metrics at this sample.
+    /// Stores a sample. Returns whether its lines are due. `metrics` are those at this sample.
     pub fn store_sample(
         &mut self,
         header: &TruthHeader,
         rows: &[TruthRow],
         alive: &[bool],
-        measured: CurrentMetrics<'_>,
+        metrics: CurrentMetrics<'_>,
     ) -> bool {
         let newest = &mut self.newest_sample;
         newest.is_unwritten = true;
         newest.t_ns = header.t_ns;
         replace_values(&mut newest.rows, rows);
-        replace_values(&mut newest.errors_m, measured.errors_m);
-        replace_values(&mut newest.error_vectors, measured.error_vectors);
-        replace_values(&mut newest.ideal_errors_m, measured.ideal_errors_m);
+        replace_values(&mut newest.errors_m, metrics.errors_m);
+        replace_values(&mut newest.error_vectors, metrics.error_vectors);
+        replace_values(&mut newest.ideal_errors_m, metrics.ideal_errors_m);
         replace_values(&mut newest.alive, alive);
-        newest.nearest_pair = measured.nearest_pair;
-        replace_values(&mut newest.signals, measured.signals);
+        newest.nearest_pair = metrics.nearest_pair;
+        replace_values(&mut newest.signals, metrics.signals);
         self.messages.apply_messages_before(header.t_ns);
         // The time of a tick is a whole number of ns, but the period of the rate is not: rounding errors are
         // tolerated.
@@ -421,13 +421,13 @@ impl SampleSelector {
         }
         self.signals.replace_lines(&newest.signals);
         self.messages.replace_due(&self.robots);
-        let (t_ns, nearest) = (newest.t_ns, newest.nearest_pair);
+        let (t_ns, nearest_pair) = (newest.t_ns, newest.nearest_pair);
         let (signals, messages) = (&self.signals.lines, &self.messages.due);
         Some(DueSample {
             t_ns,
             lines: &self.lines,
             text: &self.text,
-            nearest_pair: nearest,
+            nearest_pair,
             signals,
             messages,
         })
@@ -462,7 +462,7 @@ fn find_value<T: Copy>(list: &[Option<T>], robot: usize) -> Option<T> {
     list.get(robot).copied().flatten()
 }
 
-fn replace_values<T: Copy>(kept: &mut Vec<T>, with: &[T]) {
-    kept.clear();
-    kept.extend_from_slice(with);
+fn replace_values<T: Copy>(values: &mut Vec<T>, new_values: &[T]) {
+    values.clear();
+    values.extend_from_slice(new_values);
 }

@@ -83,8 +83,8 @@ proptest! {
                 // Odometry reports the twist at its stamp, not that of the preceding arc.
                 prop_assert_eq!(world.odometry(0).twist(), after);
                 if target == Twist::ZERO {
-                    let left = (accelerations.change_time_s(before) - 0.001).max(0.0);
-                    prop_assert!(accelerations.change_time_s(after) <= left + 1e-12);
+                    let remaining_s = (accelerations.change_time_s(before) - 0.001).max(0.0);
+                    prop_assert!(accelerations.change_time_s(after) <= remaining_s + 1e-12);
                     let cross = after.v_m_s * before.w_rad_s - after.w_rad_s * before.v_m_s;
                     prop_assert!(cross.abs() < 1e-12);
                 }

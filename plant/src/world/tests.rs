@@ -24,7 +24,7 @@ fn robot_x_m(world: &World, robot: usize) -> f64 {
 #[test]
 fn delayed_command_acts_later_and_expires_by_its_stamp() {
     // In transit until 15 ms and received at 20 ms. With a timeout of 20 ms it has just expired.
-    for (lifetime_ms, driven, late) in [
+    for (lifetime_ms, is_commanded, late) in [
         (20, [[false, true], [false, true], [false; 2]], 1),
         (30, [[false, true], [false, true], [true; 2]], 0),
     ] {
@@ -36,10 +36,10 @@ fn delayed_command_acts_later_and_expires_by_its_stamp() {
         [0, 1]
             .iter()
             .for_each(|&robot| world.receive_command(robot, &command(0, 1, 0.4, 0.0)).unwrap());
-        for (tick, driven) in (1..).zip(driven) {
+        for (tick, is_commanded) in (1..).zip(is_commanded) {
             world.advance(10 * tick * NS_PER_MS);
             let commanded = [0, 1].map(|i| world.truth().nth(i).unwrap().commanded == 1);
-            assert_eq!(commanded, driven, "tick {tick} of {lifetime_ms} ms");
+            assert_eq!(commanded, is_commanded, "tick {tick} of {lifetime_ms} ms");
             world.accept_due_commands();
         }
         assert_eq!(world.truth_header().commands_late, late);
@@ -84,7 +84,7 @@ fn command_is_scaled_to_speed_limit_and_wheel_limits() {
     let wheels = |speed_max_m_s| Some(WheelsBrief { speed_max_m_s, track_m: 0.2 });
     let limit = |speed_max_m_s| vec![(span(0, 10), WheelFaultKind::Limit { speed_max_m_s })];
     let stuck = vec![(span(0, 10), WheelFaultKind::Stuck)];
-    for (wheels, faults, wanted, share, scaled) in [
+    for (wheels, faults, requested, fraction, scaled) in [
         // hypot(3, 0.1 40) = 5 m/s, with a limit of 1 m/s.
         (None, vec![], (3.0, 40.0), 0.2, 1),
         (None, vec![], (1.0 + 1e-6, 0.0), 1.0 / (1.0 + 1e-6), 1),
@@ -102,12 +102,15 @@ fn command_is_scaled_to_speed_limit_and_wheel_limits() {
         let faults = faults.into_iter().map(|(span, kind)| WheelFault { span, kind });
         brief.robots[0].wheel_faults = faults.collect();
         let mut world = World::new(&brief);
-        let (v, w) = wanted;
+        let (v, w) = requested;
         world.accept_command(0, &command(0, 1, v, w)).unwrap();
         world.advance(NS_PER_MS);
         let Twist { v_m_s, w_rad_s, .. } = world.states[0].twist;
-        assert!((v_m_s - share * v).hypot(w_rad_s - share * w) < 1e-12, "{wanted:?}: {v_m_s}");
-        assert_eq!(world.truth_header().commands_scaled, scaled, "{wanted:?}");
+        assert!(
+            (v_m_s - fraction * v).hypot(w_rad_s - fraction * w) < 1e-12,
+            "{requested:?}: {v_m_s}"
+        );
+        assert_eq!(world.truth_header().commands_scaled, scaled, "{requested:?}");
     }
 }
 
@@ -143,7 +146,7 @@ fn nearest_neighbors_are_sensed_in_order_and_cut_is_flagged() {
             heading_rad: 0.1 * i as f64,
         };
         brief.robots = (0..robots).map(|i| BodyBrief { start: start(i), ..body.clone() }).collect();
-        let most = if velocities_sensed { half } else { PROXIMITY_MAX };
+        let count_max = if velocities_sensed { half } else { PROXIMITY_MAX };
         for (robot, radius_m) in
             (0..robots).zip([20.0, 0.5, 1.0, 2.0, 3.0, 4.0].into_iter().cycle())
         {
@@ -157,17 +160,21 @@ fn nearest_neighbors_are_sensed_in_order_and_cut_is_flagged() {
                 }
                 world.advance(NS_PER_MS);
             }
-            let away_m =
+            let distance_m =
                 |other: usize| (world.front_points[other] - world.front_points[robot]).norm();
-            let mut near: Vec<usize> = (0..robots).filter(|&other| other != robot).collect();
-            near.retain(|&other| away_m(other) <= radius_m);
-            near.sort_by(|&a, &b| away_m(a).total_cmp(&away_m(b)));
+            let mut neighbors: Vec<usize> = (0..robots).filter(|&other| other != robot).collect();
+            neighbors.retain(|&other| distance_m(other) <= radius_m);
+            neighbors.sort_by(|&a, &b| distance_m(a).total_cmp(&distance_m(b)));
             let sample = world.odometry(robot);
-            assert_eq!(sample.proximity_cut == 1, near.len() > most, "{robots} {radius_m}");
-            near.truncate(most);
-            let places = near.iter().map(|&other| world.front_points[other]);
-            assert!(sample.proximity_front_points().eq(places), "{robots} {robot} {radius_m}");
-            let velocities = near.iter().filter(|_| velocities_sensed).map(|&other| {
+            assert_eq!(
+                sample.proximity_cut == 1,
+                neighbors.len() > count_max,
+                "{robots} {radius_m}"
+            );
+            neighbors.truncate(count_max);
+            let positions = neighbors.iter().map(|&other| world.front_points[other]);
+            assert!(sample.proximity_front_points().eq(positions), "{robots} {robot} {radius_m}");
+            let velocities = neighbors.iter().filter(|_| velocities_sensed).map(|&other| {
                 let BodyState { pose, twist } = world.states[other];
                 front_velocity(pose.heading_rad, 0.1, twist)
             });
@@ -192,15 +199,16 @@ fn sensor_in_dropout_reports_invalid_default_values() {
     ];
     let mut world = World::new(&brief);
     world.accept_command(1, &command(0, 1, 0.0, 1.0)).unwrap();
-    for (t_ms, knows_itself, sees) in [(1, false, true), (2, true, false), (3, true, true)] {
+    for (t_ms, pose_valid, proximity_valid) in [(1, false, true), (2, true, false), (3, true, true)]
+    {
         world.advance(t_ms * NS_PER_MS);
         let sample = world.odometry(1);
         let valid = [sample.pose_valid == 1, sample.proximity_valid == 1];
-        assert_eq!(valid, [knows_itself, sees]);
+        assert_eq!(valid, [pose_valid, proximity_valid]);
         let own = [sample.x_m, sample.y_m, sample.heading_rad, sample.v_m_s, sample.w_rad_s];
-        assert_eq!(own == [0.0; 5], !knows_itself, "{own:?}");
-        assert_eq!(sample.near == [[0.0; 2]; PROXIMITY_MAX], !sees, "{:?}", sample.near);
-        assert_eq!(sample.proximity_count, if sees { 2 } else { 0 });
+        assert_eq!(own == [0.0; 5], !pose_valid, "{own:?}");
+        assert_eq!(sample.near == [[0.0; 2]; PROXIMITY_MAX], !proximity_valid, "{:?}", sample.near);
+        assert_eq!(sample.proximity_count, if proximity_valid { 2 } else { 0 });
     }
 }
 
@@ -216,12 +224,12 @@ fn noise_is_drawn_per_number_during_the_fault() {
         world.advance(t_ms * NS_PER_MS);
         let tick = world.increment_tick();
         let sample = world.odometry(1);
-        let [x, y] = faults[0].position_error_m(tick, 0).map(|off_m| noisy * off_m);
+        let [x, y] = faults[0].position_error_m(tick, 0).map(|error_m| noisy * error_m);
         let heading_rad = noisy * faults[0].heading_error_rad(tick);
         assert_eq!(sample.pose(), Pose { x_m: 2.0 + x, y_m: 0.3 + y, heading_rad });
-        let near: Vec<Vec2> = sample.proximity_front_points().collect();
-        let off = [1, 2].map(|item| noisy * Vec2::from(faults[1].position_error_m(tick, item)));
-        assert_eq!(near, [Vec2::new(0.1, 0.0) + off[0], Vec2::new(4.6, 0.0) + off[1]]);
+        let neighbors: Vec<Vec2> = sample.proximity_front_points().collect();
+        let noise = [1, 2].map(|item| noisy * Vec2::from(faults[1].position_error_m(tick, item)));
+        assert_eq!(neighbors, [Vec2::new(0.1, 0.0) + noise[0], Vec2::new(4.6, 0.0) + noise[1]]);
     }
 }
 
@@ -244,12 +252,12 @@ fn any_pair_of_a_team_below_the_sum_of_its_sizes_is_counted() {
 
 #[test]
 fn distance_violations_are_counted_per_arc_from_the_start() {
-    for (apart_m, at_start, later) in [(0.5, 0, 0), (0.49, 1, 11), (0.51, 0, 0)] {
-        let mut world = World::new(&brief(&[0.0, apart_m]));
-        assert_eq!(world.truth_header().violations, at_start, "{apart_m}");
+    for (distance_m, at_start, later) in [(0.5, 0, 0), (0.49, 1, 11), (0.51, 0, 0)] {
+        let mut world = World::new(&brief(&[0.0, distance_m]));
+        assert_eq!(world.truth_header().violations, at_start, "{distance_m}");
         world.advance(10 * NS_PER_MS);
         let header = world.truth_header();
-        assert_eq!((header.violations, header.closest_t_ns), (later, 0), "{apart_m}");
+        assert_eq!((header.violations, header.closest_t_ns), (later, 0), "{distance_m}");
     }
     let mut world = World::new(&brief(&[0.0, 0.6, 4.5]));
     for sequence in 1..=20 {

@@ -44,24 +44,24 @@ impl Walls {
 
     /// Updates the statistics with the front points at `t_ns`.
     pub(super) fn update(&mut self, alphas: &[Vec2], t_ns: u64) {
-        let mut too_near = false;
-        for (robot, &at) in alphas.iter().enumerate() {
+        let mut is_violated = false;
+        for (robot, &front_point) in alphas.iter().enumerate() {
             let Some(NearestObstacle { index, distance_m, .. }) =
-                self.obstacles.nearest_obstacle(at)
+                self.obstacles.nearest_obstacle(front_point)
             else {
                 return;
             };
-            too_near |= distance_m < self.required_clearance_m;
+            is_violated |= distance_m < self.required_clearance_m;
             if distance_m < self.smallest_clearance.distance_m {
                 self.smallest_clearance = Clearance {
                     distance_m,
-                    front_point: at,
+                    front_point,
                     robot_and_wall_indices: [robot, index],
                     t_ns,
                 };
             }
         }
-        self.violations += u64::from(too_near);
+        self.violations += u64::from(is_violated);
     }
 
     /// Returns the minimum clearance up to now, which is infinite without walls.
@@ -75,35 +75,36 @@ impl Walls {
     }
 
     /// Fills in the nearest points of the walls within `radius_m` of the front point `alpha`, nearest first.
-    /// `off_m(i)` is the noise of the i-th nearest point, from 1.
+    /// `noise_m(i)` is the noise of the i-th nearest point, from 1.
     pub(super) fn sense_walls(
         &self,
         alpha: Vec2,
         radius_m: f64,
-        off_m: impl Fn(usize) -> Vec2,
+        noise_m: impl Fn(usize) -> Vec2,
         sample: &mut Odometry,
     ) {
-        let mut near: [Option<NearestObstacle>; WALLS_MAX] = [None; WALLS_MAX];
-        let mut within = 0;
+        let mut nearest: [Option<NearestObstacle>; WALLS_MAX] = [None; WALLS_MAX];
+        let mut in_range_count = 0;
         for wall in self.obstacles.obstacles_within(alpha, radius_m) {
-            let kept = within.min(WALLS_MAX);
-            within += 1;
+            let count = in_range_count.min(WALLS_MAX);
+            in_range_count += 1;
             // Inserted after walls at the same distance, so that these stay in the order of the brief.
-            let nearer = |other: &Option<NearestObstacle>| {
+            let is_nearer = |other: &Option<NearestObstacle>| {
                 other.is_some_and(|other| other.distance_m <= wall.distance_m)
             };
-            let place = near[..kept].partition_point(nearer);
-            if place < WALLS_MAX {
-                near.copy_within(place..kept.min(WALLS_MAX - 1), place + 1);
-                near[place] = Some(wall);
+            let index = nearest[..count].partition_point(is_nearer);
+            if index < WALLS_MAX {
+                nearest.copy_within(index..count.min(WALLS_MAX - 1), index + 1);
+                nearest[index] = Some(wall);
             }
         }
-        for (item, (place, wall)) in sample.walls.iter_mut().zip(near.iter().flatten()).enumerate()
+        for (item, (point, wall)) in
+            sample.walls.iter_mut().zip(nearest.iter().flatten()).enumerate()
         {
-            *place = (wall.point + off_m(item + 1)).into();
+            *point = (wall.point + noise_m(item + 1)).into();
         }
-        sample.walls_count = within.min(WALLS_MAX) as u32;
-        sample.walls_cut = u32::from(within > WALLS_MAX);
+        sample.walls_count = in_range_count.min(WALLS_MAX) as u32;
+        sample.walls_cut = u32::from(in_range_count > WALLS_MAX);
     }
 }
 
@@ -144,23 +145,23 @@ mod tests {
 
     #[test]
     fn too_many_walls_report_the_nearest_and_set_the_cut_flag() {
-        let around = |count: usize| {
+        let sample_with_discs = |count: usize| {
             let discs = (0..count).map(|i| {
                 // Not ordered by distance.
-                let far = 0.2 + 0.6 * (i * 5 % count) as f64 / count as f64;
+                let distance_m = 0.2 + 0.6 * (i * 5 % count) as f64 / count as f64;
                 let (sin, cos) = (i as f64).sin_cos();
-                disc(far * cos, far * sin)
+                disc(distance_m * cos, distance_m * sin)
             });
             World::new(&brief(discs.collect())).odometry(0)
         };
-        let (few, many) = (around(WALLS_MAX), around(WALLS_MAX + 5));
+        let (few, many) = (sample_with_discs(WALLS_MAX), sample_with_discs(WALLS_MAX + 5));
         assert_eq!((few.walls_count as usize, few.walls_cut), (WALLS_MAX, 0));
         assert_eq!((many.walls_count as usize, many.walls_cut), (WALLS_MAX, 1));
-        let far: Vec<f64> = many.nearest_wall_points().map(|point| point.norm()).collect();
+        let distances_m: Vec<f64> = many.nearest_wall_points().map(|point| point.norm()).collect();
         // Ordered by distance, for any order in the brief.
-        for (rank, far_m) in far.iter().enumerate() {
+        for (rank, distance_m) in distances_m.iter().enumerate() {
             let beyond_first = 0.6 * rank as f64 / (WALLS_MAX + 5) as f64;
-            assert!((far_m - far[0] - beyond_first).abs() < 1e-12, "{far:?}");
+            assert!((distance_m - distances_m[0] - beyond_first).abs() < 1e-12, "{distances_m:?}");
         }
     }
 
@@ -175,22 +176,22 @@ mod tests {
         brief.robots[0].sensor_faults =
             vec![fault(NS_PER_MS, SensorFaultKind::Blackout), fault(2 * NS_PER_MS, noise)];
         let mut world = World::new(&brief);
-        let mut off_m = Vec::new();
+        let mut errors_m = Vec::new();
         for t_ms in 0..3 {
             world.advance(t_ms * NS_PER_MS);
             let sample = world.odometry(0);
             let truth = [Vec2::new(0.4, 0.0), Vec2::new(0.0, 0.4)];
-            let off: Vec<f64> =
+            let errors: Vec<f64> =
                 sample.nearest_wall_points().zip(truth).map(|(a, b)| (a - b).norm()).collect();
             assert!(
                 t_ms != 1 || sample.proximity_valid == 0 && sample.walls == [[0.0; 2]; WALLS_MAX]
             );
-            off_m.push(off);
+            errors_m.push(errors);
         }
-        assert_eq!(off_m[0].len(), 2);
-        assert!(off_m[0].iter().all(|off| *off < 1e-12) && off_m[1].is_empty());
-        let [a, b] = off_m[2][..] else { panic!("{off_m:?}") };
-        assert!(a > 0.0 && b > 0.0 && a != b && a.max(b) <= 0.05, "{off_m:?}");
+        assert_eq!(errors_m[0].len(), 2);
+        assert!(errors_m[0].iter().all(|error_m| *error_m < 1e-12) && errors_m[1].is_empty());
+        let [a, b] = errors_m[2][..] else { panic!("{errors_m:?}") };
+        assert!(a > 0.0 && b > 0.0 && a != b && a.max(b) <= 0.05, "{errors_m:?}");
     }
 
     #[test]

@@ -111,8 +111,8 @@ impl Ports {
     pub fn send_truth<M: Motion>(&self, world: &World<M>) -> Result<(), Failure> {
         let header = TruthHeader { sent_ns: clock::now_ns(), ..world.truth_header() };
         let mut rows = world.truth();
-        let next = |_| rows.next().expect("a row for every robot");
-        let sent = send_slice(&self.truth, header, self.robots.len(), next);
+        let next_row = |_| rows.next().expect("a row for every robot");
+        let sent = send_slice(&self.truth, header, self.robots.len(), next_row);
         sent.map(drop).map_err(|cause| port_failure("send truth", cause))
     }
 }

@@ -223,19 +223,19 @@ const TOKENS: &str = "[ ] [[ ]] { } = \" ' # . , - 0 9 e9 1e400 nan inf 0x 1979-
 
 /// Returns `original` with a few random changes, drawn by `seed`.
 fn mutate_text(original: &str, seed: u64) -> String {
-    let mut drawn = 0;
+    let mut draw_count = 0;
     let mut below = |bound: usize| {
-        drawn += 1;
-        (draw_unit_by_number(seed, drawn) * bound as f64) as usize
+        draw_count += 1;
+        (draw_unit_by_number(seed, draw_count) * bound as f64) as usize
     };
-    let pieces: Vec<&str> = TOKENS.split(' ').collect();
+    let tokens: Vec<&str> = TOKENS.split(' ').collect();
     let mut text: Vec<char> = original.chars().collect();
     for _ in 0..1 + below(3) {
-        let at = below(text.len() + 1);
-        let cut = below(4).min(text.len() - at);
+        let start = below(text.len() + 1);
+        let length = below(4).min(text.len() - start);
         // Half of the changes delete text, which numbers and names often survive.
-        let piece = if below(2) == 0 { "" } else { pieces[below(pieces.len())] };
-        text.splice(at..at + cut, piece.chars());
+        let token = if below(2) == 0 { "" } else { tokens[below(tokens.len())] };
+        text.splice(start..start + length, token.chars());
     }
     text.into_iter().collect()
 }
@@ -244,16 +244,17 @@ fn mutate_text(original: &str, seed: u64) -> String {
 /// checks that the text of an accepted brief parses again.
 fn fuzz_round_trip<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64, u64) {
     let text = to_text(original);
-    let (mut sound, mut refused) = (0, 0);
+    let (mut accepted, mut refused) = (0, 0);
     for seed in seeds {
-        let changed = mutate_text(&text, seed);
-        match parse::<B>(Path::new("r1.toml"), &changed) {
+        let mutated = mutate_text(&text, seed);
+        match parse::<B>(Path::new("r1.toml"), &mutated) {
             Ok(brief) => {
-                sound += 1;
+                accepted += 1;
                 // Compared as texts, because NaN is not equal to itself.
-                let told = to_text(&brief);
-                let again: B = parse(Path::new("r1.toml"), &told).expect("it reads what it wrote");
-                assert_eq!(to_text(&again), told, "seed {seed}");
+                let written = to_text(&brief);
+                let reread: B =
+                    parse(Path::new("r1.toml"), &written).expect("it reads what it wrote");
+                assert_eq!(to_text(&reread), written, "seed {seed}");
             }
             Err(error) => {
                 refused += 1;
@@ -261,7 +262,7 @@ fn fuzz_round_trip<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64,
             }
         }
     }
-    (sound, refused)
+    (accepted, refused)
 }
 
 /// `PHALANX_TIMES=500` takes minutes.
@@ -269,8 +270,8 @@ fn fuzz_round_trip<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64,
 fn mutated_briefs_never_panic_and_round_trip() {
     let texts = 2000 * std::env::var("PHALANX_TIMES").map_or(1, |times| times.parse().unwrap());
     let found = [fuzz_round_trip(&agent(), 0..texts), fuzz_round_trip(&plant(), 0..texts)];
-    for (sound, refused) in found {
-        assert!(sound > texts / 50 && refused > texts / 50, "{found:?}");
+    for (accepted, refused) in found {
+        assert!(accepted > texts / 50 && refused > texts / 50, "{found:?}");
     }
 }
 
@@ -286,7 +287,7 @@ fn flaw_with_value<B: Brief>(original: &B, key: &str, value: &str) -> String {
 
 #[test]
 fn value_out_of_range_names_key_and_allowed_values() {
-    let told = |key: &str, rest: &str| format!("r1.toml is invalid: {key}{rest}");
+    let error_with = |key: &str, rest: &str| format!("r1.toml is invalid: {key}{rest}");
     for (key, value, rest) in [
         ("period_ns", "0", "period_ns is 0, expected 1 to 6148914691236517205"),
         ("index", "0", "index is 0, expected 1 or more"),
@@ -334,17 +335,17 @@ fn value_out_of_range_names_key_and_allowed_values() {
             "limits.braking_time_s is 0.6, expected at most avoidance.braking_time_max_s = 0.5",
         ),
     ] {
-        assert_eq!(flaw_with_value(&agent(), key, value), told(rest, ""));
+        assert_eq!(flaw_with_value(&agent(), key, value), error_with(rest, ""));
     }
     let unlimited = AgentBrief { turn_rate_max_rad_s: None, limits: None, ..agent() };
     let expected = "front_point_m is 0 without turn_rate_max_rad_s, expected both";
-    assert_eq!(flaw_with_value(&unlimited, "front_point_m", "0.0"), told(expected, ""));
+    assert_eq!(flaw_with_value(&unlimited, "front_point_m", "0.0"), error_with(expected, ""));
     let mut far = agent();
     far.avoidance.classes[0].distance_min_m = 0.3;
     let error = parse::<AgentBrief>(Path::new("r1.toml"), &to_text(&far)).unwrap_err().to_string();
     let expected = "avoidance.class.distance_min_m is 0.3, expected more than 0 and at most \
                     avoidance.distance_min_m = 0.2";
-    assert_eq!(error, told(expected, ""));
+    assert_eq!(error, error_with(expected, ""));
     let car = AgentBrief {
         drive_kind: DriveKind::Ackermann,
         front_point_m: 0.0,
@@ -365,7 +366,7 @@ fn value_out_of_range_names_key_and_allowed_values() {
         ("duration_ns", "0", " is 0, expected 1 to 6148914691236517205"),
         ("clearance_m", "-1.0", " is -1, expected a number of 0 or more"),
     ] {
-        assert_eq!(flaw_with_value(&plant(), key, value), told(key, rest));
+        assert_eq!(flaw_with_value(&plant(), key, value), error_with(key, rest));
     }
     let error = flaw_with_value(&plant(), "turn_acceleration_rad_s2", "-3.0");
     assert!(error.contains("robot.limits.turn_acceleration_rad_s2 is -3, expected"), "{error}");
@@ -380,7 +381,7 @@ fn value_out_of_range_names_key_and_allowed_values() {
 fn brief_of_another_format_names_both_formats() {
     let text = to_text(&agent());
     assert!(text.starts_with(&format!("format = {FORMAT_VERSION}\n")), "{text}");
-    let said =
+    let error_of =
         |text: &str| parse::<AgentBrief>(Path::new("r1.toml"), text).unwrap_err().to_string();
     let newer =
         text.replacen(&format!("format = {FORMAT_VERSION}"), "format = 99\na_new_key = 3", 1);
@@ -390,6 +391,6 @@ fn brief_of_another_format_names_both_formats() {
             "r1.toml has {found}, and this program reads format {FORMAT_VERSION}: another build wrote it; \
              start supervisor, agents and plant from the same build"
         );
-        assert_eq!(said(&text), expected);
+        assert_eq!(error_of(&text), expected);
     }
 }

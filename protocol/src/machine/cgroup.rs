@@ -17,11 +17,11 @@ pub struct LimitedCgroup {
 
 /// Returns the limits that apply to this process, the own cgroup first. `root` is used in place of `/`.
 pub fn find_limited_cgroups(root: &Path) -> Vec<LimitedCgroup> {
-    let limited = |CgroupFolder { path, is_version_2: version_2 }: CgroupFolder| {
-        let quota = read_quota(&path, version_2)?;
-        Some(LimitedCgroup { quota_cores: quota, stat_path: path.join("cpu.stat") })
+    let to_limited = |CgroupFolder { path, is_version_2 }: CgroupFolder| {
+        let quota_cores = read_quota(&path, is_version_2)?;
+        Some(LimitedCgroup { quota_cores, stat_path: path.join("cpu.stat") })
     };
-    find_cgroup_folders(root, "cpu").into_iter().filter_map(limited).collect()
+    find_cgroup_folders(root, "cpu").into_iter().filter_map(to_limited).collect()
 }
 
 /// Folder of a cgroup.
@@ -41,7 +41,7 @@ pub fn find_cgroup_folders(root: &Path, controller: &str) -> Vec<CgroupFolder> {
     let folders = groups.lines().filter_map(|line| {
         let mut parts = line.splitn(3, ':').skip(1);
         let (controllers, path) = (parts.next()?, PathBuf::from(parts.next()?));
-        let (mount, version_2) = match controllers {
+        let (mount, is_version_2) = match controllers {
             "" => ("sys/fs/cgroup".to_owned(), true),
             some if some.split(',').any(|name| name == controller) => {
                 (format!("sys/fs/cgroup/{some}"), false)
@@ -49,30 +49,29 @@ pub fn find_cgroup_folders(root: &Path, controller: &str) -> Vec<CgroupFolder> {
             _ => return None,
         };
         let mount = root.join(mount);
-        let below = |path: &Path| mount.join(path.strip_prefix("/").unwrap_or(path));
-        let folders = path
-            .ancestors()
-            .map(|path| CgroupFolder { path: below(path), is_version_2: version_2 });
+        let in_mount = |path: &Path| mount.join(path.strip_prefix("/").unwrap_or(path));
+        let folders =
+            path.ancestors().map(|path| CgroupFolder { path: in_mount(path), is_version_2 });
         Some(folders.collect::<Vec<_>>())
     });
     folders.flatten().collect()
 }
 
 /// Returns the limit of one cgroup; `None` if it has none.
-fn read_quota(folder: &Path, version_2: bool) -> Option<f64> {
+fn read_quota(folder: &Path, is_version_2: bool) -> Option<f64> {
     let read = |name| fs::read_to_string(folder.join(name)).ok();
-    let (time, of) = if version_2 {
+    let (quota, period) = if is_version_2 {
         let text = read("cpu.max")?;
         // The keyword `max` means no limit.
-        let (time, of) = text.trim().split_once(' ')?;
-        (time.parse().ok()?, of.parse().ok()?)
+        let (quota, period) = text.trim().split_once(' ')?;
+        (quota.parse().ok()?, period.parse().ok()?)
     } else {
         // -1 means no limit.
         let number = |name| read(name)?.trim().parse().ok();
         (number("cpu.cfs_quota_us")?, number("cpu.cfs_period_us")?)
     };
-    let (time, of): (f64, f64) = (time, of);
-    (time > 0.0 && of > 0.0).then_some(time / of)
+    let (quota, period): (f64, f64) = (quota, period);
+    (quota > 0.0 && period > 0.0).then_some(quota / period)
 }
 
 /// Returns the throttled time of a cgroup, summed over cores, ns, from the text of its `cpu.stat`; `None` if it
@@ -97,8 +96,9 @@ mod tests {
     fn limits_of_machine(files: &[(&str, &str)]) -> Vec<(f64, String)> {
         let root = create_machine_files(files);
         let limits = super::find_limited_cgroups(root.path()).into_iter();
-        let below = |path: PathBuf| path.strip_prefix(root.path()).unwrap().display().to_string();
-        limits.map(|limited| (limited.quota_cores, below(limited.stat_path))).collect()
+        let relative =
+            |path: PathBuf| path.strip_prefix(root.path()).unwrap().display().to_string();
+        limits.map(|cgroup| (cgroup.quota_cores, relative(cgroup.stat_path))).collect()
     }
 
     #[test]

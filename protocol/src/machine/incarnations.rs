@@ -52,10 +52,10 @@ impl Incarnations {
     /// The file is missing, or is for fewer robots.
     pub fn open(run_root: &Path, robots: usize) -> io::Result<Incarnations> {
         let file = OpenOptions::new().read(true).write(true).open(run_root.join(FILE_NAME))?;
-        let (found, wanted) = (file.metadata()?.len(), robots * size_of::<AtomicU64>());
-        if found < wanted as u64 {
-            let what = format!("{FILE_NAME} has {found} bytes, expected {wanted}");
-            return Err(io::Error::other(what));
+        let (found, expected) = (file.metadata()?.len(), robots * size_of::<AtomicU64>());
+        if found < expected as u64 {
+            let message = format!("{FILE_NAME} has {found} bytes, expected {expected}");
+            return Err(io::Error::other(message));
         }
         Incarnations::map_file(&file, robots)
     }
@@ -110,9 +110,9 @@ mod tests {
         supervisor.retire(1, 0);
         supervisor.retire(1, 2);
         supervisor.retire(1, 1);
-        let obeyed: Vec<bool> =
+        let accepted: Vec<bool> =
             (0..5).map(|incarnation| plant.is_accepted(1, incarnation)).collect();
-        assert_eq!(obeyed, [false, false, false, true, true]);
+        assert_eq!(accepted, [false, false, false, true, true]);
         assert!(plant.is_accepted(0, 0));
         assert!(Incarnations::open(root.path(), 3).is_err());
     }

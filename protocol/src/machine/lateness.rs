@@ -44,8 +44,8 @@ struct KernelCounters {
 }
 
 /// Returns whether a wake-up this long after its deadline is on time, for a loop with this period.
-const fn is_on_time(behind_ns: u64, period_ns: u64) -> bool {
-    behind_ns <= period_ns / LATE_PERIOD_DIVISOR
+const fn is_on_time(lateness_ns: u64, period_ns: u64) -> bool {
+    lateness_ns <= period_ns / LATE_PERIOD_DIVISOR
 }
 
 /// A late wake-up.
@@ -59,8 +59,8 @@ struct LateWakeUp {
     computation_ns: u64,
 }
 
-/// Returns the cause of a late wake-up: the first cause that explains at least half of the lateness. `grown`: growth of
-/// the counters since the last read; `previous`: cause of the previous wake-up if that was late.
+/// Returns the cause of a late wake-up: the first cause that explains at least half of the lateness. `growth`: growth
+/// of the counters since the last read; `previous`: cause of the previous wake-up if that was late.
 ///
 /// Throttling by a cgroup is run-queue delay too, but the kernel may not count it as such. Run-queue delay is
 /// tested before own work, because a preempted thread computes for longer. Steal time is tested last of the
@@ -68,39 +68,41 @@ struct LateWakeUp {
 /// its deadline, only began late: it has the cause of the previous wake-up.
 fn find_cause(
     late: LateWakeUp,
-    grown: KernelCounters,
+    growth: KernelCounters,
     period_ns: u64,
     previous: Option<LatenessCause>,
 ) -> LatenessCause {
-    let began_late = previous.filter(|_| late.computation_ns < period_ns);
-    if let Some(previous) = began_late.filter(|_| is_on_time(late.lateness_ns, period_ns)) {
+    let inherited_cause = previous.filter(|_| late.computation_ns < period_ns);
+    if let Some(previous) = inherited_cause.filter(|_| is_on_time(late.lateness_ns, period_ns)) {
         return previous;
     }
     let explains = |ns: u64| ns >= late.lateness_ns.div_ceil(2);
-    if explains(grown.run_queue_delay_ns.max(grown.throttled_ns)) {
+    if explains(growth.run_queue_delay_ns.max(growth.throttled_ns)) {
         LatenessCause::Core
-    } else if grown.major_faults > 0
-        || explains(grown.minor_faults.saturating_mul(MINOR_FAULT_MAX_NS))
+    } else if growth.major_faults > 0
+        || explains(growth.minor_faults.saturating_mul(MINOR_FAULT_MAX_NS))
     {
         LatenessCause::PageFaults
-    } else if explains(grown.steal_time_ns) {
+    } else if explains(growth.steal_time_ns) {
         LatenessCause::Host
     } else if explains(late.computing_past_deadline_ns) {
-        began_late.unwrap_or(LatenessCause::Work)
+        inherited_cause.unwrap_or(LatenessCause::Work)
     } else {
         LatenessCause::Unknown
     }
 }
 
 impl KernelCounters {
-    /// Returns the growth since `before`.
-    fn growth_since(self, before: KernelCounters) -> KernelCounters {
+    /// Returns the growth since `previous_counters`.
+    fn growth_since(self, previous_counters: KernelCounters) -> KernelCounters {
         KernelCounters {
-            run_queue_delay_ns: self.run_queue_delay_ns.saturating_sub(before.run_queue_delay_ns),
-            throttled_ns: self.throttled_ns.saturating_sub(before.throttled_ns),
-            steal_time_ns: self.steal_time_ns.saturating_sub(before.steal_time_ns),
-            major_faults: self.major_faults.saturating_sub(before.major_faults),
-            minor_faults: self.minor_faults.saturating_sub(before.minor_faults),
+            run_queue_delay_ns: self
+                .run_queue_delay_ns
+                .saturating_sub(previous_counters.run_queue_delay_ns),
+            throttled_ns: self.throttled_ns.saturating_sub(previous_counters.throttled_ns),
+            steal_time_ns: self.steal_time_ns.saturating_sub(previous_counters.steal_time_ns),
+            major_faults: self.major_faults.saturating_sub(previous_counters.major_faults),
+            minor_faults: self.minor_faults.saturating_sub(previous_counters.minor_faults),
         }
     }
 }
@@ -123,30 +125,30 @@ impl LatenessDiagnosis {
     /// Creates a diagnosis for the calling thread, whose loop has this period, ns.
     pub fn new(period_ns: u64) -> LatenessDiagnosis {
         let reader = CounterReader::new();
-        let counted = reader.read();
-        let (awake_ns, rested_ns) = (clock::now_ns(), clock::now_ns());
+        let counters = reader.read();
+        let (last_wake_up_ns, computation_end_ns) = (clock::now_ns(), clock::now_ns());
         LatenessDiagnosis {
             reader,
             period_ns,
-            last_counters: counted,
+            last_counters: counters,
             on_time_count: 0,
             previous_cause: None,
-            last_wake_up_ns: awake_ns,
-            computation_end_ns: rested_ns,
+            last_wake_up_ns,
+            computation_end_ns,
         }
     }
 
-    /// Returns the cause if this wake-up is late: by more than a tenth of the period, or after a `missed`
+    /// Returns the cause if this wake-up is late: by more than a tenth of the period, or after a missed
     /// deadline. Call it at each wake-up. It reads the counters again periodically while wake-ups are on time,
     /// and at each late one: counts before the last read cannot explain a later one.
-    pub fn cause_if_late(&mut self, wake: &WakeUp, missed: bool) -> Option<LatenessCause> {
+    pub fn cause_if_late(&mut self, wake: &WakeUp, missed_deadline: bool) -> Option<LatenessCause> {
         let late = LateWakeUp {
             lateness_ns: wake.lateness_ns,
             computing_past_deadline_ns: self.computation_end_ns.saturating_sub(wake.due_ns),
             computation_ns: self.computation_end_ns.saturating_sub(self.last_wake_up_ns),
         };
         self.last_wake_up_ns = wake.due_ns + wake.lateness_ns;
-        if !missed && is_on_time(late.lateness_ns, self.period_ns) {
+        if !missed_deadline && is_on_time(late.lateness_ns, self.period_ns) {
             self.previous_cause = None;
             self.on_time_count += 1;
             if self.on_time_count == WAKE_UPS_PER_READ {
@@ -155,10 +157,10 @@ impl LatenessDiagnosis {
             return None;
         }
         self.on_time_count = 0;
-        let before = std::mem::replace(&mut self.last_counters, self.reader.read());
+        let previous_counters = std::mem::replace(&mut self.last_counters, self.reader.read());
         self.previous_cause = Some(find_cause(
             late,
-            self.last_counters.growth_since(before),
+            self.last_counters.growth_since(previous_counters),
             self.period_ns,
             self.previous_cause,
         ));
@@ -211,27 +213,27 @@ impl CounterReader {
     /// Returns the causes that this machine cannot detect, because their counters cannot be read.
     pub fn undetectable_causes(&self) -> Vec<LatenessCause> {
         let mut buffer = [0; 160];
-        let mut untold = Vec::new();
-        let told = |file: &Option<File>, buffer: &mut [u8], place| {
-            read_number_field(file.as_ref(), buffer, place).is_some()
+        let mut undetectable = Vec::new();
+        let is_readable = |file: &Option<File>, buffer: &mut [u8], field_index| {
+            read_number_field(file.as_ref(), buffer, field_index).is_some()
         };
-        if !told(&self.schedstat, &mut buffer, RUN_QUEUE_DELAY_FIELD_INDEX) {
-            untold.push(LatenessCause::Core);
+        if !is_readable(&self.schedstat, &mut buffer, RUN_QUEUE_DELAY_FIELD_INDEX) {
+            undetectable.push(LatenessCause::Core);
         }
-        if !told(&self.stat, &mut buffer, STEAL_TIME_FIELD_INDEX) {
-            untold.push(LatenessCause::Host);
+        if !is_readable(&self.stat, &mut buffer, STEAL_TIME_FIELD_INDEX) {
+            undetectable.push(LatenessCause::Host);
         }
-        untold
+        undetectable
     }
 
     /// Reads all counters.
     fn read(&self) -> KernelCounters {
         let mut counters = read_page_faults();
         let mut buffer = [0; 160];
-        if let Some(waited_ns) =
+        if let Some(run_queue_delay_ns) =
             read_number_field(self.schedstat.as_ref(), &mut buffer, RUN_QUEUE_DELAY_FIELD_INDEX)
         {
-            counters.run_queue_delay_ns = waited_ns;
+            counters.run_queue_delay_ns = run_queue_delay_ns;
         }
         if let Some(ticks) =
             read_number_field(self.stat.as_ref(), &mut buffer, STEAL_TIME_FIELD_INDEX)
@@ -251,11 +253,11 @@ impl Default for CounterReader {
 }
 
 /// Reads the number in this field of a file's first line; `None` if the field is not a number.
-fn read_number_field(file: Option<&File>, buffer: &mut [u8], place: usize) -> Option<u64> {
+fn read_number_field(file: Option<&File>, buffer: &mut [u8], field_index: usize) -> Option<u64> {
     let length = file?.read_at(buffer, 0).ok()?;
     let mut rest = &buffer[..length];
     // Byte by byte, because this is half of the cost of a diagnosis.
-    for _ in 0..place {
+    for _ in 0..field_index {
         let end = rest.iter().position(|&byte| byte <= b' ')?;
         let blanks = rest[end..].iter().take_while(|&&byte| byte == b' ').count();
         rest = &rest[end + blanks..];
@@ -296,12 +298,8 @@ mod tests {
     /// Minimum number of page faults that it causes, even with pages of 2 MB.
     const PAGE_FAULTS_MIN: u64 = 10;
 
-    fn lateness_of(behind_ns: u64, at_work_ns: u64) -> LateWakeUp {
-        LateWakeUp {
-            lateness_ns: behind_ns,
-            computing_past_deadline_ns: at_work_ns,
-            computation_ns: 10 * NS_PER_MS,
-        }
+    fn lateness_of(lateness_ns: u64, computing_past_deadline_ns: u64) -> LateWakeUp {
+        LateWakeUp { lateness_ns, computing_past_deadline_ns, computation_ns: 10 * NS_PER_MS }
     }
 
     /// Numbers measured on an Intel Xeon with two cores, a virtual machine, Linux 6.18; steal time and disk
@@ -345,23 +343,28 @@ mod tests {
             ("a timer that fired late", [NS_PER_MS, 0, 11_000, 0, 0, 0, 0], LatenessCause::Unknown),
         ] {
             let [
-                behind_ns,
-                at_work_ns,
-                waited_ns,
-                held_up_ns,
-                stolen_ns,
+                lateness_ns,
+                computing_past_deadline_ns,
+                run_queue_delay_ns,
+                throttled_ns,
+                steal_time_ns,
                 major_faults,
                 minor_faults,
             ] = numbers;
-            let grown = KernelCounters {
-                run_queue_delay_ns: waited_ns,
-                throttled_ns: held_up_ns,
-                steal_time_ns: stolen_ns,
+            let growth = KernelCounters {
+                run_queue_delay_ns,
+                throttled_ns,
+                steal_time_ns,
                 major_faults,
                 minor_faults,
             };
             assert_eq!(
-                find_cause(lateness_of(behind_ns, at_work_ns), grown, 5 * NS_PER_MS, None),
+                find_cause(
+                    lateness_of(lateness_ns, computing_past_deadline_ns),
+                    growth,
+                    5 * NS_PER_MS,
+                    None
+                ),
                 expected,
                 "{what}"
             );
@@ -370,24 +373,27 @@ mod tests {
 
     #[test]
     fn short_work_inherits_the_cause_of_its_late_start() {
-        let quick = LateWakeUp {
+        let short_work = LateWakeUp {
             computation_ns: 4 * NS_PER_MS,
             ..lateness_of(2 * NS_PER_MS, 2 * NS_PER_MS)
         };
-        let slow = LateWakeUp { computation_ns: 12 * NS_PER_MS, ..quick };
-        let on_time =
-            LateWakeUp { lateness_ns: NS_PER_MS / 100, computing_past_deadline_ns: 0, ..quick };
+        let long_work = LateWakeUp { computation_ns: 12 * NS_PER_MS, ..short_work };
+        let on_time = LateWakeUp {
+            lateness_ns: NS_PER_MS / 100,
+            computing_past_deadline_ns: 0,
+            ..short_work
+        };
         let cause =
             |late, previous| find_cause(late, KernelCounters::default(), 10 * NS_PER_MS, previous);
-        assert_eq!(cause(quick, Some(LatenessCause::Core)), LatenessCause::Core);
+        assert_eq!(cause(short_work, Some(LatenessCause::Core)), LatenessCause::Core);
         assert_eq!(
             cause(on_time, Some(LatenessCause::Core)),
             LatenessCause::Core,
             "it missed its deadline"
         );
         assert_eq!(cause(on_time, None), LatenessCause::Unknown);
-        assert_eq!(cause(quick, None), LatenessCause::Work);
-        assert_eq!(cause(slow, Some(LatenessCause::Core)), LatenessCause::Work);
+        assert_eq!(cause(short_work, None), LatenessCause::Work);
+        assert_eq!(cause(long_work, Some(LatenessCause::Core)), LatenessCause::Work);
     }
 
     fn wake_up_late_by(lateness_ns: u64) -> WakeUp {
@@ -396,9 +402,10 @@ mod tests {
 
     #[test]
     fn wake_up_is_late_after_a_tenth_of_the_period_or_a_miss() {
-        let mut witness = LatenessDiagnosis::new(10 * NS_PER_MS);
-        let mut is_late =
-            |ns, missed| witness.cause_if_late(&wake_up_late_by(ns), missed).is_some();
+        let mut diagnosis = LatenessDiagnosis::new(10 * NS_PER_MS);
+        let mut is_late = |ns, missed_deadline| {
+            diagnosis.cause_if_late(&wake_up_late_by(ns), missed_deadline).is_some()
+        };
         assert_eq!(
             [is_late(NS_PER_MS, false), is_late(NS_PER_MS, true), is_late(NS_PER_MS + 1, false)],
             [false, true, true]
@@ -407,22 +414,22 @@ mod tests {
 
     #[test]
     fn counts_of_an_overrun_remain_for_the_late_wake_up() {
-        let mut witness = LatenessDiagnosis::new(10 * NS_PER_MS);
-        let touch = || drop(std::hint::black_box(vec![1_u8; FRESH_ALLOCATION_BYTES]));
-        let faults = |witness: &LatenessDiagnosis| {
-            witness.reader.read().growth_since(witness.last_counters).minor_faults
+        let mut diagnosis = LatenessDiagnosis::new(10 * NS_PER_MS);
+        let allocate = || drop(std::hint::black_box(vec![1_u8; FRESH_ALLOCATION_BYTES]));
+        let faults = |diagnosis: &LatenessDiagnosis| {
+            diagnosis.reader.read().growth_since(diagnosis.last_counters).minor_faults
         };
-        touch();
-        assert!(faults(&witness) > PAGE_FAULTS_MIN);
-        assert!(witness.cause_if_late(&wake_up_late_by(5 * NS_PER_MS), false).is_some());
-        assert!(faults(&witness) < PAGE_FAULTS_MIN, "they were looked at when it was late");
-        touch();
+        allocate();
+        assert!(faults(&diagnosis) > PAGE_FAULTS_MIN);
+        assert!(diagnosis.cause_if_late(&wake_up_late_by(5 * NS_PER_MS), false).is_some());
+        assert!(faults(&diagnosis) < PAGE_FAULTS_MIN, "they were looked at when it was late");
+        allocate();
         for _ in 1..WAKE_UPS_PER_READ {
-            assert_eq!(witness.cause_if_late(&wake_up_late_by(0), false), None);
+            assert_eq!(diagnosis.cause_if_late(&wake_up_late_by(0), false), None);
         }
-        assert!(faults(&witness) > PAGE_FAULTS_MIN, "not yet");
-        assert_eq!(witness.cause_if_late(&wake_up_late_by(0), false), None);
-        assert!(faults(&witness) < PAGE_FAULTS_MIN, "they were looked at when it was on time");
+        assert!(faults(&diagnosis) > PAGE_FAULTS_MIN, "not yet");
+        assert_eq!(diagnosis.cause_if_late(&wake_up_late_by(0), false), None);
+        assert!(faults(&diagnosis) < PAGE_FAULTS_MIN, "they were looked at when it was on time");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The run root: a directory on tmpfs with all shared files of one run, its shared memory included, and the
 //! iceoryx2 configuration that isolates runs from each other.
 //!
-//! The supervisor holds its lock file while it lives. A root whose lock is free belongs to a run that has exited:
+//! The supervisor holds its lock file as long as it runs. A root whose lock is free belongs to a run that has exited:
 //! the next run removes it, and so does `phalanx clean`. Only the user can access it. Must not: remove anything
 //! whose lock is not held, touch files of another user, or follow a symbolic link.
 
@@ -48,7 +48,7 @@ pub enum RunRootError {
     Unusable { path: PathBuf, why: String },
 }
 
-/// Directory of a run, locked while this value lives.
+/// Directory of a run, locked while this value exists.
 #[derive(Debug)]
 pub struct RunRoot {
     base_directory: PathBuf,
@@ -103,15 +103,15 @@ impl RunRoot {
             }
             create_base_directory(&base)?;
             // Locked before it gets its name, so that no other run finds it unlocked.
-            let unnamed = base.join(format!("{id}{UNFINISHED_SUFFIX}"));
-            match fs::DirBuilder::new().mode(0o700).create(&unnamed) {
+            let unfinished = base.join(format!("{id}{UNFINISHED_SUFFIX}"));
+            match fs::DirBuilder::new().mode(0o700).create(&unfinished) {
                 Ok(()) => {}
                 // The name is taken, or the base was removed by the last run that used it.
                 Err(error) if is_lost_race(&error) => continue,
-                Err(source) => return Err(io_error("make", &unnamed, source)),
+                Err(source) => return Err(io_error("make", &unfinished, source)),
             }
-            let Some(lock) = create_lock_file(&unnamed.join("lock"))? else { continue };
-            match fs::rename(&unnamed, &path) {
+            let Some(lock) = create_lock_file(&unfinished.join("lock"))? else { continue };
+            match fs::rename(&unfinished, &path) {
                 Ok(()) if is_same_file(&lock, &path.join("lock")) => {}
                 Err(source) if !is_lost_race(&source) => {
                     return Err(io_error("name", &path, source));
@@ -183,7 +183,7 @@ impl Drop for RunRoot {
     }
 }
 
-/// Run root of a run that has exited, locked while this value lives, so that no other process removes it.
+/// Run root of a run that has exited, locked while this value exists, so that no other process removes it.
 #[derive(Debug)]
 pub struct ExitedRunRoot {
     /// Path of the directory.
@@ -217,8 +217,9 @@ pub fn remove_dead_roots(base: &Path) -> Vec<PathBuf> {
 /// Iterates over the run roots below `base` whose lock is free; each is locked when it is reached.
 pub fn lock_dead_roots(base: &Path) -> impl Iterator<Item = ExitedRunRoot> {
     // `create` refuses a base that is a link or belongs to another user; here it is left alone.
-    let ours = fs::symlink_metadata(base).is_ok_and(|found| unusable_reason(&found).is_none());
-    let entries = ours.then(|| fs::read_dir(base).ok()).flatten();
+    let is_ours =
+        fs::symlink_metadata(base).is_ok_and(|metadata| unusable_reason(&metadata).is_none());
+    let entries = is_ours.then(|| fs::read_dir(base).ok()).flatten();
     entries.into_iter().flatten().flatten().filter_map(|entry| {
         let path = entry.path();
         let name = path.file_name().and_then(|name| name.to_str())?;
@@ -226,7 +227,7 @@ pub fn lock_dead_roots(base: &Path) -> impl Iterator<Item = ExitedRunRoot> {
         if !is_run_id(id) || (name != id && !is_past_unlocked_age(&path)) {
             return None;
         }
-        if !fs::symlink_metadata(&path).is_ok_and(|found| found.is_dir()) {
+        if !fs::symlink_metadata(&path).is_ok_and(|metadata| metadata.is_dir()) {
             return None;
         }
         let lock_path = path.join("lock");
@@ -251,7 +252,7 @@ pub fn lock_dead_roots(base: &Path) -> impl Iterator<Item = ExitedRunRoot> {
 
 /// Returns the reason why `base` is not usable for run roots; `None` if it is usable or missing.
 pub fn find_unusable_reason(base: &Path) -> Option<String> {
-    fs::symlink_metadata(base).ok().and_then(|found| unusable_reason(&found))
+    fs::symlink_metadata(base).ok().and_then(|metadata| unusable_reason(&metadata))
 }
 
 /// Joins a run as the process of a robot, or of the `plant`, and records the process id.
@@ -268,20 +269,21 @@ pub fn join_as_process(run_root: &Path, name: &str) -> Result<(), RunRootError> 
 pub fn join(run_root: &Path) -> Result<(), RunRootError> {
     crate::machine::process::limit_iceoryx2_log();
     let path = config_path(run_root);
-    let refused = |cause: &dyn std::fmt::Debug| {
+    let config_error = |cause: &dyn std::fmt::Debug| {
         let why = format!(
             "is refused by iceoryx2: {cause:?}; is the run of this brief still in progress?"
         );
         unusable_error(&path, why)
     };
     let file =
-        FilePath::new(path.as_os_str().as_encoded_bytes()).map_err(|error| refused(&error))?;
-    let wanted = Config::from_file(&file).map_err(|error| refused(&error))?;
-    let joined = Config::setup_global_config_from_file(&file).map_err(|error| refused(&error))?;
-    if *joined != wanted {
-        let joined = joined.global.root_path();
+        FilePath::new(path.as_os_str().as_encoded_bytes()).map_err(|error| config_error(&error))?;
+    let config = Config::from_file(&file).map_err(|error| config_error(&error))?;
+    let joined_config =
+        Config::setup_global_config_from_file(&file).map_err(|error| config_error(&error))?;
+    if *joined_config != config {
+        let joined_root = joined_config.global.root_path();
         let why = format!(
-            "cannot be joined: this process has joined {joined} already; call join first thing, once"
+            "cannot be joined: this process has joined {joined_root} already; call join first thing, once"
         );
         return Err(unusable_error(run_root, why));
     }
@@ -299,7 +301,7 @@ fn unusable_error(path: &Path, why: String) -> RunRootError {
 /// Returns whether `path` lies inside a run root below `base` that a live process holds. Such a root is removed by its
 /// holder, with all that is in it.
 pub fn is_in_live_root(base: &Path, path: &Path) -> bool {
-    let root = path.strip_prefix(base).ok().and_then(|below| below.iter().next()?.to_str());
+    let root = path.strip_prefix(base).ok().and_then(|relative| relative.iter().next()?.to_str());
     root.filter(|name| is_run_id(name)).is_some_and(|name| {
         let lock = lock_options().open(base.join(name).join("lock"));
         lock.is_ok_and(|lock| flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err())
@@ -333,12 +335,12 @@ fn create_base_directory(base: &Path) -> Result<(), RunRootError> {
         Err(source) => return Err(io_error("make", base, source)),
     }
     match fs::symlink_metadata(base) {
-        Ok(found) => match unusable_reason(&found) {
+        Ok(metadata) => match unusable_reason(&metadata) {
             None => Ok(()),
-            Some(found) => {
+            Some(reason) => {
                 let uid = rustix::process::geteuid().as_raw();
                 let why = format!(
-                    "is not a private directory of user {uid}: {found}; remove it, or let \
+                    "is not a private directory of user {uid}: {reason}; remove it, or let \
                      PHALANX_RUN_ROOT name another directory"
                 );
                 Err(unusable_error(base, why))
@@ -351,22 +353,22 @@ fn create_base_directory(base: &Path) -> Result<(), RunRootError> {
 }
 
 /// Returns the reason why a base directory is not usable, if any.
-fn unusable_reason(found: &fs::Metadata) -> Option<String> {
-    if found.is_symlink() {
+fn unusable_reason(metadata: &fs::Metadata) -> Option<String> {
+    if metadata.is_symlink() {
         Some("it is a symbolic link".into())
-    } else if !found.is_dir() {
+    } else if !metadata.is_dir() {
         Some("it is not a directory".into())
-    } else if !is_owned_by_user(found) {
-        Some(format!("it belongs to user {}", found.uid()))
-    } else if found.mode() & 0o077 != 0 {
-        Some(format!("it is open to others (mode {:o})", found.mode() & 0o777))
+    } else if !is_owned_by_user(metadata) {
+        Some(format!("it belongs to user {}", metadata.uid()))
+    } else if metadata.mode() & 0o077 != 0 {
+        Some(format!("it is open to others (mode {:o})", metadata.mode() & 0o777))
     } else {
         None
     }
 }
 
-fn is_owned_by_user(found: &fs::Metadata) -> bool {
-    found.uid() == rustix::process::geteuid().as_raw()
+fn is_owned_by_user(metadata: &fs::Metadata) -> bool {
+    metadata.uid() == rustix::process::geteuid().as_raw()
 }
 
 fn write_private_file(path: &Path, text: &str) -> io::Result<()> {
@@ -410,7 +412,7 @@ fn is_same_file(file: &File, path: &Path) -> bool {
 
 fn is_past_unlocked_age(path: &Path) -> bool {
     fs::symlink_metadata(path)
-        .and_then(|found| found.modified())
+        .and_then(|metadata| metadata.modified())
         .ok()
         .and_then(|modified| modified.elapsed().ok())
         .is_some_and(|age| age > UNLOCKED_AGE_MIN)
@@ -443,18 +445,18 @@ mod tests {
     #[test]
     fn sweep_removes_dead_roots_and_keeps_live_ones() {
         let (_parent, base) = temporary_base();
-        let living = RunRoot::create(&base).unwrap();
+        let live = RunRoot::create(&base).unwrap();
         let id = format!("{:08x}", std::process::id());
         let dead = base.join(&id);
         fs::create_dir(&dead).unwrap();
         fs::write(dead.join("lock"), "").unwrap();
         fs::write(dead.join("left"), "x").unwrap();
-        let being_made = base.join("0000beef");
-        fs::create_dir(&being_made).unwrap();
+        let unfinished = base.join("0000beef");
+        fs::create_dir(&unfinished).unwrap();
         fs::create_dir(base.join("not-a-root")).unwrap();
         assert_eq!(remove_dead_roots(&base), std::slice::from_ref(&dead));
         assert!(!dead.exists());
-        assert!(living.path().exists() && being_made.exists());
+        assert!(live.path().exists() && unfinished.exists());
     }
 
     #[test]

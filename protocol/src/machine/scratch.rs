@@ -1,4 +1,4 @@
-//! Scratch folder outside of a run root that is removed with it: `phalanx verify` writes its second run beside
+//! Scratch folder outside of a run root that is removed with it: `phalanx verify` writes its second run next to
 //! the first one, where there is space. Run root and folder hold each other's path: if the process is killed, the
 //! next run and `phalanx clean` find the folder through the run root whose lock is free.
 //!
@@ -35,7 +35,7 @@ pub fn create(run_root: &Path, folder: &Path) -> io::Result<()> {
 /// Returns the scratch folder of a run root, if it exists.
 pub fn find(run_root: &Path) -> Option<PathBuf> {
     let folder = read_path(&run_root.join(PATH_FILE_NAME))?;
-    let is_folder = fs::symlink_metadata(&folder).is_ok_and(|found| found.is_dir());
+    let is_folder = fs::symlink_metadata(&folder).is_ok_and(|metadata| metadata.is_dir());
     (is_folder && read_path(&folder.join(OWNER_FILE_NAME)).as_deref() == Some(run_root))
         .then_some(folder)
 }
@@ -68,9 +68,9 @@ mod tests {
 
     #[test]
     fn scratch_folder_of_another_process_is_kept() {
-        let place = tempfile::tempdir().unwrap();
+        let parent = tempfile::tempdir().unwrap();
         let [root, other, folder] =
-            ["root", "other", "run-again"].map(|name| place.path().join(name));
+            ["root", "other", "run-again"].map(|name| parent.path().join(name));
         fs::create_dir(&root).unwrap();
         fs::create_dir(&other).unwrap();
         assert_eq!(find(&root), None);

@@ -112,11 +112,11 @@ impl Qos {
     /// Returns the limits for odometry, commands and beacons. In lockstep a neighbor may be one tick ahead; in
     /// real time only the newest sample matters.
     pub fn for_robot(pace: Pace, subscribers: usize) -> Qos {
-        let buffer = match pace {
+        let queue_length = match pace {
             Pace::Lockstep => 4,
             Pace::Realtime => 1,
         };
-        Qos { subscribers, queue_length: buffer }
+        Qos { subscribers, queue_length }
     }
 
     /// Returns the limits for beacons. In real time a queue with messages is longer, so that a beacon without a message
@@ -158,11 +158,11 @@ impl Qos {
     /// Returns the limits for ground truth: twice the lead that the plant may have in lockstep, or a second at 1
     /// kHz.
     pub fn for_truth(pace: Pace, subscribers: usize) -> Qos {
-        let buffer = match pace {
+        let queue_length = match pace {
             Pace::Lockstep => 128,
             Pace::Realtime => 1024,
         };
-        Qos { subscribers, queue_length: buffer }
+        Qos { subscribers, queue_length }
     }
 }
 
@@ -250,7 +250,7 @@ pub fn truth_topic() -> Topic<[TruthRow], TruthHeader> {
     Topic::new("plant/truth".into())
 }
 
-/// A service created or opened by this process. It exists while one of its factories lives.
+/// A service created or opened by this process. It exists while one of its factories exists.
 #[derive(Debug)]
 pub struct Factory<P: Debug + ?Sized + iceoryx2::prelude::IceoryxSend, H: Debug + ZeroCopySend = ()>
 {
@@ -499,7 +499,7 @@ mod tests {
     type MismatchedCommand = Goal;
 
     /// Sends one message over a service that the supervisor creates and a child opens, or the reverse.
-    macro_rules! carried {
+    macro_rules! check_transfer {
         ($sender:expr, $receiver:expr, $message:expr) => {{
             let (publisher, subscriber) =
                 ($sender.publisher().unwrap(), $receiver.subscriber().unwrap());
@@ -528,11 +528,11 @@ mod tests {
         let supervisor = create_node("supervisor").unwrap();
         let child = create_node("agent r1").unwrap();
         let qos = Qos::for_robot(Pace::Lockstep, 1);
-        let held = command_topic("r1").create(&supervisor, qos).unwrap();
+        let created = command_topic("r1").create(&supervisor, qos).unwrap();
         let opened = command_topic("r1").open(&child).unwrap();
         let publisher = opened.publisher().unwrap();
-        let subscriber = held.subscriber().unwrap();
-        assert_eq!((held.number_of_publishers(), held.number_of_subscribers()), (1, 1));
+        let subscriber = created.subscriber().unwrap();
+        assert_eq!((created.number_of_publishers(), created.number_of_subscribers()), (1, 1));
         // The oldest sample is dropped; the sender never waits.
         for tick in 0..10 {
             publisher.send_copy(Command { tick, v_m_s: 0.1, ..Command::default() }).unwrap();
@@ -541,8 +541,8 @@ mod tests {
         let ticks: Vec<(u64, f64)> = received.map(|sample| (sample.tick, sample.v_m_s)).collect();
         assert_eq!(ticks, [(6, 0.1), (7, 0.1), (8, 0.1), (9, 0.1)]);
 
-        let wrong: Topic<MismatchedCommand> = Topic::new(command_topic("r1").name().into());
-        let error = wrong.open(&child).unwrap_err().to_string();
+        let mismatched: Topic<MismatchedCommand> = Topic::new(command_topic("r1").name().into());
+        let error = mismatched.open(&child).unwrap_err().to_string();
         assert!(error.contains("robot/r1/command") && error.contains("another layout"), "{error}");
         let error = command_topic("absent").open(&child).unwrap_err().to_string();
         assert!(
@@ -551,18 +551,18 @@ mod tests {
         );
 
         check_beacons(&supervisor, &child);
-        let sent =
+        let odometry =
             Odometry { tick: 1, walls_count: 1, near: [[0.5; 2]; 32], ..Odometry::default() };
-        let held = odometry_topic("r1").create(&supervisor, qos).unwrap();
-        carried!(held, odometry_topic("r1").open(&child).unwrap(), sent);
+        let created = odometry_topic("r1").create(&supervisor, qos).unwrap();
+        check_transfer!(created, odometry_topic("r1").open(&child).unwrap(), odometry);
 
         check_statuses_and_faults(&supervisor, &child);
         check_truths(&supervisor, &child);
 
         // All files are in the root. With a port still open, as after a SIGKILL, nothing remains after removal.
         let files = list_directory(root.path().to_str().unwrap());
-        for end in [".dynamic", ".data", ".connection"] {
-            assert!(files.iter().any(|name| name.ends_with(end)), "{end}: {files:?}");
+        for suffix in [".dynamic", ".data", ".connection"] {
+            assert!(files.iter().any(|name| name.ends_with(suffix)), "{suffix}: {files:?}");
         }
         let id = root.path().file_name().unwrap().to_str().unwrap();
         assert!(!list_directory("/dev/shm").iter().any(|name| name.contains(id)));
@@ -586,8 +586,8 @@ mod tests {
     }
 
     fn check_statuses_and_faults(supervisor: &Node, child: &Node) {
-        let held = status_topic("r1").create(supervisor, Qos::for_status(1)).unwrap();
-        let subscriber = held.subscriber().unwrap();
+        let created = status_topic("r1").create(supervisor, Qos::for_status(1)).unwrap();
+        let subscriber = created.subscriber().unwrap();
         let publisher = status_topic("r1").open(child).unwrap().publisher(2).unwrap();
         let header = StatusHeader { tick: 5, ..StatusHeader::default() };
         send_bytes(&publisher, &header, &[1, 2]).unwrap();
@@ -597,9 +597,9 @@ mod tests {
         assert_eq!((*sample.user_header(), sample.payload()), (header, &[1, 2][..]));
         assert_eq!(subscriber.receive().unwrap().unwrap().len(), 0);
 
-        let one = Qos::for_robot(Pace::Realtime, 1);
+        let qos = Qos::for_robot(Pace::Realtime, 1);
         let publisher =
-            link_faults_topic("r1").create(supervisor, one).unwrap().publisher(2).unwrap();
+            link_faults_topic("r1").create(supervisor, qos).unwrap().publisher(2).unwrap();
         let subscriber = link_faults_topic("r1").open(child).unwrap().subscriber().unwrap();
         let link = |i: usize| LinkFaultByHand { robot: i as u64 + 1, cut: 1 };
         for length in [1, 2] {
@@ -611,8 +611,8 @@ mod tests {
 
     /// Sends one second of ground truth at 1 kHz.
     fn check_truths(supervisor: &Node, child: &Node) {
-        let held = truth_topic().create(supervisor, Qos::for_truth(Pace::Realtime, 1)).unwrap();
-        let subscriber = held.subscriber().unwrap();
+        let created = truth_topic().create(supervisor, Qos::for_truth(Pace::Realtime, 1)).unwrap();
+        let subscriber = created.subscriber().unwrap();
         let publisher = truth_topic().open(child).unwrap().publisher(64).unwrap();
         let row = |i| TruthRow { x_m: i as f64, commanded: 1, ..TruthRow::default() };
         for tick in 0..1024 {

@@ -152,9 +152,9 @@ impl<'a> Reader<'a> {
     }
 
     fn read_bytes(&mut self, bytes: usize) -> Option<&'a [u8]> {
-        let taken = self.body.get(self.read_byte_count..)?.get(..bytes)?;
+        let bytes_read = self.body.get(self.read_byte_count..)?.get(..bytes)?;
         self.read_byte_count += bytes;
-        Some(taken)
+        Some(bytes_read)
     }
 }
 

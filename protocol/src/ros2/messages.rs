@@ -109,9 +109,9 @@ pub fn read_pose_stamped(message: &[u8]) -> Option<StampedPose<'_>> {
     let mut reader = Reader::new(message)?;
     let _stamp_ns = reader.read_time()?;
     let frame = reader.read_string()?;
-    let place =
+    let pose =
         StampedPose { frame, position_m: reader.read_f64s()?, orientation: reader.read_f64s()? };
-    reader.is_done().then_some(place)
+    reader.is_done().then_some(pose)
 }
 
 /// Reads a `geometry_msgs/Twist`; `None` if it has another layout.
@@ -145,15 +145,16 @@ mod tests {
     fn odometry_numbers_have_their_offsets() {
         assert_eq!(base_link("r1"), FRAME);
         let bytes = encode(|out| write_odometry(out, &state(FRAME, POSE)));
-        let at = |place: usize| f64::from_le_bytes(bytes[place..place + 8].try_into().unwrap());
+        let number_at =
+            |offset: usize| f64::from_le_bytes(bytes[offset..offset + 8].try_into().unwrap());
         assert_eq!(&bytes[4..12], &[0x00, 0xf1, 0x53, 0x65, 7, 0, 0, 0]);
         assert_eq!(&bytes[12..20], b"\x04\0\0\0map\0");
         assert_eq!(&bytes[20..37], b"\x0d\0\0\0r1/base_link\0");
-        assert_eq!([44, 52, 60].map(at), [1.5, -2.5, 0.0]);
-        assert_eq!([68, 76, 84, 92].map(at), [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()]);
+        assert_eq!([44, 52, 60].map(number_at), [1.5, -2.5, 0.0]);
+        assert_eq!([68, 76, 84, 92].map(number_at), [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()]);
         let twist = 100 + COVARIANCE_ENTRIES * 8;
-        let places = [0, 8, 16, 24, 32, 40].map(|place| at(twist + place));
-        assert_eq!(places, [0.25, 0.0, 0.0, 0.0, 0.0, -0.75]);
+        let numbers = [0, 8, 16, 24, 32, 40].map(|offset| number_at(twist + offset));
+        assert_eq!(numbers, [0.25, 0.0, 0.0, 0.0, 0.0, -0.75]);
         assert_eq!(bytes.len(), twist + 48 + COVARIANCE_ENTRIES * 8);
     }
 
@@ -176,12 +177,15 @@ mod tests {
     #[test]
     fn pose_round_trips_and_other_layouts_are_refused() {
         let bytes = encode(|out| write_pose_stamped(out, &state(FRAME, POSE)));
-        let place = read_pose_stamped(&bytes).unwrap();
+        let stamped_pose = read_pose_stamped(&bytes).unwrap();
         let orientation = [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()];
-        assert_eq!(place, StampedPose { frame: "map", position_m: [1.5, -2.5, 0.0], orientation });
+        assert_eq!(
+            stamped_pose,
+            StampedPose { frame: "map", position_m: [1.5, -2.5, 0.0], orientation }
+        );
         (0..bytes.len()).for_each(|length| assert_eq!(read_pose_stamped(&bytes[..length]), None));
         let more = |count: usize| [&bytes[..], &vec![0; count]].concat();
-        assert_eq!(read_pose_stamped(&more(3)), Some(place), "padding");
+        assert_eq!(read_pose_stamped(&more(3)), Some(stamped_pose), "padding");
         for count in [4, 8] {
             assert_eq!(read_pose_stamped(&more(count)), None, "{count} bytes more");
         }

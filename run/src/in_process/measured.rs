@@ -20,13 +20,14 @@ use crate::journal::Journal;
 
 /// Returns the reason why a run of this scenario needs processes, or `None`.
 pub fn reason_for_processes(scenario: &Scenario) -> Option<&'static str> {
-    let any =
-        |wanted: fn(&FaultKind) -> bool| scenario.faults.iter().any(|fault| wanted(&fault.kind));
+    let has_fault = |predicate: fn(&FaultKind) -> bool| {
+        scenario.faults.iter().any(|fault| predicate(&fault.kind))
+    };
     if scenario.process_programs().next().is_some() {
         Some("programs of the scenario's own")
-    } else if any(|kind| matches!(kind, FaultKind::KillPlant)) {
+    } else if has_fault(|kind| matches!(kind, FaultKind::KillPlant)) {
         Some("a fault that kills the plant")
-    } else if any(|kind| matches!(kind, FaultKind::Load { .. })) {
+    } else if has_fault(|kind| matches!(kind, FaultKind::Load { .. })) {
         Some("a fault that takes processor time")
     } else {
         None
@@ -39,16 +40,16 @@ pub fn create_controller(brief: &AgentBrief, incarnation: u64) -> Controller {
     Controller::new(brief, incarnation).expect("the brief of a checked scenario")
 }
 
-/// Returns the measures of a lockstep run with controllers made by `think`, and records nothing else. Calls
-/// `watch` with each ground truth sample and the robots that were alive; returns `None` if `watch` returns
+/// Returns the measures of a lockstep run with controllers made by `create_controller`, and records nothing else.
+/// Calls `watch` with each ground truth sample and the robots that were alive; returns `None` if `watch` returns
 /// `false` before the end.
 pub fn measure_run(
     scenario: &Scenario,
-    think: &dyn Fn(&AgentBrief, u64) -> Controller,
+    create_controller: &dyn Fn(&AgentBrief, u64) -> Controller,
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]) -> bool,
 ) -> Option<RunMetrics> {
     let metrics = Metrics::new(scenario, Pace::Lockstep);
-    let run = InProcessRun::with_journal(scenario.clone(), think, metrics);
+    let run = InProcessRun::with_journal(scenario.clone(), create_controller, metrics);
     let mut run = run.unwrap_or_else(|error| panic!("it needs no processes: {error}"));
     let mut rows: Vec<TruthRow> = Vec::new();
     loop {
@@ -56,40 +57,42 @@ pub fn measure_run(
         rows.clear();
         rows.extend(run.world().truth());
         run.state_machine.measure_truth(&header, &rows);
-        let goes_on = watch(&header, &rows, run.alive_robots());
+        let continues = watch(&header, &rows, run.alive_robots());
         let metrics = &run.state_machine.journal;
         if run.is_over() || metrics.ends_early() {
             return Some(metrics.finish());
         }
-        if !goes_on {
+        if !continues {
             return None;
         }
         run.sense_robots();
-        let mut rewirings = Vec::new();
+        let mut reference_changes = Vec::new();
         run.step(|robot, cycle| {
-            let wish = cycle.law_output();
+            let law_output = cycle.law_output();
             if cycle.brief().deputy.is_some() {
-                let yes = cycle.status().0.frame == ReceptionState::Lost as u64;
-                rewirings.push(ReferenceChange::DeputyLead { robot, is_leading: yes });
+                let is_leading = cycle.status().0.frame == ReceptionState::Lost as u64;
+                reference_changes.push(ReferenceChange::DeputyLead { robot, is_leading });
             }
             if cycle.controller().neighborhood().has_repair_plan() {
                 let (_, senders) = cycle.status();
-                rewirings.extend(senders.map(|sender| ReferenceChange::ReferenceUse {
+                reference_changes.extend(senders.map(|sender| ReferenceChange::ReferenceUse {
                     robot,
                     neighbor: sender.robot as usize - 1,
                     is_used: sender.goes_by == 1,
                 }));
             }
-            wish
+            law_output
         });
         let InProcessRun { robots, state_machine, .. } = &mut run;
-        for (place, robot) in robots.iter_mut().enumerate().filter(|(_, r)| r.has_status_report) {
+        for (index, robot) in robots.iter_mut().enumerate().filter(|(_, r)| r.has_status_report) {
             if let Some((cycle, _)) = robot.participating_cycle() {
-                state_machine.measure_status(place, &cycle.status().0);
+                state_machine.measure_status(index, &cycle.status().0);
             }
         }
         let metrics = &mut state_machine.journal;
-        rewirings.into_iter().for_each(|rewiring| metrics.apply_rewiring(rewiring));
+        reference_changes
+            .into_iter()
+            .for_each(|reference_change| metrics.apply_rewiring(reference_change));
     }
 }
 
@@ -107,14 +110,14 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> MeasuredRun<'a, F> {
     /// latency measurements.
     pub fn new(
         scenario: &Scenario,
-        think: F,
+        create_controller: F,
         run_dir: &'a mut RunDir,
         metrics: &'a mut Metrics,
         clock_ns: fn() -> u64,
     ) -> Result<MeasuredRun<'a, F>, InProcessError> {
         let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
         let journal = Journal::new(names, run_dir, metrics);
-        let mut run = InProcessRun::with_journal(scenario.clone(), think, journal)?;
+        let mut run = InProcessRun::with_journal(scenario.clone(), create_controller, journal)?;
         run.clock_ns = clock_ns;
         Ok(MeasuredRun {
             latency: LatencyCollector::new(scenario, Pace::Lockstep),
@@ -141,18 +144,18 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> MeasuredRun<'a, F> {
 
     /// Returns the newest ground truth sample as a frame for figures.
     pub fn scene_frame(&self) -> SceneFrame {
-        let MeasuredRun { run, header, truth_rows: rows, .. } = self;
-        run.state_machine.scene_frame(&run.scenario, header, rows)
+        let MeasuredRun { run, header, truth_rows, .. } = self;
+        run.state_machine.scene_frame(&run.scenario, header, truth_rows)
     }
 
     /// Records the current ground truth sample. Returns whether it is the last one.
     pub fn record_truth_sample(&mut self) -> Result<bool, RunDirError> {
-        let MeasuredRun { run, header, truth_rows: rows, .. } = self;
+        let MeasuredRun { run, header, truth_rows, .. } = self;
         *header = run.world().truth_header();
-        rows.clear();
-        rows.extend(run.world().truth());
+        truth_rows.clear();
+        truth_rows.extend(run.world().truth());
         run.state_machine.journal.write_events_before(header.t_ns)?;
-        run.state_machine.record_truth(header, rows)?;
+        run.state_machine.record_truth(header, truth_rows)?;
         Ok(run.is_over() || run.state_machine.journal.metrics.ends_early())
     }
 
@@ -162,18 +165,18 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> MeasuredRun<'a, F> {
         latency.set_time(header.t_ns);
         run.sense_robots();
         run.step(|_, cycle| cycle.law_output());
-        let InProcessRun { robots, state_machine: course, .. } = run;
-        for (place, robot) in robots.iter_mut().enumerate() {
-            let reports = robot.has_status_report;
+        let InProcessRun { robots, state_machine, .. } = run;
+        for (index, robot) in robots.iter_mut().enumerate() {
+            let has_status_report = robot.has_status_report;
             let message = std::mem::take(&mut robot.recorded_message);
             let Some((cycle, _)) = robot.participating_cycle() else { continue };
-            if reports {
+            if has_status_report {
                 let (header, neighbors) = cycle.status();
                 let neighbors: Vec<_> = neighbors.collect();
-                course.record_status(place, &header, &neighbors, &message);
+                state_machine.record_status(index, &header, &neighbors, &message);
             }
             if cycle.batch_is_due() {
-                record_latencies(latency, cycle, place);
+                record_latencies(latency, cycle, index);
             }
         }
     }
@@ -181,25 +184,25 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> MeasuredRun<'a, F> {
     /// Records the remaining data after the last ground truth sample. Returns the outcome, the journal, and
     /// whether all records could be written.
     pub fn finish(mut self) -> (RunOutcome, Journal<'a>, Result<(), RunDirError>) {
-        for (place, robot) in self.run.robots.iter_mut().enumerate() {
+        for (index, robot) in self.run.robots.iter_mut().enumerate() {
             if let Some(cycle) = &mut robot.cycle {
-                record_latencies(&mut self.latency, cycle, place);
-                self.run.state_machine.record_sent_counts(place, cycle.sent_counts());
+                record_latencies(&mut self.latency, cycle, index);
+                self.run.state_machine.record_sent_counts(index, cycle.sent_counts());
             }
         }
-        let mut course = self.run.state_machine;
-        let told = course.journal.write_events_before(u64::MAX);
-        let (truth, latency) = (Some(self.header), self.latency);
-        let outcome = RunOutcome { newest_truth: truth, latency, ..course.outcome() };
-        (outcome, course.journal, told)
+        let mut state_machine = self.run.state_machine;
+        let write_result = state_machine.journal.write_events_before(u64::MAX);
+        let (newest_truth, latency) = (Some(self.header), self.latency);
+        let outcome = RunOutcome { newest_truth, latency, ..state_machine.outcome() };
+        (outcome, state_machine.journal, write_result)
     }
 }
 
 /// Records the new latencies of this robot.
-fn record_latencies(latency: &mut LatencyCollector, cycle: &mut ControlCycle, place: usize) {
-    let measured = cycle.measurement_batch();
-    let (header, rows) = measured.batch();
+fn record_latencies(latency: &mut LatencyCollector, cycle: &mut ControlCycle, index: usize) {
+    let measurements = cycle.measurement_batch();
+    let (header, rows) = measurements.batch();
     // Index 0 is the plant.
-    latency.add_batch(place + 1, &header, rows);
-    measured.begin_next_batch(0);
+    latency.add_batch(index + 1, &header, rows);
+    measurements.begin_next_batch(0);
 }

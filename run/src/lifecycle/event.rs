@@ -30,7 +30,7 @@ impl Initiator {
 pub enum LifecycleEvent {
     /// SIGKILL on purpose, and the run time of a replacement, ns.
     Kill { robot: usize, fault: usize, restart_at_ns: Option<u64>, initiator: Initiator },
-    /// SIGSTOP. `ends` is whether a thaw is planned.
+    /// SIGSTOP. `has_planned_thaw` is whether a thaw is planned.
     Freeze { robot: usize, fault: usize, has_planned_thaw: bool, initiator: Initiator },
     /// SIGCONT after a freeze.
     Thaw { robot: usize, fault: usize, initiator: Initiator },
@@ -56,7 +56,7 @@ pub enum LifecycleEvent {
     ProcessDied(ProcessDeath),
     /// The stale resources of a dead process of the robot are removed.
     CleanedUp { robot: usize },
-    /// The process of a robot reported its status, which says whether the robot takes part.
+    /// The process of a robot reported its status. `takes_part` is whether the robot takes part.
     StatusReported { robot: usize, takes_part: bool },
     /// The host of the robot is unreachable.
     HostUnreachable { robot: usize, fault: usize, reason: String },
@@ -120,8 +120,8 @@ pub enum DriverOrder {
     StartLoad { fault: usize, processes: usize },
     /// Kill the load processes of a fault.
     EndLoad { fault: usize },
-    /// Warn of an unplanned death. `again` is whether the process was a replacement that died before the fault was
-    /// over that killed its predecessor.
+    /// Warn of an unplanned death. `is_replacement` is whether the process was a replacement, and died before the end
+    /// of the fault that killed its predecessor.
     WarnOfDeath { robot: usize, cause: String, is_replacement: bool },
     /// End the run: a robot gave up and will not be replaced.
     EndRun { robot: usize, cause: String },

@@ -7,7 +7,7 @@ use experiment::scenario::RestartCondition;
 
 const ROBOT_COUNT: usize = 3;
 /// Receiver of each link.
-const HEARERS: [usize; 4] = [0, 1, 2, 0];
+const LINK_RECEIVERS: [usize; 4] = [0, 1, 2, 0];
 const POLICY: RestartPolicy = RestartPolicy {
     condition: RestartCondition::OnFailure,
     delay_ns: 10,
@@ -37,11 +37,11 @@ enum Action {
 
 fn any_actions() -> impl Strategy<Value = Vec<Action>> {
     let robot = || 0..ROBOT_COUNT;
-    let edge = || 0..HEARERS.len();
-    let act = prop_oneof![
+    let edge = || 0..LINK_RECEIVERS.len();
+    let action = prop_oneof![
         2 => (robot(), proptest::option::of(0..60u64))
             .prop_map(|(robot, restart_after_ns)| Action::Kill { robot, restart_after_ns }),
-        2 => (robot(), any::<bool>()).prop_map(|(robot, ends)| Action::Freeze { robot, has_planned_thaw: ends }),
+        2 => (robot(), any::<bool>()).prop_map(|(robot, has_planned_thaw)| Action::Freeze { robot, has_planned_thaw }),
         2 => robot().prop_map(|robot| Action::Thaw { robot }),
         1 => robot().prop_map(|robot| Action::Restart { robot }),
         1 => edge().prop_map(|edge| Action::CutLink { edge }),
@@ -54,7 +54,7 @@ fn any_actions() -> impl Strategy<Value = Vec<Action>> {
             .prop_map(|(robot, takes_part)| Action::ReportStatus { robot, takes_part }),
         4 => (0..40u64).prop_map(|ns| Action::Wait { ns }),
     ];
-    proptest::collection::vec(act, 0..150)
+    proptest::collection::vec(action, 0..150)
 }
 
 /// One process, as in the kernel.
@@ -103,7 +103,11 @@ impl LifecycleHarness {
             ..RobotModel::default()
         };
         LifecycleHarness {
-            lifecycles: Lifecycles::new(policies, HEARERS.into_iter(), restart_before_cleanup),
+            lifecycles: Lifecycles::new(
+                policies,
+                LINK_RECEIVERS.into_iter(),
+                restart_before_cleanup,
+            ),
             restart_before_cleanup,
             now_ns: 0,
             robots: (0..ROBOT_COUNT).map(|_| started()).collect(),
@@ -118,9 +122,9 @@ impl LifecycleHarness {
         self.last_fault
     }
 
-    fn apply_action(&mut self, act: Action) {
+    fn apply_action(&mut self, action: Action) {
         let now_ns = self.now_ns;
-        match act {
+        match action {
             Action::Kill { robot, restart_after_ns } => {
                 let restart_at_ns = restart_after_ns.map(|after_ns| now_ns + after_ns);
                 self.robots[robot].restart_due_ns = restart_at_ns;
@@ -132,12 +136,12 @@ impl LifecycleHarness {
                     initiator: Initiator::Plan,
                 });
             }
-            Action::Freeze { robot, has_planned_thaw: ends } => {
+            Action::Freeze { robot, has_planned_thaw } => {
                 let fault = self.next_fault();
                 self.step(LifecycleEvent::Freeze {
                     robot,
                     fault,
-                    has_planned_thaw: ends,
+                    has_planned_thaw,
                     initiator: Initiator::Plan,
                 });
             }
@@ -170,8 +174,8 @@ impl LifecycleHarness {
             }
             Action::Reap { robot } => self.detect_death(robot),
             Action::CleanUp { robot } => {
-                if let Some(left) = self.robots[robot].pending_cleanups.checked_sub(1) {
-                    self.robots[robot].pending_cleanups = left;
+                if let Some(remaining) = self.robots[robot].pending_cleanups.checked_sub(1) {
+                    self.robots[robot].pending_cleanups = remaining;
                     self.step(LifecycleEvent::CleanedUp { robot });
                 }
             }
@@ -192,28 +196,31 @@ impl LifecycleHarness {
     /// Lets the supervisor detect that a process is dead, if it is.
     fn detect_death(&mut self, robot: usize) {
         let now_ns = self.now_ns;
-        let seen = &mut self.robots[robot];
-        let Some(process @ Process { exit_success: Some(success), .. }) = seen.process else {
+        let model = &mut self.robots[robot];
+        let Some(process @ Process { exit_success: Some(exited_successfully), .. }) = model.process
+        else {
             return;
         };
-        seen.process = None;
+        model.process = None;
         let fault = self.last_fault + 1;
-        if process.kill_count == 0 && !success {
+        if process.kill_count == 0 && !exited_successfully {
             // An unplanned death: it returns unless it died too often recently.
-            let seen = &mut self.robots[robot];
-            let recent =
-                seen.unplanned_death_times_ns.iter().filter(|&&at| at + POLICY.window_ns >= now_ns);
-            let recent = recent.count() as u32;
-            if recent < POLICY.restarts_max {
-                let wait_ns = (POLICY.delay_ns << recent).min(POLICY.delay_ns_max);
-                seen.restart_due_ns = Some(now_ns + wait_ns);
-                seen.unplanned_death_times_ns.push(now_ns);
+            let model = &mut self.robots[robot];
+            let recent_deaths = model
+                .unplanned_death_times_ns
+                .iter()
+                .filter(|&&at| at + POLICY.window_ns >= now_ns);
+            let recent_deaths = recent_deaths.count() as u32;
+            if recent_deaths < POLICY.restarts_max {
+                let wait_ns = (POLICY.delay_ns << recent_deaths).min(POLICY.delay_ns_max);
+                model.restart_due_ns = Some(now_ns + wait_ns);
+                model.unplanned_death_times_ns.push(now_ns);
             }
         }
         self.step(LifecycleEvent::ProcessDied(ProcessDeath {
             robot,
             cause: String::new(),
-            exited_successfully: success,
+            exited_successfully,
             is_infrastructure_failure: false,
             is_before_motion: false,
             last_seen_alive_ns: now_ns,
@@ -228,9 +235,9 @@ impl LifecycleHarness {
             self.apply_effect(effect);
         }
         for robot in &self.robots {
-            let waits_for = |process: Process| !process.is_stopped && process.kill_count == 0;
+            let can_reply = |process: Process| !process.is_stopped && process.kill_count == 0;
             assert!(
-                !robot.is_barrier_member || robot.process.is_some_and(waits_for),
+                !robot.is_barrier_member || robot.process.is_some_and(can_reply),
                 "{robot:?} is waited for"
             );
         }
@@ -246,7 +253,7 @@ impl LifecycleHarness {
     fn apply_effect(&mut self, effect: Effect) {
         let now_ns = self.now_ns;
         let all_pending: usize = self.robots.iter().map(|robot| robot.pending_cleanups).sum();
-        let beside = self.restart_before_cleanup;
+        let restart_before_cleanup = self.restart_before_cleanup;
         match effect {
             Effect::Order(DriverOrder::Start { robot, incarnation }) => {
                 let robot = &mut self.robots[robot];
@@ -257,7 +264,10 @@ impl LifecycleHarness {
                     robot.restart_due_ns.take().is_some_and(|at_ns| at_ns <= now_ns),
                     "too early"
                 );
-                assert!(robot.pending_cleanups == 0 || beside && all_pending <= 1, "no room");
+                assert!(
+                    robot.pending_cleanups == 0 || restart_before_cleanup && all_pending <= 1,
+                    "no room"
+                );
                 robot.process = Some(Process::default());
             }
             Effect::Order(DriverOrder::Kill(robot)) => {
@@ -297,15 +307,18 @@ impl LifecycleHarness {
                 assert!(self.faults.insert(fault, (at_ns, Vec::new())).is_none(), "begins twice");
             }
             Effect::Record(RunRecord::FaultEnded { fault, end, at_ns }) => {
-                let (began_ns, ends) = self.faults.get_mut(&fault).expect("it began");
-                assert!(at_ns >= *began_ns);
-                ends.push(end);
-                let orders = [
+                let (start_ns, recorded_ends) = self.faults.get_mut(&fault).expect("it began");
+                assert!(at_ns >= *start_ns);
+                recorded_ends.push(end);
+                let allowed_ends = [
                     &[FaultEnd::Permanent][..],
                     &[FaultEnd::Repaired],
                     &[FaultEnd::Permanent, FaultEnd::Repaired],
                 ];
-                assert!(orders.contains(&&ends[..]), "{fault} ended so: {ends:?}");
+                assert!(
+                    allowed_ends.contains(&&recorded_ends[..]),
+                    "{fault} ended so: {recorded_ends:?}"
+                );
             }
             Effect::Order(DriverOrder::EndRun { .. }) => {
                 panic!("only during the start-up, or with an exit code")
@@ -321,16 +334,16 @@ impl LifecycleHarness {
     }
 
     /// Completes everything that is in progress, without new events.
-    fn run_until_settled(&mut self) {
+    fn run_until_idle(&mut self) {
         for _ in 0..10 {
             for robot in 0..ROBOT_COUNT {
-                for act in [
+                for action in [
                     Action::Reap { robot },
                     Action::CleanUp { robot },
                     Action::CleanUp { robot },
                     Action::ReportStatus { robot, takes_part: true },
                 ] {
-                    self.apply_action(act);
+                    self.apply_action(action);
                 }
             }
             self.apply_action(Action::Wait { ns: POLICY.delay_ns_max.max(60) });
@@ -346,14 +359,14 @@ proptest! {
     /// as configured.
     #[test]
     fn random_events_keep_the_lifecycle_invariants(
-        acts in any_actions(),
+        actions in any_actions(),
         restart_before_cleanup: bool,
     ) {
-        let mut world = LifecycleHarness::new(restart_before_cleanup);
-        for act in acts {
-            world.apply_action(act);
+        let mut harness = LifecycleHarness::new(restart_before_cleanup);
+        for action in actions {
+            harness.apply_action(action);
         }
-        world.run_until_settled();
+        harness.run_until_idle();
     }
 }
 
@@ -367,9 +380,9 @@ fn event_kinds(effects: &[Effect]) -> Vec<&str> {
 
 #[test]
 fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
-    let mut world = LifecycleHarness::new(false);
-    world.apply_action(Action::ReportStatus { robot: 1, takes_part: true });
-    let lifecycles = &mut world.lifecycles;
+    let mut harness = LifecycleHarness::new(false);
+    harness.apply_action(Action::ReportStatus { robot: 1, takes_part: true });
+    let lifecycles = &mut harness.lifecycles;
     lifecycles.handle_event(
         1,
         LifecycleEvent::Freeze {
@@ -409,60 +422,61 @@ fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
 
 #[test]
 fn external_stop_is_a_freeze_without_a_signal() {
-    let mut world = LifecycleHarness::new(true);
-    world.apply_action(Action::ReportStatus { robot: 1, takes_part: true });
+    let mut harness = LifecycleHarness::new(true);
+    harness.apply_action(Action::ReportStatus { robot: 1, takes_part: true });
     let (robot, fault, initiator) = (1, 7, Initiator::OtherProcess);
-    let stopped = LifecycleEvent::Freeze { robot, fault, has_planned_thaw: false, initiator };
-    let effects = world.lifecycles.handle_event(1, stopped);
+    let freeze = LifecycleEvent::Freeze { robot, fault, has_planned_thaw: false, initiator };
+    let effects = harness.lifecycles.handle_event(1, freeze);
     assert_eq!(
-        (event_kinds(&effects), world.lifecycles.process_state(1)),
+        (event_kinds(&effects), harness.lifecycles.process_state(1)),
         (vec!["freeze"], ProcessState::Frozen)
     );
-    let effects_of_end =
-        world.lifecycles.handle_event(2, LifecycleEvent::Thaw { robot, fault, initiator });
-    assert!(effects_of_end.contains(&Effect::Record(RunRecord::FaultEnded {
+    let thaw_effects =
+        harness.lifecycles.handle_event(2, LifecycleEvent::Thaw { robot, fault, initiator });
+    assert!(thaw_effects.contains(&Effect::Record(RunRecord::FaultEnded {
         fault,
         end: FaultEnd::Repaired,
         at_ns: 2
     })));
-    assert_eq!(world.lifecycles.process_state(1), ProcessState::Moving);
-    let ours = [Effect::Order(DriverOrder::Stop(1)), Effect::Order(DriverOrder::Resume(1))];
-    assert!(!effects.iter().chain(&effects_of_end).any(|effect| ours.contains(effect)));
+    assert_eq!(harness.lifecycles.process_state(1), ProcessState::Moving);
+    let supervisor_signals =
+        [Effect::Order(DriverOrder::Stop(1)), Effect::Order(DriverOrder::Resume(1))];
+    assert!(!effects.iter().chain(&thaw_effects).any(|effect| supervisor_signals.contains(effect)));
 }
 
 #[test]
 fn replacement_receives_link_cuts_from_before_its_start() {
-    let mut world = LifecycleHarness::new(true);
-    world.apply_action(Action::ReportStatus { robot: 0, takes_part: true });
-    world.apply_action(Action::CutLink { edge: 3 });
-    assert_eq!(world.robots_sent_links, [0]);
-    world.apply_action(Action::Die { robot: 0, success: false });
-    world.apply_action(Action::Reap { robot: 0 });
-    world.apply_action(Action::Wait { ns: POLICY.delay_ns });
-    world.apply_action(Action::ReportStatus { robot: 0, takes_part: false });
-    assert_eq!(world.robots_sent_links, [0, 0]);
+    let mut harness = LifecycleHarness::new(true);
+    harness.apply_action(Action::ReportStatus { robot: 0, takes_part: true });
+    harness.apply_action(Action::CutLink { edge: 3 });
+    assert_eq!(harness.robots_sent_links, [0]);
+    harness.apply_action(Action::Die { robot: 0, success: false });
+    harness.apply_action(Action::Reap { robot: 0 });
+    harness.apply_action(Action::Wait { ns: POLICY.delay_ns });
+    harness.apply_action(Action::ReportStatus { robot: 0, takes_part: false });
+    assert_eq!(harness.robots_sent_links, [0, 0]);
     assert_eq!(
-        world.lifecycles.process_state(0),
+        harness.lifecycles.process_state(0),
         ProcessState::Starting,
         "it has not answered yet"
     );
-    world.apply_action(Action::ReportStatus { robot: 0, takes_part: true });
-    world.apply_action(Action::RepairLink { edge: 3 });
-    assert!(!world.lifecycles.is_link_cut(3));
+    harness.apply_action(Action::ReportStatus { robot: 0, takes_part: true });
+    harness.apply_action(Action::RepairLink { edge: 3 });
+    assert!(!harness.lifecycles.is_link_cut(3));
 }
 
 #[test]
 fn unreplaced_death_during_start_up_ends_the_run() {
-    let never = RestartPolicy { condition: RestartCondition::Never, ..POLICY };
-    for (gave_up, starting_up) in [(true, false), (false, true)] {
-        let mut lifecycles = Lifecycles::new([never].into_iter(), std::iter::empty(), false);
-        let how = "exit code 4".to_owned();
+    let policy = RestartPolicy { condition: RestartCondition::Never, ..POLICY };
+    for (is_infrastructure_failure, is_before_motion) in [(true, false), (false, true)] {
+        let mut lifecycles = Lifecycles::new([policy].into_iter(), std::iter::empty(), false);
+        let cause = "exit code 4".to_owned();
         let death = ProcessDeath {
             robot: 0,
-            cause: how,
+            cause,
             exited_successfully: false,
-            is_infrastructure_failure: gave_up,
-            is_before_motion: starting_up,
+            is_infrastructure_failure,
+            is_before_motion,
             last_seen_alive_ns: 0,
             fault: 0,
         };

@@ -90,18 +90,18 @@ impl Finding {
     fn with_severity_if(
         self,
         verdict: FindingSeverity,
-        bad: bool,
+        is_bad: bool,
         advice: impl Into<String>,
     ) -> Finding {
-        match bad {
+        match is_bad {
             true => Finding { verdict, advice: Some(advice.into()), ..self },
             false => self,
         }
     }
 
-    /// Adds a warning with a remedy if `bad`, for a feature that runs can do without.
-    fn with_warning_if(self, bad: bool, advice: impl Into<String>) -> Finding {
-        self.with_severity_if(FindingSeverity::WorthKnowing, bad, advice)
+    /// Adds a warning with a remedy if `is_bad`, for a feature that runs can do without.
+    fn with_warning_if(self, is_bad: bool, advice: impl Into<String>) -> Finding {
+        self.with_severity_if(FindingSeverity::WorthKnowing, is_bad, advice)
     }
 
     fn bad_finding(
@@ -155,10 +155,10 @@ pub fn format_findings(findings: &[Finding]) -> String {
 /// Returns a finding about a feature that every run needs.
 fn required_feature_finding(
     topic: &'static str,
-    tried: Result<String, String>,
+    result: Result<String, String>,
     advice: &str,
 ) -> Finding {
-    match tried {
+    match result {
         Ok(found) => Finding::good_finding(topic, found),
         Err(found) => Finding::bad_finding(topic, found, advice),
     }
@@ -167,20 +167,20 @@ fn required_feature_finding(
 /// Checks that a process can be started, watched, killed and reaped like a robot, and that it exits with its parent.
 fn check_child_processes() -> Finding {
     let release = rustix::system::uname().release().to_string_lossy().into_owned();
-    let tried = || {
+    let test = || {
         let log = Path::new("/dev/null");
-        let launched = Launcher::for_this_executable().spawn(ProcessRole::KeepCoreAwake, log);
-        let mut child = launched.map_err(|error| error.to_string())?;
+        let child = Launcher::for_this_executable().spawn(ProcessRole::KeepCoreAwake, log);
+        let mut child = child.map_err(|error| error.to_string())?;
         // The child sets its name after it has tied its lifetime to its parent's and closed inherited descriptors.
         let comm = PathBuf::from(format!("/proc/{}/comm", child.pid()));
-        let began = Instant::now();
+        let start = Instant::now();
         while !fs::read_to_string(&comm).is_ok_and(|name| name.starts_with("phalanx-")) {
             if let Some(status) = child.try_reap() {
                 return Err(format!(
                     "a child ends at once ({status}): prctl(PR_SET_PDEATHSIG) or close_range is refused"
                 ));
             }
-            if began.elapsed() > CHILD_START_DURATION_MAX {
+            if start.elapsed() > CHILD_START_DURATION_MAX {
                 return Err(format!(
                     "a child does not begin within {} s",
                     CHILD_START_DURATION_MAX.as_secs()
@@ -200,80 +200,81 @@ fn check_child_processes() -> Finding {
         "Linux 5.11 or newer is needed; in a container, its seccomp profile must allow these calls";
     required_feature_finding(
         "kernel",
-        tried().map_err(|why| format!("Linux {release}: {why}")),
+        test().map_err(|error| format!("Linux {release}: {error}")),
         advice,
     )
 }
 
 /// Checks that a run root can be created and locked, and that a wait on a barrier in it sleeps.
 fn check_futex_waits(base: &Path) -> Finding {
-    let tried = || {
+    let test = || {
         let root = RunRoot::create(base).map_err(|error| error.to_string())?;
         let barrier = Barrier::create(&root.barrier_path(), 1, 1, TEST_WAIT_DURATION);
         let barrier = barrier.map_err(|error| error.to_string())?;
-        let processor_time = || {
+        let thread_cpu_time = || {
             let time = clock_gettime(ClockId::ThreadCPUTime);
             Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
         };
-        let before = processor_time();
+        let start_time = thread_cpu_time();
         barrier.wait_for_attention(TEST_WAIT_DURATION);
-        let spun = processor_time() - before;
+        let used_time = thread_cpu_time() - start_time;
         root.remove().map_err(|error| format!("{}: {error}", base.display()))?;
-        match spun > SPIN_CPU_TIME_MIN {
+        match used_time > SPIN_CPU_TIME_MIN {
             true => Err("a wait on shared memory (futex) does not sleep".to_owned()),
             false => Ok("run roots can be made and locked, and waits on them sleep".to_owned()),
         }
     };
     let advice = "every run fails: the file system must permit flock, rename and shared mappings";
-    required_feature_finding("shared files", tried(), advice)
+    required_feature_finding("shared files", test(), advice)
 }
 
 /// Runs a check on its own thread, because the check changes thread attributes.
-fn run_on_thread<T: Send>(attempt: impl FnOnce() -> io::Result<T> + Send) -> io::Result<T> {
+fn run_on_thread<T: Send>(check: impl FnOnce() -> io::Result<T> + Send) -> io::Result<T> {
     std::thread::scope(|scope| {
-        let thread = std::thread::Builder::new().spawn_scoped(scope, attempt)?;
+        let thread = std::thread::Builder::new().spawn_scoped(scope, check)?;
         thread.join().expect("it does not panic")
     })
 }
 
 /// Checks the timer that bounds waits in lockstep.
 fn check_alarm_timer() -> Finding {
-    let tried = run_on_thread(|| Alarm::start().map(drop)).map(|()| "can be set".to_owned());
+    let result = run_on_thread(|| Alarm::start().map(drop)).map(|()| "can be set".to_owned());
     let advice = "lockstep needs it; in a container, its seccomp profile must allow timer_create";
     required_feature_finding(
         "alarm",
-        tried.map_err(|error| format!("timer_create is refused: {error}")),
+        result.map_err(|error| format!("timer_create is refused: {error}")),
         advice,
     )
 }
 
 /// Checks the optional scheduling features that make lockstep faster.
 fn check_core_scheduling() -> Finding {
-    let idle = run_on_thread(set_idle_priority).map_err(|error| format!("SCHED_IDLE: {error}"));
-    match cores::check_pinning_support().and(idle) {
+    let idle_result =
+        run_on_thread(set_idle_priority).map_err(|error| format!("SCHED_IDLE: {error}"));
+    match cores::check_pinning_support().and(idle_result) {
         Ok(()) => Finding::good_finding(
             "keeping cores",
             "processes can be kept on cores, and cores awake",
         ),
-        Err(why) => Finding::good_finding("keeping cores", format!("not permitted ({why})"))
+        Err(reason) => Finding::good_finding("keeping cores", format!("not permitted ({reason})"))
             .with_warning_if(true, "lockstep is slower"),
     }
 }
 
 fn check_cores(robots: usize) -> Finding {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let enough = cores * ROBOTS_PER_CORE_MAX;
-    let found = format!("{cores}, enough for about {enough} robots in real time at 1 kHz");
+    let robots_max = cores * ROBOTS_PER_CORE_MAX;
+    let found = format!("{cores}, enough for about {robots_max} robots in real time at 1 kHz");
     let advice = format!(
         "{robots} robots need a longer period_s, or --pace lockstep, which any number of cores can do"
     );
-    Finding::good_finding("cores", found).with_warning_if(robots > enough, advice)
+    Finding::good_finding("cores", found).with_warning_if(robots > robots_max, advice)
 }
 
 fn check_load() -> Finding {
     let text = manifest::load_average();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let Some(load) = text.split(' ').next().and_then(|word| word.parse::<f64>().ok()) else {
+    let Some(load) = text.split(' ').next().and_then(|number| number.parse::<f64>().ok()) else {
         return Finding::good_finding("load", "not readable");
     };
     Finding::good_finding("load", format!("{load:.2} over the last minute")).with_warning_if(load > cores as f64,
@@ -288,12 +289,12 @@ fn check_wake_up_latency() -> Finding {
         let slack_ns = rustix::thread::current_timer_slack().unwrap_or(0);
         let mut timer = Timer::new(WAKE_UP_INTERVAL_NS, now_ns() % WAKE_UP_INTERVAL_NS);
         let wakes = (0..MEASURED_WAKE_UPS).filter_map(|_| timer.wait());
-        let mut late_ns: Vec<u64> = wakes.map(|wake| wake.lateness_ns).collect();
-        late_ns.sort_unstable();
-        Ok((slack_ns, late_ns))
+        let mut lateness_ns: Vec<u64> = wakes.map(|wake| wake.lateness_ns).collect();
+        lateness_ns.sort_unstable();
+        Ok((slack_ns, lateness_ns))
     };
-    let (slack_ns, late_ns) = match run_on_thread(measure) {
-        Ok(measured) => measured,
+    let (slack_ns, lateness_ns) = match run_on_thread(measure) {
+        Ok(lateness) => lateness,
         Err(error) => {
             let advice = "the user's processes, or the control group's, are at their limit";
             return Finding::bad_finding(
@@ -303,14 +304,16 @@ fn check_wake_up_latency() -> Finding {
             );
         }
     };
-    let [Some(median_ns), Some(worst_ns)] = [late_ns.get(late_ns.len() / 2), late_ns.last()] else {
+    let [Some(median_ns), Some(worst_ns)] =
+        [lateness_ns.get(lateness_ns.len() / 2), lateness_ns.last()]
+    else {
         return Finding::good_finding("timer", "not measured");
     };
-    let us = |ns: &u64| ns / 1000;
-    let (median, worst) = (us(median_ns), us(worst_ns));
+    let to_us = |ns: &u64| ns / 1000;
+    let (median_us, worst_us) = (to_us(median_ns), to_us(worst_ns));
     Finding::good_finding(
         "timer",
-        format!("wakes up {median} us late, at worst {worst} us of {MEASURED_WAKE_UPS}"),
+        format!("wakes up {median_us} us late, at worst {worst_us} us of {MEASURED_WAKE_UPS}"),
     )
     .with_warning_if(
         slack_ns > 1 || *median_ns > MEDIAN_LATENESS_NS_MAX,
@@ -322,19 +325,22 @@ fn check_wake_up_latency() -> Finding {
 
 /// Checks which causes of late wake-ups can be determined here.
 fn check_lateness_causes() -> Finding {
-    let untold = CounterReader::new().undetectable_causes();
-    let words = |causes: Vec<LatenessCause>| {
+    let undetectable = CounterReader::new().undetectable_causes();
+    let format_causes = |causes: Vec<LatenessCause>| {
         causes.into_iter().map(LatenessCause::text).collect::<Vec<_>>().join(", ")
     };
-    let told: Vec<LatenessCause> =
-        LatenessCause::ALL.into_iter().filter(|cause| !untold.contains(cause)).collect();
+    let detectable: Vec<LatenessCause> =
+        LatenessCause::ALL.into_iter().filter(|cause| !undetectable.contains(cause)).collect();
     Finding::good_finding(
         "causes",
-        format!("causes of late wake-ups that this machine can report: {}", words(told)),
+        format!(
+            "causes of late wake-ups that this machine can report: {}",
+            format_causes(detectable)
+        ),
     )
     .with_warning_if(
-        !untold.is_empty(),
-        format!("late wake-ups of these causes count as unknown: {}", words(untold)),
+        !undetectable.is_empty(),
+        format!("late wake-ups of these causes count as unknown: {}", format_causes(undetectable)),
     )
 }
 
@@ -348,11 +354,11 @@ fn check_governor() -> Option<Finding> {
         .collect();
     governors.sort();
     governors.dedup();
-    let slow = governors.iter().any(|governor| governor != "performance");
+    let may_be_slow = governors.iter().any(|governor| governor != "performance");
     (!governors.is_empty()).then(|| {
         Finding::good_finding("cpu frequency", format!("governor {}", governors.join(", ")))
             .with_warning_if(
-                slow,
+                may_be_slow,
                 "a core that was asleep is slow at first: cpupower frequency-set -g performance",
             )
     })
@@ -372,15 +378,15 @@ fn check_descriptor_limit(robots: usize) -> Finding {
 
 /// Checks how many more processes may be started, under the tightest limit.
 fn check_process_limit(robots: usize) -> Finding {
-    let left = |limit: &ProcessCountLimit| limit.most.saturating_sub(limit.used);
-    let tightest = limits::read_process_limits().into_iter().min_by_key(left);
+    let remaining = |limit: &ProcessCountLimit| limit.maximum.saturating_sub(limit.used);
+    let tightest = limits::read_process_limits().into_iter().min_by_key(remaining);
     let Some(limit) = tightest else { return Finding::good_finding("processes", "unlimited") };
-    let (needed, left) = (limits::needed_processes(robots), left(&limit));
-    let ProcessCountLimit { what, most, remedy, .. } = limit;
-    let found = format!("{left} of {most} left ({what}), {robots} robots need {needed}");
+    let (needed, remaining) = (limits::needed_processes(robots), remaining(&limit));
+    let ProcessCountLimit { name, maximum, remedy, .. } = limit;
+    let found = format!("{remaining} of {maximum} left ({name}), {robots} robots need {needed}");
     Finding::good_finding("processes", found).with_severity_if(
         FindingSeverity::Wrong,
-        left < needed,
+        remaining < needed,
         remedy,
     )
 }
@@ -425,46 +431,50 @@ fn check_locked_memory() -> Finding {
 
 /// Checks a directory for shared memory: writable, with enough free space, and on tmpfs.
 fn check_directory(topic: &'static str, directory: &Path, robots: usize) -> Finding {
-    let shown = directory.display();
-    let wrong = |found: String, advice: &str| Finding::bad_finding(topic, found, advice);
+    let path = directory.display();
+    let bad_finding = |found: String, advice: &str| Finding::bad_finding(topic, found, advice);
     if let Err(error) = access(directory, Access::WRITE_OK | Access::EXEC_OK) {
         let advice = "create it and make it writable for this user, or set PHALANX_RUN_ROOT to another directory";
-        return wrong(format!("{shown} cannot be written to: {error}"), advice);
+        return bad_finding(format!("{path} cannot be written to: {error}"), advice);
     }
-    let room = match AvailableSpace::of_file_system(directory) {
-        Ok(room) => room,
-        Err(error) => return wrong(format!("{shown}: {error}"), "see PHALANX_RUN_ROOT"),
+    let space = match AvailableSpace::of_file_system(directory) {
+        Ok(space) => space,
+        Err(error) => return bad_finding(format!("{path}: {error}"), "see PHALANX_RUN_ROOT"),
     };
     let need = RequiredSpace::without_messages(robots, LINKS_PER_ROBOT * robots);
-    if !room.covers(&need) {
-        return wrong(SpaceError::TooSmall { need, room }.to_string(), "every such run is refused");
+    if !space.covers(&need) {
+        return bad_finding(
+            SpaceError::TooSmall { need, available: space }.to_string(),
+            "every such run is refused",
+        );
     }
-    Finding::good_finding(topic, format!("{shown}: {room}")).with_warning_if(
-        !room.is_tmpfs(),
+    Finding::good_finding(topic, format!("{path}: {space}")).with_warning_if(
+        !space.is_tmpfs(),
         "it is not on tmpfs: starting takes twice as long; see PHALANX_RUN_ROOT",
     )
 }
 
 fn check_run_root_privacy(base: &Path) -> Finding {
-    let shown = base.display();
+    let path = base.display();
     match run_root::find_unusable_reason(base) {
-        None => Finding::good_finding("privacy", format!("{shown} is this user's alone")),
+        None => Finding::good_finding("privacy", format!("{path} is this user's alone")),
         Some(flaw) => Finding::bad_finding(
             "privacy",
-            format!("{shown}: {flaw}"),
+            format!("{path}: {flaw}"),
             "every run rejects it: remove it, or set PHALANX_RUN_ROOT to another folder",
         ),
     }
 }
 
 fn check_dead_runs(base: &Path) -> Finding {
-    let dead: Vec<_> = run_root::lock_dead_roots(base).collect();
-    let left: Vec<String> = dead.iter().map(dead_runs::describe_dead_root).collect();
-    let found = match &left[..] {
+    let dead_roots: Vec<_> = run_root::lock_dead_roots(base).collect();
+    let descriptions: Vec<String> = dead_roots.iter().map(dead_runs::describe_dead_root).collect();
+    let found = match &descriptions[..] {
         [] => "no dead run left anything".to_owned(),
-        left => left.join("; "),
+        descriptions => descriptions.join("; "),
     };
-    Finding::good_finding("dead runs", found).with_warning_if(!left.is_empty(), "phalanx clean")
+    Finding::good_finding("dead runs", found)
+        .with_warning_if(!descriptions.is_empty(), "phalanx clean")
 }
 
 #[cfg(test)]
@@ -474,21 +484,25 @@ mod tests {
     #[test]
     fn doctor_warns_of_a_million_robots() {
         let findings = examine(1_000_000);
-        let of = |topic| findings.iter().find(|finding| finding.topic == topic).unwrap();
-        assert_eq!(of("cores").verdict, FindingSeverity::WorthKnowing);
+        let finding = |topic| findings.iter().find(|finding| finding.topic == topic).unwrap();
+        assert_eq!(finding("cores").verdict, FindingSeverity::WorthKnowing);
         let limit = descriptors::read_limit();
-        let short = limit.is_some_and(|limit| limit < 18_000_040);
-        assert_eq!(of("open files").verdict == FindingSeverity::Wrong, short, "{findings:?}");
-        assert!(of("open files").found.contains("need 18000040"));
-        assert!(short <= has_error_finding(&findings));
+        let is_limit_too_low = limit.is_some_and(|limit| limit < 18_000_040);
+        assert_eq!(
+            finding("open files").verdict == FindingSeverity::Wrong,
+            is_limit_too_low,
+            "{findings:?}"
+        );
+        assert!(finding("open files").found.contains("need 18000040"));
+        assert!(is_limit_too_low <= has_error_finding(&findings));
         assert!(format_findings(&findings).contains("1000000 robots need a longer period_s"));
     }
 
     #[test]
     fn missing_shm_folder_is_bad_and_folder_on_disk_is_a_warning() {
-        let gone = check_directory("run root", Path::new("/nowhere/at/all"), 3);
-        assert_eq!(gone.verdict, FindingSeverity::Wrong);
-        assert!(gone.found.contains("/nowhere/at/all"), "{gone:?}");
+        let finding = check_directory("run root", Path::new("/nowhere/at/all"), 3);
+        assert_eq!(finding.verdict, FindingSeverity::Wrong);
+        assert!(finding.found.contains("/nowhere/at/all"), "{finding:?}");
         // procfs is not a tmpfs and cannot hold files.
         assert_ne!(
             check_directory("run root", Path::new("/proc"), 3).verdict,

@@ -37,12 +37,12 @@ pub(super) struct BehaviorRecorder<'s> {
 
 impl BehaviorRecorder<'_> {
     /// Creates an empty record for robots with front points at these distances, m, and the minimum distance d, m.
-    pub(super) fn new(front_points_m: &[f64], distance_min_m: f64) -> BehaviorRecorder<'_> {
-        let modes = vec![RobotMode::WithoutCommand; front_points_m.len()];
-        let near_m = NEAR_DISTANCE_FACTOR * distance_min_m;
+    pub(super) fn new(front_point_offsets_m: &[f64], distance_min_m: f64) -> BehaviorRecorder<'_> {
+        let modes = vec![RobotMode::WithoutCommand; front_point_offsets_m.len()];
+        let near_distance_m = NEAR_DISTANCE_FACTOR * distance_min_m;
         BehaviorRecorder {
-            front_point_offsets_m: front_points_m,
-            near_distance_m: near_m,
+            front_point_offsets_m,
+            near_distance_m,
             modes,
             observed_events: BTreeSet::new(),
         }
@@ -50,20 +50,25 @@ impl BehaviorRecorder<'_> {
 
     /// Adds a ground truth sample, and which robots were alive.
     pub(super) fn add_truth(&mut self, rows: &[TruthRow], alive: &[bool]) {
-        let both = || rows.iter().zip(self.front_point_offsets_m);
-        let points: Vec<_> = both().map(|(row, ell)| front_point(row.pose(), *ell)).collect();
-        let modes: Vec<RobotMode> =
-            both().zip(alive).map(|((row, ell), alive)| robot_mode(row, *ell, *alive)).collect();
-        let away = modes.iter().filter(|mode| **mode == RobotMode::DeadOrFrozen).count();
-        for (robot, (before, now)) in self.modes.iter().zip(&modes).enumerate() {
-            let others = away - usize::from(*now == RobotMode::DeadOrFrozen);
-            let near = points
+        let rows_and_offsets = || rows.iter().zip(self.front_point_offsets_m);
+        let points: Vec<_> =
+            rows_and_offsets().map(|(row, ell)| front_point(row.pose(), *ell)).collect();
+        let modes: Vec<RobotMode> = rows_and_offsets()
+            .zip(alive)
+            .map(|((row, ell), alive)| robot_mode(row, *ell, *alive))
+            .collect();
+        let dead_or_frozen = modes.iter().filter(|mode| **mode == RobotMode::DeadOrFrozen).count();
+        for (robot, (previous_mode, mode)) in self.modes.iter().zip(&modes).enumerate() {
+            let other_dead = dead_or_frozen - usize::from(*mode == RobotMode::DeadOrFrozen);
+            let near_count = points
                 .iter()
                 .filter(|point| (*point - points[robot]).norm() < self.near_distance_m);
-            let near = near.count().saturating_sub(1).min(DISTINGUISHED_COUNT_MAX);
-            let context =
-                16 * (others.min(DISTINGUISHED_COUNT_MAX) * (DISTINGUISHED_COUNT_MAX + 1) + near);
-            self.observed_events.insert((context + 4 * *before as usize + *now as usize) as u16);
+            let near_count = near_count.count().saturating_sub(1).min(DISTINGUISHED_COUNT_MAX);
+            let context = 16
+                * (other_dead.min(DISTINGUISHED_COUNT_MAX) * (DISTINGUISHED_COUNT_MAX + 1)
+                    + near_count);
+            self.observed_events
+                .insert((context + 4 * *previous_mode as usize + *mode as usize) as u16);
         }
         self.modes = modes;
     }

@@ -31,9 +31,9 @@ impl ExternalMargin {
         &self,
         record: impl FnOnce(&Path) -> Result<(), String>,
     ) -> Result<f64, String> {
-        let mut asked = self.margin_requests.lock().map_err(format_error)?;
-        *asked += 1;
-        let run_dir = self.folder.join(format!("asked-{asked}"));
+        let mut request_count = self.margin_requests.lock().map_err(format_error)?;
+        *request_count += 1;
+        let run_dir = self.folder.join(format!("asked-{request_count}"));
         record(&run_dir)?;
         let margin = self.read_margin(&run_dir);
         let _ = fs::remove_dir_all(&run_dir);
@@ -42,18 +42,18 @@ impl ExternalMargin {
 
     /// Requests the margin of a run that has been written to `run_dir`. Fails if the reply is missing or not a number.
     pub(super) fn request(&self, run_dir: &Path) -> Result<f64, String> {
-        let _one_at_a_time = self.margin_requests.lock().map_err(format_error)?;
+        let _lock = self.margin_requests.lock().map_err(format_error)?;
         self.read_margin(run_dir)
     }
 
     fn read_margin(&self, run_dir: &Path) -> Result<f64, String> {
-        let answer = request_margin(&run_dir.to_string_lossy()).map_err(format_error)?;
-        match answer.trim().parse::<f64>() {
+        let reply = request_margin(&run_dir.to_string_lossy()).map_err(format_error)?;
+        match reply.trim().parse::<f64>() {
             Ok(margin) if !margin.is_nan() => Ok(margin),
-            _ if answer.is_empty() => {
+            _ if reply.is_empty() => {
                 Err(format!("the program that computes {} has exited", self.name))
             }
-            _ => Err(format!("{} is {:?}, but must be a number", self.name, answer.trim())),
+            _ => Err(format!("{} is {:?}, but must be a number", self.name, reply.trim())),
         }
     }
 
@@ -64,10 +64,10 @@ impl ExternalMargin {
 }
 
 fn request_margin(run_dir: &str) -> io::Result<String> {
-    let mut screen = io::stdout().lock();
-    writeln!(screen, "? {run_dir}")?;
-    screen.flush()?;
-    let mut answer = String::new();
-    io::stdin().read_line(&mut answer)?;
-    Ok(answer)
+    let mut stdout = io::stdout().lock();
+    writeln!(stdout, "? {run_dir}")?;
+    stdout.flush()?;
+    let mut reply = String::new();
+    io::stdin().read_line(&mut reply)?;
+    Ok(reply)
 }

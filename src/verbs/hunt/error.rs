@@ -35,12 +35,12 @@ pub(super) enum HuntError {
 }
 
 impl From<RunEvaluationError> for HuntError {
-    fn from(why: RunEvaluationError) -> HuntError {
-        match why {
-            RunEvaluationError::InvalidScenario(why) => HuntError::NoValidRun(1, why),
-            RunEvaluationError::Panicked(why) => HuntError::Panicked(why),
-            RunEvaluationError::NoMargin(why) => HuntError::NoMargin(why),
-            RunEvaluationError::Failed(why) => HuntError::Failed(why),
+    fn from(error: RunEvaluationError) -> HuntError {
+        match error {
+            RunEvaluationError::InvalidScenario(error) => HuntError::NoValidRun(1, error),
+            RunEvaluationError::Panicked(error) => HuntError::Panicked(error),
+            RunEvaluationError::NoMargin(error) => HuntError::NoMargin(error),
+            RunEvaluationError::Failed(error) => HuntError::Failed(error),
             RunEvaluationError::Stopped => HuntError::Interrupted,
         }
     }

@@ -15,32 +15,39 @@ use supervisor::spawn::Launcher;
 use crate::verbs::cell_in_process::{create_run_dir, format_error, simulate_to_end};
 use crate::verbs::execute::evaluate_and_write;
 
-/// Draws the figures and the page of a run in the folder `to`. `words` is a sentence about the run, for the top of its
-/// page.
-pub(super) fn draw_run_page(scenario: &Scenario, words: &str, to: &Path) -> Result<(), String> {
-    page::write_page(to, scenario, Some(format!("{words}."))).map(|_| ()).map_err(format_error)
+/// Draws the figures and the page of a run in the folder `run_dir`. `description` is a sentence about the run, for the
+/// top of its page.
+pub(super) fn draw_run_page(
+    scenario: &Scenario,
+    description: &str,
+    run_dir: &Path,
+) -> Result<(), String> {
+    page::write_page(run_dir, scenario, Some(format!("{description}.")))
+        .map(|_| ())
+        .map_err(format_error)
 }
 
-/// Writes the run of a scenario without programs, from the file `from`, to the folder `to`, replacing its contents.
-/// Fails if the folder cannot be written.
+/// Writes the run of a scenario without programs, from the file `scenario_path`, to the folder `out_dir`, replacing
+/// its contents. Fails if the folder cannot be written.
 pub(super) fn record_run(
     scenario: &Scenario,
     text: &str,
-    from: &Path,
-    to: &Path,
+    scenario_path: &Path,
+    out_dir: &Path,
     build: &BuildInfo,
     launcher: &Launcher,
     stop: &StopFlag,
 ) -> Result<(), String> {
     let pace = Pace::Lockstep;
-    let manifest = Manifest::collect(scenario, from, pace, build);
-    let _ = fs::remove_dir_all(to);
-    let mut run_dir = create_run_dir(scenario, text, &manifest, to, true, &Programs::default())
-        .map_err(format_error)?;
+    let manifest = Manifest::collect(scenario, scenario_path, pace, build);
+    let _ = fs::remove_dir_all(out_dir);
+    let mut run_dir =
+        create_run_dir(scenario, text, &manifest, out_dir, true, &Programs::default())
+            .map_err(format_error)?;
     let mut metrics = Metrics::new(scenario, pace);
-    let (mut outcome, ran) = simulate_to_end(scenario, &mut run_dir, &mut metrics, || true);
-    ran.map_err(format_error)?;
-    let ended = (exit::OK, launcher, stop);
-    let judged = evaluate_and_write(scenario, pace, &metrics, &mut outcome, ended, &mut run_dir);
-    judged.first_error().map_or(Ok(()), Err)
+    let (mut outcome, result) = simulate_to_end(scenario, &mut run_dir, &mut metrics, || true);
+    result.map_err(format_error)?;
+    let end = (exit::OK, launcher, stop);
+    let evaluation = evaluate_and_write(scenario, pace, &metrics, &mut outcome, end, &mut run_dir);
+    evaluation.first_error().map_or(Ok(()), Err)
 }

@@ -1,5 +1,5 @@
 //! Runs of a hunt with one process for each robot, for scenarios with programs of their own. Each is a `phalanx run`
-//! in lockstep, in a directory that is removed once the run has been judged.
+//! in lockstep, in a directory that is removed once the run has been evaluated.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -43,14 +43,17 @@ pub(super) struct HuntProcessExecutor<'a> {
 }
 
 impl<'a> HuntProcessExecutor<'a> {
-    /// Creates the execution of runs with these programs, for the hunt in the folder `out`. Nothing is written.
+    /// Creates the execution of runs with these programs, for the hunt in the folder `hunt_folder`. Nothing is
+    /// written.
     pub(super) fn new(
         launcher: &'a Launcher,
-        out: &Path,
+        hunt_folder: &Path,
         programs: Programs,
         stop: &'a StopFlag,
     ) -> HuntProcessExecutor<'a> {
-        let folder = std::path::absolute(out).unwrap_or_else(|_| out.into()).join(RUNS_FOLDER_NAME);
+        let folder = std::path::absolute(hunt_folder)
+            .unwrap_or_else(|_| hunt_folder.into())
+            .join(RUNS_FOLDER_NAME);
         HuntProcessExecutor { launcher, folder, programs, stop, started_runs: AtomicUsize::new(0) }
     }
 
@@ -81,13 +84,13 @@ impl<'a> HuntProcessExecutor<'a> {
             .map_err(|(path, error)| format!("cannot write {}: {error}", path.display()))
     }
 
-    /// Runs the scenario with this effective text, and passes the directory of the run and its summary to `judge`.
+    /// Runs the scenario with this effective text, and passes the directory of the run and its summary to `evaluate`.
     /// The directory is removed afterwards.
     pub(super) fn run<T>(
         &self,
         scenario: &Scenario,
         text: &str,
-        judge: impl FnOnce(&Path, Summary) -> Result<T, RunEvaluationError>,
+        evaluate: impl FnOnce(&Path, Summary) -> Result<T, RunEvaluationError>,
     ) -> Result<T, RunEvaluationError> {
         let number = self.started_runs.fetch_add(1, Ordering::Relaxed);
         let run = self.folder.join(format!("run-{number}"));
@@ -95,15 +98,16 @@ impl<'a> HuntProcessExecutor<'a> {
         fs::write(&file, text).map_err(|error| {
             RunEvaluationError::Failed(format!("cannot write {}: {error}", file.display()))
         })?;
-        let judged = self.run_file(scenario, &file, &run).and_then(|summary| judge(&run, summary));
+        let result =
+            self.run_file(scenario, &file, &run).and_then(|summary| evaluate(&run, summary));
         let _ = fs::remove_dir_all(&run);
-        if !matches!(judged, Err(RunEvaluationError::Failed(_))) {
+        if !matches!(result, Err(RunEvaluationError::Failed(_))) {
             let _ = fs::remove_file(&file);
-            for ending in ["log", "failed"] {
-                let _ = fs::remove_file(sibling_path(&run, ending));
+            for extension in ["log", "failed"] {
+                let _ = fs::remove_file(sibling_path(&run, extension));
             }
         }
-        judged
+        result
     }
 
     /// Runs a scenario file, with its programs next to it, into the directory `run`, which is replaced. Repeats a run
@@ -116,22 +120,22 @@ impl<'a> HuntProcessExecutor<'a> {
     ) -> Result<Summary, RunEvaluationError> {
         let _ = fs::remove_dir_all(run);
         let deadline_s = DEADLINE_S_MIN.max(DEADLINE_FACTOR * ns_to_seconds(scenario.duration_ns));
-        let mut why = String::new();
+        let mut reason = String::new();
         for _ in 0..ATTEMPTS_MAX {
             if self.stop.is_requested() {
                 return Err(RunEvaluationError::Stopped);
             }
-            why = match self.attempt(file, run, deadline_s)? {
+            reason = match self.attempt(file, run, deadline_s)? {
                 None => match read_state(run, FileRetention::All).map_err(format_error) {
                     Ok(RunState::Done(summary)) => return Ok(*summary),
                     Ok(_) => "it left no complete result".to_owned(),
-                    Err(why) => why,
+                    Err(reason) => reason,
                 },
-                Some(why) => read_failed_attempts(run).last().cloned().unwrap_or(why),
+                Some(reason) => read_failed_attempts(run).last().cloned().unwrap_or(reason),
             };
         }
         Err(RunEvaluationError::Failed(format!(
-            "{ATTEMPTS_MAX} times in a row: {why}; `phalanx run {} --pace lockstep` repeats it",
+            "{ATTEMPTS_MAX} times in a row: {reason}; `phalanx run {} --pace lockstep` repeats it",
             file.display()
         )))
     }
@@ -144,17 +148,21 @@ impl<'a> HuntProcessExecutor<'a> {
         deadline_s: f64,
     ) -> Result<Option<String>, RunEvaluationError> {
         let deadline = deadline_s.to_string();
-        let words = ["run".as_ref(), file.as_os_str(), "--pace".as_ref(), "lockstep".as_ref()];
-        let more = ["--cell".as_ref(), run.as_os_str(), "--keep".as_ref(), "all".as_ref()];
-        let last = ["--deadline-s".as_ref(), deadline.as_ref()];
-        let words: Vec<_> =
-            words.into_iter().chain(more).chain(last).map(ToOwned::to_owned).collect();
+        let arguments = ["run".as_ref(), file.as_os_str(), "--pace".as_ref(), "lockstep".as_ref()];
+        let cell_options = ["--cell".as_ref(), run.as_os_str(), "--keep".as_ref(), "all".as_ref()];
+        let deadline_option = ["--deadline-s".as_ref(), deadline.as_ref()];
+        let arguments: Vec<_> = arguments
+            .into_iter()
+            .chain(cell_options)
+            .chain(deadline_option)
+            .map(ToOwned::to_owned)
+            .collect();
         let log = sibling_path(run, "log");
-        let child = self.launcher.spawn(ProcessRole::Run { words: &words }, &log);
+        let child = self.launcher.spawn(ProcessRole::Run { arguments: &arguments }, &log);
         let mut child = child.map_err(|error| RunEvaluationError::Failed(error.to_string()))?;
-        let ended = wait_for_run(&mut child, self.stop, deadline_s);
+        let exit_status = wait_for_run(&mut child, self.stop, deadline_s);
         let _ = fs::remove_dir_all(partial_run_dir(run, child.pid()));
-        let Some(status) = ended else {
+        let Some(status) = exit_status else {
             return match self.stop.is_requested() {
                 true => Err(RunEvaluationError::Stopped),
                 false => Ok(Some(format!("killed: it took more than {deadline_s} s"))),
@@ -177,9 +185,10 @@ impl<'a> HuntProcessExecutor<'a> {
 /// Returns the behavior of a recorded run. Its samples do not have the commands in effect, nor whether a robot was
 /// frozen: a robot that does not move at all counts as one without a command.
 pub(super) fn recorded_behavior(scenario: &Scenario, run: &Path) -> Result<Vec<u16>, ReportError> {
-    let front_points_m: Vec<f64> =
+    let front_point_offsets_m: Vec<f64> =
         scenario.robots.iter().map(|robot| robot.front_point_m).collect();
-    let mut behavior = BehaviorRecorder::new(&front_points_m, scenario.avoidance.distance_min_m);
+    let mut behavior =
+        BehaviorRecorder::new(&front_point_offsets_m, scenario.avoidance.distance_min_m);
     let (mut rows, mut alive) = (Vec::new(), Vec::new());
     for_each_sample(run, |sample| {
         let mut row = TruthRow {
@@ -191,11 +200,11 @@ pub(super) fn recorded_behavior(scenario: &Scenario, run: &Path) -> Result<Vec<u
             w_rad_s: sample.w_rad_s,
             ..TruthRow::default()
         };
-        let moves = [row.v_m_s, row.side_m_s, row.w_rad_s].iter().any(|speed| *speed != 0.0);
-        row.commanded = u64::from(moves);
+        let is_moving = [row.v_m_s, row.side_m_s, row.w_rad_s].iter().any(|speed| *speed != 0.0);
+        row.commanded = u64::from(is_moving);
         rows.push(row);
         alive.push(sample.alive);
-        if rows.len() == front_points_m.len() {
+        if rows.len() == front_point_offsets_m.len() {
             behavior.add_truth(&rows, &alive);
             rows.clear();
             alive.clear();

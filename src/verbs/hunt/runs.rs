@@ -97,40 +97,36 @@ impl RunContext<'_> {
 
     fn run(&self, plan: &RunPlan) -> Result<RunEvaluation, RunEvaluationError> {
         let overrides = plan.overrides(self.space.scenario());
-        let read = read_text(Path::new("a run of the hunt"), self.text, &overrides, self.catalog);
+        let read_result =
+            read_text(Path::new("a run of the hunt"), self.text, &overrides, self.catalog);
         let (scenario, text, _) =
-            read.map_err(|why| RunEvaluationError::InvalidScenario(why.message))?;
-        let evaluated = match self.processes {
+            read_result.map_err(|error| RunEvaluationError::InvalidScenario(error.message))?;
+        let result = match self.processes {
             Some(processes) => processes.run(&scenario, &text, |run, summary| {
                 self.evaluate_recorded_run(&scenario, run, summary)
             })?,
             None => self.run_in_process(&scenario, &text)?,
         };
-        let CandidateResult {
-            metrics: measures,
-            expectations,
-            observed_events: traits,
-            external_margin: own_margin,
-        } = evaluated;
+        let CandidateResult { metrics, expectations, observed_events, external_margin } = result;
         let mut margins = Vec::new();
-        let mut words: Vec<(String, String)> = Vec::new();
+        let mut descriptions: Vec<(String, String)> = Vec::new();
         for name in self.expectation_names {
             let found = expectations.iter().find(|expectation| expectation.name == *name);
             // A run without failed robots does not have that expectation.
             margins.push(found.map_or(f64::INFINITY, margin::margin));
-            let described = found.map(|found| margin::describe(found, &measures));
-            words.push((name.clone(), described.unwrap_or_default()));
+            let description = found.map(|found| margin::describe(found, &metrics));
+            descriptions.push((name.clone(), description.unwrap_or_default()));
         }
-        if let (Some(caller), Some(margin)) = (self.external_margin, own_margin) {
-            words.push((caller.name.clone(), caller.describe(margin)));
+        if let (Some(caller), Some(margin)) = (self.external_margin, external_margin) {
+            descriptions.push((caller.name.clone(), caller.describe(margin)));
             margins.push(margin);
         }
         Ok(RunEvaluation {
             margins,
-            observed_events: traits,
+            observed_events,
             text,
-            expectation_descriptions: words,
-            metrics: measures,
+            expectation_descriptions: descriptions,
+            metrics,
         })
     }
 
@@ -143,13 +139,13 @@ impl RunContext<'_> {
             scenario.robots.iter().map(|robot| robot.front_point_m).collect();
         let mut behavior =
             BehaviorRecorder::new(&front_points_m, scenario.avoidance.distance_min_m);
-        let measures = measured::measure_run(scenario, &create_controller, |_, rows, alive| {
+        let metrics = measured::measure_run(scenario, &create_controller, |_, rows, alive| {
             behavior.add_truth(rows, alive);
             !self.stop.is_requested()
         });
-        let measures = measures.ok_or(RunEvaluationError::Stopped)?;
-        let expectations = expect::evaluate(scenario, &measures, Pace::Lockstep, 0, exit::OK);
-        let margin = |caller: &ExternalMargin| {
+        let metrics = metrics.ok_or(RunEvaluationError::Stopped)?;
+        let expectations = expect::evaluate(scenario, &metrics, Pace::Lockstep, 0, exit::OK);
+        let compute_margin = |caller: &ExternalMargin| {
             caller.record_and_request(|run_dir| {
                 page::record_run(
                     scenario,
@@ -162,13 +158,16 @@ impl RunContext<'_> {
                 )
             })
         };
-        let own_margin =
-            self.external_margin.map(margin).transpose().map_err(RunEvaluationError::NoMargin)?;
+        let external_margin = self
+            .external_margin
+            .map(compute_margin)
+            .transpose()
+            .map_err(RunEvaluationError::NoMargin)?;
         Ok(CandidateResult {
-            metrics: measures,
+            metrics,
             expectations,
             observed_events: behavior.into_observed_events(),
-            external_margin: own_margin,
+            external_margin,
         })
     }
 
@@ -179,67 +178,68 @@ impl RunContext<'_> {
         run_dir: &Path,
         summary: Summary,
     ) -> Result<CandidateResult, RunEvaluationError> {
-        let traits = recorded_behavior(scenario, run_dir)
+        let observed_events = recorded_behavior(scenario, run_dir)
             .map_err(|error| RunEvaluationError::Failed(error.to_string()))?;
-        let margin = |caller: &ExternalMargin| caller.request(run_dir);
-        let own_margin =
-            self.external_margin.map(margin).transpose().map_err(RunEvaluationError::NoMargin)?;
+        let request_margin = |caller: &ExternalMargin| caller.request(run_dir);
+        let external_margin = self
+            .external_margin
+            .map(request_margin)
+            .transpose()
+            .map_err(RunEvaluationError::NoMargin)?;
         let expectations = summary.expectations.clone();
-        Ok(CandidateResult {
-            metrics: summary,
-            expectations,
-            observed_events: traits,
-            external_margin: own_margin,
-        })
+        Ok(CandidateResult { metrics: summary, expectations, observed_events, external_margin })
     }
 
-    /// Writes the run of the scenario file `path`, which has this result, and its page to the folder `to`. `words` is a
-    /// sentence about the run. Runs by processes are repeated for this: fails if the repetition differs.
+    /// Writes the run of the scenario file `path`, which has this result, and its page to the folder `out_dir`.
+    /// `description` is a sentence about the run. Runs by processes are repeated for this: fails if the repetition
+    /// differs.
     pub(super) fn write_page(
         &self,
         found: &RunEvaluation,
         path: &Path,
-        words: &str,
-        to: &Path,
+        description: &str,
+        out_dir: &Path,
     ) -> Result<(), HuntError> {
         let Some(processes) = self.processes else {
-            let read = read_for_run(path, &Overrides::default(), self.catalog);
-            let (scenario, text, _) = read.map_err(|why| HuntError::Page(why.message))?;
+            let read_result = read_for_run(path, &Overrides::default(), self.catalog);
+            let (scenario, text, _) =
+                read_result.map_err(|error| HuntError::Page(error.message))?;
             return page::record_run(
                 &scenario,
                 &text,
                 path,
-                to,
+                out_dir,
                 self.build,
                 self.launcher,
                 self.stop,
             )
-            .and_then(|()| checksums::write_checksums(to, to).map_err(format_error))
-            .and_then(|()| page::draw_run_page(&scenario, words, to))
+            .and_then(|()| checksums::write_checksums(out_dir, out_dir).map_err(format_error))
+            .and_then(|()| page::draw_run_page(&scenario, description, out_dir))
             .map_err(HuntError::Page);
         };
         processes.copy_programs(scenario_folder(path)).map_err(HuntError::Programs)?;
-        let read = read_for_run(path, &Overrides::default(), self.catalog);
-        let (scenario, ..) = read.map_err(|diagnostic| HuntError::Page(diagnostic.message))?;
-        let again = processes.run_file(&scenario, path, to)?;
-        let again = again.trajectory_hash.unwrap_or_default();
-        if again != found.hash() {
+        let read_result = read_for_run(path, &Overrides::default(), self.catalog);
+        let (scenario, ..) =
+            read_result.map_err(|diagnostic| HuntError::Page(diagnostic.message))?;
+        let repetition = processes.run_file(&scenario, path, out_dir)?;
+        let repetition = repetition.trajectory_hash.unwrap_or_default();
+        if repetition != found.hash() {
             return Err(HuntError::Programs(format!(
-                "{} had the trajectory hash {}, and {again} when it was repeated: a program of the scenario depends on more \
+                "{} had the trajectory hash {}, and {repetition} when it was repeated: a program of the scenario depends on more \
                  than its inputs, such as a clock or a random number generator without the seed of the robot",
                 path.display(),
                 found.hash()
             )));
         }
-        page::draw_run_page(&scenario, words, to).map_err(HuntError::Page)
+        page::draw_run_page(&scenario, description, out_dir).map_err(HuntError::Page)
     }
 }
 
 impl RunEvaluation {
     /// Returns the index of the expectation with the smallest margin.
     pub(super) fn smallest_margin_index(&self) -> usize {
-        let places = 0..self.margins.len();
-        places.min_by(|&a, &b| self.margins[a].total_cmp(&self.margins[b])).expect("one is hunted")
+        let indices = 0..self.margins.len();
+        indices.min_by(|&a, &b| self.margins[a].total_cmp(&self.margins[b])).expect("one is hunted")
     }
 
     pub(super) fn margin(&self) -> f64 {
@@ -252,45 +252,47 @@ impl RunEvaluation {
 
     /// Returns the name of the expectation with the smallest margin, and a sentence about it.
     pub(super) fn describe(&self) -> (&str, String) {
-        let (name, words) = &self.expectation_descriptions[self.smallest_margin_index()];
-        (name, words.clone())
+        let (name, description) = &self.expectation_descriptions[self.smallest_margin_index()];
+        (name, description.clone())
     }
 
     /// Returns the scenario text with a comment about the run.
-    pub(super) fn scenario_with_comment(&self, words: &str) -> String {
+    pub(super) fn scenario_with_comment(&self, description: &str) -> String {
         let RunEvaluation { text, .. } = self;
         let (margin, hash) = (format_short(self.margin()), self.hash());
         format!(
-            "# From `phalanx hunt`: {words} (margin {margin}).\n# Trajectory hash in lockstep: {hash}\n\n{text}"
+            "# From `phalanx hunt`: {description} (margin {margin}).\n# Trajectory hash in lockstep: {hash}\n\n{text}"
         )
     }
 }
 
 /// Returns the expectations to falsify, and the keys to set so that the scenario has bounds for them.
-/// `asks` is whether the calling program computes a margin too. Fails if a name is unknown, has no margin,
-/// or has no bound in the scenario.
+/// `has_external_margin` is whether the calling program computes a margin too. Fails if a name is unknown, has no
+/// margin, or has no bound in the scenario.
 pub(super) fn expectations_to_falsify(
     scenario: &Scenario,
     names: &[String],
-    asks: bool,
+    has_external_margin: bool,
 ) -> Result<(Vec<String>, Vec<String>), String> {
-    let none = RunMetrics::default();
-    let own = expect::evaluate(scenario, &none, Pace::Realtime, 0, exit::OK);
-    let own: Vec<String> = own.into_iter().map(|expectation| expectation.name).collect();
-    let by_pair = scenario.has_different_sizes();
-    let d = if by_pair { "min_distance_over_d" } else { "min_distance_m" }.to_owned();
-    let mut hunted = names.to_vec();
-    if hunted.is_empty() && asks {
-        return Ok((hunted, Vec::new()));
+    let no_metrics = RunMetrics::default();
+    let scenario_names = expect::evaluate(scenario, &no_metrics, Pace::Realtime, 0, exit::OK);
+    let scenario_names: Vec<String> =
+        scenario_names.into_iter().map(|expectation| expectation.name).collect();
+    let has_different_sizes = scenario.has_different_sizes();
+    let distance_name =
+        if has_different_sizes { "min_distance_over_d" } else { "min_distance_m" }.to_owned();
+    let mut hunted_names = names.to_vec();
+    if hunted_names.is_empty() && has_external_margin {
+        return Ok((hunted_names, Vec::new()));
     }
-    if hunted.is_empty() {
-        hunted = own.iter().filter(|name| has_margin(name)).cloned().collect();
+    if hunted_names.is_empty() {
+        hunted_names = scenario_names.iter().filter(|name| has_margin(name)).cloned().collect();
     }
-    if hunted.is_empty() {
-        hunted.push(d.clone());
+    if hunted_names.is_empty() {
+        hunted_names.push(distance_name.clone());
     }
-    let mut set = Vec::new();
-    for name in &hunted {
+    let mut assignments = Vec::new();
+    for name in &hunted_names {
         if ["exit", "deadline_misses_max"].contains(&name.as_str()) {
             return Err(format!(
                 "--expect {name}: this expectation has no margin; must be one of {}",
@@ -298,40 +300,40 @@ pub(super) fn expectations_to_falsify(
             ));
         }
         if !has_margin(name) {
-            let close = most_similar_word(name, EXPECTATIONS_WITH_MARGIN)
-                .map(|close| format!("did you mean {close}?"));
-            let all = || format!("must be one of {}", EXPECTATIONS_WITH_MARGIN.join(", "));
+            let suggestion = most_similar_word(name, EXPECTATIONS_WITH_MARGIN)
+                .map(|suggestion| format!("did you mean {suggestion}?"));
+            let list_names = || format!("must be one of {}", EXPECTATIONS_WITH_MARGIN.join(", "));
             return Err(format!(
                 "--expect {name}: unknown expectation; {}",
-                close.unwrap_or_else(all)
+                suggestion.unwrap_or_else(list_names)
             ));
         }
-        if own.contains(name) {
+        if scenario_names.contains(name) {
             continue;
         }
-        if *name != d {
+        if *name != distance_name {
             return Err(format!(
                 "--expect {name}: the scenario has no bound for it; set one in [expect], or with --set expect.{name}=..."
             ));
         }
-        let bound = if by_pair { 1.0 } else { scenario.avoidance.distance_min_m };
-        set.push(format!("expect.{d}={bound:?}"));
+        let bound = if has_different_sizes { 1.0 } else { scenario.avoidance.distance_min_m };
+        assignments.push(format!("expect.{distance_name}={bound:?}"));
     }
-    hunted.dedup();
-    Ok((hunted, set))
+    hunted_names.dedup();
+    Ok((hunted_names, assignments))
 }
 
 /// Returns the scenario and its text with these keys set. On an error, prints the diagnostic and returns `None`.
 pub(super) fn scenario_with_keys(
     scenario: &Scenario,
     text: String,
-    set: Vec<String>,
+    assignments: Vec<String>,
     catalog: &Catalog,
 ) -> Option<(Scenario, String)> {
-    if set.is_empty() {
+    if assignments.is_empty() {
         return Some((scenario.clone(), text));
     }
-    let overrides = Overrides { assignments: set, ..Overrides::default() };
+    let overrides = Overrides { assignments, ..Overrides::default() };
     match read_text(Path::new(&scenario.name), &text, &overrides, catalog) {
         Ok((scenario, text, _)) => Some((scenario, text)),
         Err(diagnostic) => {

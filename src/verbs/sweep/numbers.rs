@@ -48,8 +48,8 @@ impl FromStr for RunNumbers {
 
 impl fmt::Display for RunNumbers {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (place, range) in self.0.iter().enumerate() {
-            let comma = if place == 0 { "" } else { "," };
+        for (index, range) in self.0.iter().enumerate() {
+            let comma = if index == 0 { "" } else { "," };
             match (range.start(), range.end()) {
                 (first, last) if first == last => write!(f, "{comma}{first}")?,
                 (first, last) => write!(f, "{comma}{first}-{last}")?,
@@ -71,8 +71,8 @@ mod tests {
         let contained = (0..12).filter(|&number| numbers.contains(number));
         assert_eq!(contained.collect::<Vec<_>>(), [1, 2, 3, 7, 9, 10]);
         assert_eq!(numbers.largest_number(), 10);
-        for wrong in ["", "0", "3-1", "1,", "1-", "a", "1-2-3", "-1"] {
-            assert!(wrong.parse::<RunNumbers>().is_err(), "{wrong}");
+        for text in ["", "0", "3-1", "1,", "1-", "a", "1-2-3", "-1"] {
+            assert!(text.parse::<RunNumbers>().is_err(), "{text}");
         }
     }
 }

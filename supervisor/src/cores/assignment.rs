@@ -31,18 +31,19 @@ impl CoreAssignment {
         robots: usize,
         first: usize,
     ) -> Option<CoreAssignment> {
-        let wanted =
+        let core_count =
             ((robots + 1) / ROBOTS_PER_CORE_MIN).clamp(1, topology.whole_cores().min(GROUPS_MAX));
-        let (fast, cores) = select_fastest_cores(topology, wanted);
-        let taken = select_close_cores(fast, cores, first);
-        let groups: Vec<usize> = taken.iter().map(|core| core.threads[0]).collect();
+        let (fast_cores, cores) = select_fastest_cores(topology, core_count);
+        let selected = select_close_cores(fast_cores, cores, first);
+        let groups: Vec<usize> = selected.iter().map(|core| core.threads[0]).collect();
         let plant = *groups.last()?;
         // A free core; otherwise a second thread, the plant's last; otherwise the core of another group.
-        let free = topology.cores.iter().filter(|core| !taken.contains(core));
-        let free = free.min_by_key(|core| core_distance_key(core, taken[0]));
-        let second = taken.iter().find_map(|core| core.threads.get(1).copied());
-        let other = groups.iter().copied().find(|&cpu| cpu != plant);
-        let supervisor = free.map(|core| core.threads[0]).or(second).or(other)?;
+        let free_core = topology.cores.iter().filter(|core| !selected.contains(core));
+        let free_core = free_core.min_by_key(|core| core_distance_key(core, selected[0]));
+        let second_thread = selected.iter().find_map(|core| core.threads.get(1).copied());
+        let other_group_core = groups.iter().copied().find(|&cpu| cpu != plant);
+        let supervisor =
+            free_core.map(|core| core.threads[0]).or(second_thread).or(other_group_core)?;
         Some(CoreAssignment {
             group_processors: groups,
             plant_processor: plant,
@@ -66,20 +67,20 @@ impl CoreAssignment {
 
     /// Returns all assigned processors.
     pub(super) fn assigned_processors(&self) -> impl Iterator<Item = usize> + '_ {
-        let beside = (!self.group_processors.contains(&self.supervisor_processor))
+        let supervisor = (!self.group_processors.contains(&self.supervisor_processor))
             .then_some(self.supervisor_processor);
-        self.group_processors.iter().copied().chain(beside)
+        self.group_processors.iter().copied().chain(supervisor)
     }
 }
 
-/// Returns the cores that may be used, and the number of them, at most `wanted`, on which evenly spread
+/// Returns the cores that may be used, and the number of them, at most `count_max`, on which evenly spread
 /// robots have the highest throughput at the speed of the slowest core.
-fn select_fastest_cores(topology: &Topology, wanted: usize) -> (Vec<&Core>, usize) {
+fn select_fastest_cores(topology: &Topology, count_max: usize) -> (Vec<&Core>, usize) {
     let mut speeds: Vec<u64> = topology.cores.iter().map(|core| core.speed).collect();
     speeds.sort_unstable_by_key(|&speed| std::cmp::Reverse(speed));
-    let done = |&cores: &usize| cores as u64 * speeds[cores - 1];
+    let throughput = |&cores: &usize| cores as u64 * speeds[cores - 1];
     // Of equally fast numbers the smallest: fewer wake-ups cross cores.
-    let cores = (1..=wanted.min(speeds.len())).rev().max_by_key(done).unwrap_or(0);
+    let cores = (1..=count_max.min(speeds.len())).rev().max_by_key(throughput).unwrap_or(0);
     let slowest = speeds.get(cores.wrapping_sub(1)).copied().unwrap_or(0);
     (topology.cores.iter().filter(|core| core.speed >= slowest).collect(), cores)
 }
@@ -89,15 +90,15 @@ type DomainKey = fn(&Core) -> (usize, usize);
 
 /// Selects `cores` cores: within one last-level cache if one has enough of them, otherwise within one NUMA
 /// node, otherwise adjacent ones.
-fn select_close_cores(mut from: Vec<&Core>, cores: usize, first: usize) -> Vec<&Core> {
-    from.sort_by_key(|core| (core.numa_node, core.cache_id, core.threads[0]));
-    let by: [DomainKey; 3] =
+fn select_close_cores(mut candidates: Vec<&Core>, cores: usize, first: usize) -> Vec<&Core> {
+    candidates.sort_by_key(|core| (core.numa_node, core.cache_id, core.threads[0]));
+    let domain_keys: [DomainKey; 3] =
         [|core| (core.numa_node, core.cache_id), |core| (core.numa_node, 0), |_| (0, 0)];
-    for domain in by {
-        let domains = from.chunk_by(|a, b| domain(a) == domain(b));
-        let enough: Vec<_> = domains.filter(|domain| domain.len() >= cores).collect();
-        if let Some(&domain) = enough.get(first % enough.len().max(1)) {
-            let start = first / enough.len();
+    for domain in domain_keys {
+        let domains = candidates.chunk_by(|a, b| domain(a) == domain(b));
+        let suitable_domains: Vec<_> = domains.filter(|domain| domain.len() >= cores).collect();
+        if let Some(&domain) = suitable_domains.get(first % suitable_domains.len().max(1)) {
+            let start = first / suitable_domains.len();
             return (0..cores).map(|i| domain[(start + i) % domain.len()]).collect();
         }
     }
@@ -149,7 +150,8 @@ mod tests {
     /// Returns all machines of the folder, by name.
     fn read_machines() -> Vec<(String, Topology)> {
         let files = fs::read_dir(folder()).unwrap().map(|entry| entry.unwrap().path());
-        let files = files.filter(|path| path.extension().is_some_and(|of| of == "cores"));
+        let files =
+            files.filter(|path| path.extension().is_some_and(|extension| extension == "cores"));
         let mut machines: Vec<_> = files
             .map(|path| {
                 let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
@@ -165,7 +167,7 @@ mod tests {
     fn groups_have_separate_permitted_cores() {
         for (name, topology) in read_machines() {
             for (robots, first) in (1..200).flat_map(|robots| (0..40).map(move |i| (robots, i))) {
-                let Some(deal) = CoreAssignment::compute(&topology, robots, first) else {
+                let Some(assignment) = CoreAssignment::compute(&topology, robots, first) else {
                     assert!(topology.threads().count() < 2, "{name}");
                     continue;
                 };
@@ -174,23 +176,23 @@ mod tests {
                     found.expect("it may be used")
                 };
                 let cores: BTreeSet<_> =
-                    deal.group_processors.iter().map(|&cpu| core(cpu)).collect();
-                assert_eq!(cores.len(), deal.group_processors.len(), "{name} {deal:?}");
+                    assignment.group_processors.iter().map(|&cpu| core(cpu)).collect();
+                assert_eq!(cores.len(), assignment.group_processors.len(), "{name} {assignment:?}");
                 assert!(cores.len() <= topology.whole_cores().min(GROUPS_MAX).min(robots));
-                assert_eq!(Some(&deal.plant_processor), deal.group_processors.last());
-                core(deal.supervisor_processor);
-                assert_ne!(deal.supervisor_processor, deal.plant_processor, "{name}");
-                for used in 1..=deal.group_processors.len() {
-                    let all: BTreeSet<_> =
-                        (0..robots).map(|i| deal.processor_of_robot(i, used)).collect();
-                    assert_eq!(all.len(), used, "{name} {deal:?}");
-                    assert!(all.contains(&deal.plant_processor));
-                    assert!(all.iter().all(|cpu| deal.group_processors.contains(cpu)));
+                assert_eq!(Some(&assignment.plant_processor), assignment.group_processors.last());
+                core(assignment.supervisor_processor);
+                assert_ne!(assignment.supervisor_processor, assignment.plant_processor, "{name}");
+                for used in 1..=assignment.group_processors.len() {
+                    let processors: BTreeSet<_> =
+                        (0..robots).map(|i| assignment.processor_of_robot(i, used)).collect();
+                    assert_eq!(processors.len(), used, "{name} {assignment:?}");
+                    assert!(processors.contains(&assignment.plant_processor));
+                    assert!(processors.iter().all(|cpu| assignment.group_processors.contains(cpu)));
                 }
-                let (i, all) = (robots - 1, deal.group_processors.len());
+                let (i, processors) = (robots - 1, assignment.group_processors.len());
                 assert_eq!(
-                    deal.processor_of_robot(i, all),
-                    deal.group_processors[i % all],
+                    assignment.processor_of_robot(i, processors),
+                    assignment.group_processors[i % processors],
                     "in turns"
                 );
             }
@@ -204,7 +206,7 @@ mod tests {
             "machine                robots  groups' processors | plant | supervisor\n".to_owned();
         for (name, topology) in read_machines() {
             for robots in [3, 8, 64] {
-                let dealt = match CoreAssignment::compute(&topology, robots, 0) {
+                let assignment_text = match CoreAssignment::compute(&topology, robots, 0) {
                     None => "no process is pinned".to_owned(),
                     Some(CoreAssignment {
                         group_processors: groups,
@@ -215,7 +217,7 @@ mod tests {
                         format!("{} | {plant} | {supervisor}", groups.join(" "))
                     }
                 };
-                writeln!(table, "{name:<22} {robots:>6}  {dealt}").unwrap();
+                writeln!(table, "{name:<22} {robots:>6}  {assignment_text}").unwrap();
             }
         }
         let path = folder().join("placements.txt");

@@ -52,18 +52,18 @@ impl CoreCountTuner {
     /// Advances the search to `time`, at which `ticks` ticks have been done. Returns the new number of
     /// cores if it changes.
     pub(super) fn advance_search(&mut self, time: Duration, ticks: u64) -> Option<usize> {
-        let before = self.cores;
+        let previous_cores = self.cores;
         match self.stage {
-            SearchStage::Settling(since, _) if time < since + COUNTING_TIME => {}
-            SearchStage::Settling(_, at) if ticks < at + TICKS_MIN => {}
+            SearchStage::Settling(start, _) if time < start + COUNTING_TIME => {}
+            SearchStage::Settling(_, start_ticks) if ticks < start_ticks + TICKS_MIN => {}
             SearchStage::Settling(..) => self.stage = SearchStage::Counting(time, ticks),
-            SearchStage::Counting(since, _) if time < since + COUNTING_TIME => {}
-            SearchStage::Counting(_, from) if ticks < from + TICKS_MIN => {}
-            SearchStage::Counting(since, from) => {
-                let rate = (ticks - from) as f64 / (time - since).as_secs_f64();
+            SearchStage::Counting(start, _) if time < start + COUNTING_TIME => {}
+            SearchStage::Counting(_, start_ticks) if ticks < start_ticks + TICKS_MIN => {}
+            SearchStage::Counting(start, start_ticks) => {
+                let rate = (ticks - start_ticks) as f64 / (time - start).as_secs_f64();
                 match self.best_rate {
-                    Some((more, best)) if rate < SPEEDUP_MIN * best => {
-                        (self.cores, self.stage) = (more, SearchStage::Finished);
+                    Some((more_cores, best_rate)) if rate < SPEEDUP_MIN * best_rate => {
+                        (self.cores, self.stage) = (more_cores, SearchStage::Finished);
                     }
                     _ if self.can_halve_cores() => {
                         self.best_rate = Some((self.cores, rate));
@@ -75,7 +75,7 @@ impl CoreCountTuner {
             }
             SearchStage::Finished => {}
         }
-        (self.cores != before).then_some(self.cores)
+        (self.cores != previous_cores).then_some(self.cores)
     }
 
     /// Returns whether half as many cores may be tried, by the number of robots on each.
@@ -92,13 +92,13 @@ mod tests {
     /// Returns the final number of cores, and the number in each millisecond, if n cores do `rate(n)` ticks/s.
     fn run_tuner(robots: usize, cores: usize, rate: fn(usize) -> f64) -> (usize, Vec<usize>) {
         let mut tuner = CoreCountTuner::new(robots, cores);
-        let (mut ticks, mut was) = (0.0, Vec::new());
+        let (mut ticks, mut history) = (0.0, Vec::new());
         for ms in 0..1_000 {
             tuner.advance_search(Duration::from_millis(ms), ticks as u64);
             ticks += rate(tuner.cores()) / 1e3;
-            was.push(tuner.cores());
+            history.push(tuner.cores());
         }
-        (tuner.cores(), was)
+        (tuner.cores(), history)
     }
 
     #[test]
@@ -114,21 +114,24 @@ mod tests {
 
     #[test]
     fn tuner_returns_to_all_cores_if_slower() {
-        let (cores, was) = run_tuner(8, 2, |cores| 1e4 * cores as f64);
+        let (cores, history) = run_tuner(8, 2, |cores| 1e4 * cores as f64);
         assert_eq!(cores, 2);
-        assert!((1..60).contains(&was.iter().filter(|&&cores| cores == 1).count()), "{was:?}");
+        assert!(
+            (1..60).contains(&history.iter().filter(|&&cores| cores == 1).count()),
+            "{history:?}"
+        );
         assert_eq!(run_tuner(9, 3, |cores| 1e4 * cores as f64).0, 3);
         // Equal rates do not favor fewer cores.
         assert_eq!(run_tuner(8, 2, |_| 1e4).0, 2);
         // Four cores are fastest.
-        let four = |cores| if cores == 4 { 2e4 } else { 1e4 };
-        assert_eq!(run_tuner(32, 8, four).0, 4);
+        let rate = |cores| if cores == 4 { 2e4 } else { 1e4 };
+        assert_eq!(run_tuner(32, 8, rate).0, 4);
     }
 
     #[test]
     fn few_ticks_decide_nothing() {
-        let (_, was) = run_tuner(8, 2, |_| 60.0);
-        assert!(was.iter().all(|&cores| cores == 2), "not 50 ticks counted yet");
+        let (_, history) = run_tuner(8, 2, |_| 60.0);
+        assert!(history.iter().all(|&cores| cores == 2), "not 50 ticks counted yet");
         // Fewer cores are not tried for many robots.
         assert_eq!(run_tuner(64, 2, |_| 1e4).1, [2; 1_000]);
     }

@@ -41,28 +41,29 @@ impl Topology {
     /// Reads the topology of this machine for the calling thread. `None` if the kernel does not report the
     /// usable processors.
     pub fn for_this_thread() -> Option<Topology> {
-        let set = sched_getaffinity(None).ok()?;
-        let usable: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|&cpu| set.is_set(cpu)).collect();
-        (!usable.is_empty()).then(|| Topology::read(Path::new("/"), &usable))
+        let affinity = sched_getaffinity(None).ok()?;
+        let usable_cpus: Vec<usize> =
+            (0..CpuSet::MAX_CPU).filter(|&cpu| affinity.is_set(cpu)).collect();
+        (!usable_cpus.is_empty()).then(|| Topology::read(Path::new("/"), &usable_cpus))
     }
 
-    /// Reads the topology of the logical processors `usable` (ascending) from the files below `root`, which
+    /// Reads the topology of the logical processors `usable_cpus` (ascending) from the files below `root`, which
     /// is `/` on a real machine.
-    pub fn read(root: &Path, usable: &[usize]) -> Topology {
+    pub fn read(root: &Path, usable_cpus: &[usize]) -> Topology {
         let system = root.join("sys/devices/system");
-        let small = read_list(&root.join("sys/devices/cpu_atom/cpus"));
+        let small_cpus = read_list(&root.join("sys/devices/cpu_atom/cpus"));
         let nodes = read_numa_nodes(&system.join("node"));
         let mut cores = BTreeMap::<usize, Core>::new();
-        for &cpu in usable {
+        for &cpu in usable_cpus {
             let folder = system.join(format!("cpu/cpu{cpu}"));
             let siblings = read_list(&folder.join("topology/thread_siblings_list"));
             let core = siblings.first().copied().unwrap_or(cpu);
-            let unknown = if small.contains(&cpu) { SMALL_SPEED } else { FULL_SPEED };
+            let default_speed = if small_cpus.contains(&cpu) { SMALL_SPEED } else { FULL_SPEED };
             let core = cores.entry(core).or_insert_with(|| Core {
                 threads: Vec::new(),
                 cache_id: read_last_cache_id(&folder.join("cache")).unwrap_or(0),
                 numa_node: nodes.iter().position(|node| node.contains(&cpu)).unwrap_or(0),
-                speed: read_number(folder.join("cpu_capacity")).unwrap_or(unknown),
+                speed: read_number(folder.join("cpu_capacity")).unwrap_or(default_speed),
             });
             core.threads.push(cpu);
         }
@@ -73,8 +74,8 @@ impl Topology {
 
     /// Returns how many whole cores may be busy concurrently: at least one, and at most the quota.
     pub fn whole_cores(&self) -> usize {
-        let paid = self.quota_cores.map_or(usize::MAX, |quota| quota.floor() as usize);
-        self.cores.len().min(paid).max(1)
+        let quota = self.quota_cores.map_or(usize::MAX, |quota| quota.floor() as usize);
+        self.cores.len().min(quota).max(1)
     }
 
     /// Returns all logical processors, ordered by core.
@@ -111,8 +112,8 @@ fn read_numa_nodes(folder: &Path) -> Vec<Vec<usize>> {
 fn read_last_cache_id(folder: &Path) -> Option<usize> {
     let caches = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
     let with_level = caches.filter_map(|cache| Some((read_number(cache.join("level"))?, cache)));
-    let (_, last) = with_level.max()?;
-    read_list(&last.join("shared_cpu_list")).first().copied()
+    let (_, last_cache) = with_level.max()?;
+    read_list(&last_cache.join("shared_cpu_list")).first().copied()
 }
 
 /// Returns the smallest quota of the cgroups of this process and of their ancestors.

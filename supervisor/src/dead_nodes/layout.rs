@@ -70,19 +70,20 @@ fn verify_files(run_root: &Path, ids: PortAndNodeIds) -> Result<(), LayoutError>
         }
     };
     let PortAndNodeIds { process, node, sender, receiver } = ids;
-    for (what, id) in [("node", node), ("sender", sender), ("receiver", receiver)] {
-        let expected = format!("process {process} within the id {id} of its {what}");
+    for (kind, id) in [("node", node), ("sender", sender), ("receiver", receiver)] {
+        let expected = format!("process {process} within the id {id} of its {kind}");
         expect(creator_pid(id) == process, expected, run_root)?;
     }
-    let of_the_node: Vec<PathBuf> =
+    let node_paths: Vec<PathBuf> =
         list_nodes(run_root)?.filter(|(id, _)| *id == node).map(|(_, path)| path).collect();
-    let directories = of_the_node.iter().filter(|path| path.is_dir()).count();
+    let directories = node_paths.iter().filter(|path| path.is_dir()).count();
     expect(
-        directories == 1 && of_the_node.len() > 1,
+        directories == 1 && node_paths.len() > 1,
         format!("a directory {node} and a file {ICEORYX2_PREFIX}{node}.*"),
         &nodes_dir(run_root),
     )?;
-    let connection = list_connections(run_root)?.find(|(_, ends)| *ends == [sender, receiver]);
+    let connection =
+        list_connections(run_root)?.find(|(_, endpoints)| *endpoints == [sender, receiver]);
     let mode = connection.and_then(|(path, _)| Some(fs::metadata(path).ok()?.mode() & 0o777));
     expect(
         mode == Some(COMPLETE_PERMISSIONS),
@@ -96,7 +97,8 @@ fn verify_files(run_root: &Path, ids: PortAndNodeIds) -> Result<(), LayoutError>
 /// Returns the entries of a directory as one line.
 fn list_directory(directory: &Path) -> String {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
-    let mode = |entry: &fs::DirEntry| entry.metadata().map_or(0, |found| found.mode() & 0o777);
+    let mode =
+        |entry: &fs::DirEntry| entry.metadata().map_or(0, |metadata| metadata.mode() & 0o777);
     let mut names: Vec<String> = entries
         .map(|entry| format!("{} ({:o})", entry.file_name().display(), mode(&entry)))
         .collect();
@@ -117,23 +119,24 @@ pub(super) fn list_nodes(
         .filter_map(|(name, path)| Some((parse_node_id(&name)?, path))))
 }
 
-/// Returns the connections of a run with the IDs of their ends, sender first.
+/// Returns the connections of a run with the IDs of their endpoints, sender first.
 pub(super) fn list_connections(
     run_root: &Path,
 ) -> Result<impl Iterator<Item = (PathBuf, [u128; 2])> + use<>, LayoutError> {
-    Ok(list_names(run_root)?.filter_map(|(name, path)| Some((path, parse_connection_ends(&name)?))))
+    Ok(list_names(run_root)?
+        .filter_map(|(name, path)| Some((path, parse_connection_endpoints(&name)?))))
 }
 
 fn list_names(
     directory: &Path,
 ) -> Result<impl Iterator<Item = (String, PathBuf)> + use<>, LayoutError> {
-    let failed = |source| LayoutError::ReadDirectory { path: directory.into(), source };
-    let entries = fs::read_dir(directory).map_err(failed)?.flatten();
+    let read_error = |source| LayoutError::ReadDirectory { path: directory.into(), source };
+    let entries = fs::read_dir(directory).map_err(read_error)?.flatten();
     Ok(entries.filter_map(|entry| Some((entry.file_name().into_string().ok()?, entry.path()))))
 }
 
 /// Parses the IDs of sender and receiver from `<prefix><type>_<sender>_<receiver>.connection`.
-fn parse_connection_ends(name: &str) -> Option<[u128; 2]> {
+fn parse_connection_endpoints(name: &str) -> Option<[u128; 2]> {
     let name = name.strip_prefix(ICEORYX2_PREFIX)?.strip_suffix(".connection")?;
     let (rest, receiver) = name.rsplit_once('_')?;
     let (_, sender) = rest.rsplit_once('_')?;
@@ -185,28 +188,29 @@ mod tests {
     fn unknown_layout_error_names_expected_and_found_files() {
         let (root, ids, connection) = create_run_root();
         verify_files(root.path(), ids).unwrap();
-        let ends = list_connections(root.path()).unwrap().collect::<Vec<_>>();
-        assert_eq!(ends, [(connection.clone(), [ids.sender, ids.receiver])]);
-        let refusal = |ids: PortAndNodeIds| verify_files(root.path(), ids).unwrap_err().to_string();
-        let says = |error: &str, parts: &[&str]| {
+        let connections = list_connections(root.path()).unwrap().collect::<Vec<_>>();
+        assert_eq!(connections, [(connection.clone(), [ids.sender, ids.receiver])]);
+        let layout_error =
+            |ids: PortAndNodeIds| verify_files(root.path(), ids).unwrap_err().to_string();
+        let assert_contains = |error: &str, parts: &[&str]| {
             assert!(parts.iter().all(|part| error.contains(part)), "{error}");
         };
-        says(
-            &refusal(PortAndNodeIds { process: PROCESS + 1, ..ids }),
+        assert_contains(
+            &layout_error(PortAndNodeIds { process: PROCESS + 1, ..ids }),
             &["process 78 within the id"],
         );
-        refusal(PortAndNodeIds { sender: ids.receiver, receiver: ids.sender, ..ids });
+        layout_error(PortAndNodeIds { sender: ids.receiver, receiver: ids.sender, ..ids });
         fs::set_permissions(&connection, fs::Permissions::from_mode(0o640)).unwrap();
-        says(&refusal(ids), &["of mode 600", "(640)", ICEORYX2_VERSION]);
+        assert_contains(&layout_error(ids), &["of mode 600", "(640)", ICEORYX2_VERSION]);
         fs::rename(&connection, connection.with_extension("channel")).unwrap();
-        says(
-            &refusal(ids),
+        assert_contains(
+            &layout_error(ids),
             &[&format!("{}_{}.connection", ids.sender, ids.receiver), ".channel ("],
         );
         // Ids in hexadecimal.
         let nodes = nodes_dir(root.path());
         fs::rename(nodes.join(ids.node.to_string()), nodes.join(format!("{:x}", ids.node)))
             .unwrap();
-        says(&refusal(ids), &[&format!("a directory {}", ids.node)]);
+        assert_contains(&layout_error(ids), &[&format!("a directory {}", ids.node)]);
     }
 }

@@ -35,22 +35,24 @@ pub enum RunError {
     /// The barrier cannot be created.
     #[error(transparent)]
     Barrier(#[from] BarrierError),
-    /// The file that tells the plant which incarnations are dead cannot be created.
+    /// The file that contains the dead incarnations, for the plant, cannot be created.
     #[error("cannot make the file of incarnations in the run root: {0}")]
     Incarnations(std::io::Error),
     /// The file system of the run root is too small or full.
     #[error(transparent)]
     Space(#[from] SpaceError),
     /// A process died while the file system of the run root was full.
-    #[error("{room}\n{process} died for this reason ({how}); the last lines of its log:\n{log}")]
-    DiedOfFullMemory { room: Box<SpaceError>, process: String, how: String, log: String },
+    #[error(
+        "{space_error}\n{process} died for this reason ({cause}); the last lines of its log:\n{log}"
+    )]
+    DiedOfFullMemory { space_error: Box<SpaceError>, process: String, cause: String, log: String },
     /// The run root was removed during the run.
     #[error(
-        "{process} died ({how}), and cannot be replaced: the run root {} was removed during the run; do not remove run \
+        "{process} died ({cause}), and cannot be replaced: the run root {} was removed during the run; do not remove run \
          roots manually, because `phalanx clean` keeps those that are in use",
         run_root.display()
     )]
-    RunRootGone { run_root: PathBuf, process: String, how: String },
+    RunRootGone { run_root: PathBuf, process: String, cause: String },
     /// This number of robots needs more open files than the process may have.
     #[error(transparent)]
     Descriptors(#[from] descriptors::TooFewDescriptors),
@@ -67,8 +69,8 @@ pub enum RunError {
     #[error(transparent)]
     Cleaner(#[from] CleanerError),
     /// A message cannot be received.
-    #[error("cannot receive from an agent or the plant: {why}")]
-    Receive { why: String },
+    #[error("cannot receive from an agent or the plant: {reason}")]
+    Receive { reason: String },
     /// The message about an interactive link fault cannot be sent to a robot.
     #[error("cannot send a robot the state of its links: {0}")]
     SendLinkFaults(#[from] SendError),
@@ -76,32 +78,34 @@ pub enum RunError {
     #[error("{robot} was not ready after {} s (ready_after_s); the last lines of its log:\n{log}", limit.as_secs_f64())]
     NotReady { robot: String, limit: Duration, log: String },
     /// A robot's process gave up or died before t = 0, and its restart policy allows no further restart.
-    #[error("{robot} died ({how}) and is not restarted; the last lines of its log:\n{log}")]
-    AgentDied { robot: String, how: String, log: String },
+    #[error("{robot} died ({cause}) and is not restarted; the last lines of its log:\n{log}")]
+    AgentDied { robot: String, cause: String, log: String },
     /// The plant's process died.
-    #[error("the plant died ({how}); the last lines of its log:\n{log}")]
-    PlantDied { how: String, log: String },
+    #[error("the plant died ({cause}); the last lines of its log:\n{log}")]
+    PlantDied { cause: String, log: String },
     /// A robot is alive but does not reply, in lockstep.
     #[error(
-        "{robot} has not answered tick {tick} for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
+        "{robot} has not answered tick {tick} for {} s {activity} (hung_after_s); the last lines of its log:\n{log}",
         limit.as_secs_f64()
     )]
-    RobotHung { robot: String, tick: u64, limit: Duration, instead: Activity, log: String },
+    RobotHung { robot: String, tick: u64, limit: Duration, activity: Activity, log: String },
     /// A process could not be killed, frozen or resumed.
-    #[error("{process} could not be {done}: {source}")]
-    NotSignaled { process: String, done: &'static str, source: SignalError },
+    #[error("{process} could not be {action}: {source}")]
+    NotSignaled { process: String, action: &'static str, source: SignalError },
     /// Another process stopped a process of the run and did not resume it, in lockstep.
     #[error("{process} was stopped by another process {} s ago, and has not been resumed (stopped_after_s)", limit.as_secs_f64())]
     ProcessStopped { process: String, limit: Duration },
     /// The plant is alive and waits for no process, but does not advance, in lockstep.
     #[error(
-        "the plant has not advanced for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
+        "the plant has not advanced for {} s {activity} (hung_after_s); the last lines of its log:\n{log}",
         limit.as_secs_f64()
     )]
-    PlantHung { limit: Duration, instead: Activity, log: String },
+    PlantHung { limit: Duration, activity: Activity, log: String },
     /// The bridge keeps failing.
-    #[error("the bridge died ({how}) {times} times in a row; the last lines of its log:\n{log}")]
-    BridgeDied { how: String, times: u64, log: String },
+    #[error(
+        "the bridge died ({cause}) {failed_starts} times in a row; the last lines of its log:\n{log}"
+    )]
+    BridgeDied { cause: String, failed_starts: u64, log: String },
     /// Other hosts did not join.
     #[error(
         "hosts missing after {} s: {hosts}; each needs its own `phalanx run` with the same scenario and fleet file, \
@@ -129,11 +133,11 @@ pub enum RunError {
 impl From<ReceiveError> for RunError {
     /// Returns the error with its cause, if the supervisor lacks a resource.
     fn from(error: ReceiveError) -> RunError {
-        let why = match resources::find_missing_resource() {
-            Some(missing) => limits::explain_refusal(&missing),
+        let reason = match resources::find_missing_resource() {
+            Some(missing_resource) => limits::explain_refusal(&missing_resource),
             None => error.to_string(),
         };
-        RunError::Receive { why }
+        RunError::Receive { reason }
     }
 }
 
@@ -165,16 +169,16 @@ impl RunError {
 
     /// Returns the error for a process that a signal did not reach.
     pub(crate) fn signal_failure(process: &str, source: SignalError) -> RunError {
-        RunError::NotSignaled { process: process.into(), done: source.action_text(), source }
+        RunError::NotSignaled { process: process.into(), action: source.action_text(), source }
     }
 
     /// Returns how the bridge died, or an error if it will not be restarted.
     pub(crate) fn check_given_up(bridge: HelperDeath) -> Result<String, RunError> {
-        let HelperDeath { cause: how, repeated_failure: given_up } = bridge;
-        match given_up {
-            None => Ok(how),
-            Some(RepeatedStartFailure { failed_starts: times, log }) => {
-                Err(RunError::BridgeDied { how, times, log })
+        let HelperDeath { cause, repeated_failure } = bridge;
+        match repeated_failure {
+            None => Ok(cause),
+            Some(RepeatedStartFailure { failed_starts, log }) => {
+                Err(RunError::BridgeDied { cause, failed_starts, log })
             }
         }
     }

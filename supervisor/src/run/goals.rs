@@ -22,18 +22,18 @@ impl GoalCounter {
     }
 
     fn total(&self) -> GoalCounts {
-        let GoalCounter { earlier_counts: before, newest_counts: newest } = self;
+        let GoalCounter { earlier_counts: earlier, newest_counts: newest } = self;
         GoalCounts {
             began_ns: 0,
-            taken: before.taken + newest.taken,
-            refused: std::array::from_fn(|i| before.refused[i] + newest.refused[i]),
+            taken: earlier.taken + newest.taken,
+            refused: std::array::from_fn(|i| earlier.refused[i] + newest.refused[i]),
         }
     }
 
     /// Returns the sum of all counts.
     pub(super) fn summary(&self) -> GoalSummary {
         let sum = self.total();
-        let refused = sum.refused_counts().map(|(why, count)| (why.to_owned(), count));
+        let refused = sum.refused_counts().map(|(reason, count)| (reason.to_owned(), count));
         GoalSummary { taken: sum.taken, refused: refused.collect() }
     }
 }
@@ -51,8 +51,9 @@ mod tests {
             (0..frame).for_each(|_| counts.count_refusal(RefusalReason::WrongFrame));
             counts
         };
-        for told in [counts(7, 1, 0), counts(7, 2, 1), counts(9, 0, 0), counts(9, 3, 2)] {
-            goals.add_counts(told);
+        for reported_counts in [counts(7, 1, 0), counts(7, 2, 1), counts(9, 0, 0), counts(9, 3, 2)]
+        {
+            goals.add_counts(reported_counts);
         }
         let refused = vec![("frame".to_owned(), 3)];
         assert_eq!(goals.summary(), GoalSummary { taken: 5, refused });

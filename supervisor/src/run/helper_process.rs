@@ -78,20 +78,20 @@ pub(crate) struct HelperProcess {
 impl HelperProcess {
     /// Starts the helper process.
     pub(crate) fn start(
-        which: HelperKind,
+        kind: HelperKind,
         launcher: &Launcher,
         brief: PathBuf,
         log: PathBuf,
     ) -> Result<HelperProcess, SpawnError> {
-        let (launcher, started) = (launcher.clone(), Instant::now());
+        let (launcher, last_start_time) = (launcher.clone(), Instant::now());
         let (starts, failures, usage) = (0, 0, Usage::default());
         let mut helper = HelperProcess {
-            kind: which,
+            kind,
             brief,
             log,
             launcher,
             child: None,
-            last_start_time: started,
+            last_start_time,
             starts,
             failures,
             usage,
@@ -119,17 +119,18 @@ impl HelperProcess {
         let status = child.try_reap()?;
         self.usage += child.usage().unwrap_or_default();
         self.child = None;
-        // A process that was killed says nothing about whether starts succeed.
-        let failed = self.last_start_time.elapsed() < HEALTHY_UPTIME_MIN && status.code().is_some();
-        self.failures = if failed { self.failures + 1 } else { 0 };
-        let given_up = self.is_given_up().then(|| RepeatedStartFailure {
+        // The death of a killed process does not show that starts fail.
+        let has_failed =
+            self.last_start_time.elapsed() < HEALTHY_UPTIME_MIN && status.code().is_some();
+        self.failures = if has_failed { self.failures + 1 } else { 0 };
+        let repeated_failure = self.is_given_up().then(|| RepeatedStartFailure {
             failed_starts: self.failures,
             log: child::format_log_lines(&child::read_last_log_entries(&self.log, SHOWN_LOG_LINES)),
         });
-        if given_up.is_none() {
+        if repeated_failure.is_none() {
             cleaner.request_cleanup(self.kind.dead_process());
         }
-        Some(HelperDeath { cause: child::describe_exit(status), repeated_failure: given_up })
+        Some(HelperDeath { cause: child::describe_exit(status), repeated_failure })
     }
 
     fn is_given_up(&self) -> bool {

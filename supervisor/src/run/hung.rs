@@ -77,40 +77,41 @@ impl RunWatchdog {
         self.ready_timeout
     }
 
-    /// Checks in real time, if due, which robots have become silent, and reports each once. `slow` is the
+    /// Checks in real time, if due, which robots have become silent, and reports each once. `slowdown` is the
     /// planned slowdown of a robot.
     /// # Errors
     /// A robot has not become ready in time.
     pub(super) fn check_silence<'a>(
         &mut self,
         robots: impl Iterator<Item = WatchedRobot<'a>>,
-        slow: impl Fn(usize) -> Duration,
+        slowdown: impl Fn(usize) -> Duration,
     ) -> Result<(), RunError> {
         if self.last_poll.elapsed() < POLL_INTERVAL {
             return Ok(());
         }
         self.last_poll = Instant::now();
-        let before = std::mem::take(&mut self.silent_robots);
-        self.silent_robots = vec![None; before.len()];
+        let previously_silent = std::mem::take(&mut self.silent_robots);
+        self.silent_robots = vec![None; previously_silent.len()];
         for WatchedRobot { robot, name, process, starting_since, statuses } in robots {
             if starting_since.is_some() {
                 // The start of a process on another host cannot be observed.
                 if let WatchedProcess::Remote(_) = process {
                     continue;
                 }
-                let found = self.robots[robot].poll_start(process, self.ready_timeout, true);
-                if let ResponseState::Hung(_) = found {
+                let response_state =
+                    self.robots[robot].poll_start(process, self.ready_timeout, true);
+                if let ResponseState::Hung(_) = response_state {
                     return Err(not_ready_error(name, process, self.ready_timeout));
                 }
                 continue;
             }
-            let limit = SILENCE_TIMEOUT + slow(robot);
-            let found = self.robots[robot].poll(Some(statuses), 1.0, process, limit);
-            if let ResponseState::Hung(instead) = found {
-                self.silent_robots[robot] = Some(instead);
-                if before[robot].is_none() {
+            let limit = SILENCE_TIMEOUT + slowdown(robot);
+            let response_state = self.robots[robot].poll(Some(statuses), 1.0, process, limit);
+            if let ResponseState::Hung(activity) = response_state {
+                self.silent_robots[robot] = Some(activity);
+                if previously_silent[robot].is_none() {
                     tracing::warn!(
-                        "{name} has sent no status for {} s {instead}; the others continue without it",
+                        "{name} has sent no status for {} s {activity}; the others continue without it",
                         limit.as_secs_f64()
                     );
                 }
@@ -121,9 +122,9 @@ impl RunWatchdog {
 
     /// Returns the silent robots, as robots lost without a plan.
     pub(super) fn silent_robots(&self) -> impl Iterator<Item = FailedRobot> {
-        let silent = self.silent_robots.iter().enumerate();
-        silent.filter_map(|(robot, instead)| {
-            let cause = format!("was hung at the end: it sent no status {}", (*instead)?);
+        let robots = self.silent_robots.iter().enumerate();
+        robots.filter_map(|(robot, activity)| {
+            let cause = format!("was hung at the end: it sent no status {}", (*activity)?);
             Some(FailedRobot { robot, cause })
         })
     }
@@ -142,50 +143,59 @@ impl RunWatchdog {
             return Ok(());
         }
         self.last_poll = Instant::now();
-        let awaited = barrier.pending_members();
+        let pending_members = barrier.pending_members();
         let mut any_starting = false;
-        let mut late = Vec::new();
+        let mut late_processes = Vec::new();
         for WatchedRobot { robot, name, process, starting_since, .. } in robots {
             any_starting |= starting_since.is_some();
-            let tick = awaited.iter().find(|(slot, _)| *slot == robot).map(|(_, tick)| *tick);
-            let debt = &mut self.robots[robot];
-            let found = match starting_since {
-                Some(_) => debt.poll_start(process, self.ready_timeout, false),
-                None => {
-                    debt.poll(tick, 1.0 / awaited.len().max(1) as f64, process, self.hung_timeout)
-                }
+            let tick =
+                pending_members.iter().find(|(slot, _)| *slot == robot).map(|(_, tick)| *tick);
+            let response = &mut self.robots[robot];
+            let response_state = match starting_since {
+                Some(_) => response.poll_start(process, self.ready_timeout, false),
+                None => response.poll(
+                    tick,
+                    1.0 / pending_members.len().max(1) as f64,
+                    process,
+                    self.hung_timeout,
+                ),
             };
-            match found {
+            match response_state {
                 ResponseState::InTime => {}
-                ResponseState::Late(doing) => late.push(match tick {
-                    Some(tick) => format!("{name} has not answered tick {tick}, and {doing}"),
-                    None => format!("{name} is not ready, and {doing}"),
+                ResponseState::Late(state_text) => late_processes.push(match tick {
+                    Some(tick) => format!("{name} has not answered tick {tick}, and {state_text}"),
+                    None => format!("{name} is not ready, and {state_text}"),
                 }),
                 ResponseState::Hung(_) if starting_since.is_some() => {
                     return Err(not_ready_error(name, process, self.ready_timeout));
                 }
-                ResponseState::Hung(instead) => {
+                ResponseState::Hung(activity) => {
                     let (robot, log) = (name.to_owned(), process.last_lines());
                     let (tick, limit) = (tick.unwrap_or_default(), self.hung_timeout);
-                    return Err(RunError::RobotHung { robot, tick, limit, instead, log });
+                    return Err(RunError::RobotHung { robot, tick, limit, activity, log });
                 }
             }
         }
         // The plant waits for robots or for the supervisor.
-        let waits = any_starting || !awaited.is_empty() || barrier.paused_before_tick().is_some();
-        let taken = newest.map_or(0, |truth| truth.tick + 1);
-        let owed = (!waits).then_some(taken << 32 | u64::from(barrier.ticks_begun()));
-        match self.plant.poll(owed, 1.0, WatchedProcess::Local(plant), self.hung_timeout) {
+        let is_waiting =
+            any_starting || !pending_members.is_empty() || barrier.paused_before_tick().is_some();
+        let ticks_read = newest.map_or(0, |truth| truth.tick + 1);
+        let response_number =
+            (!is_waiting).then_some(ticks_read << 32 | u64::from(barrier.ticks_begun()));
+        match self.plant.poll(response_number, 1.0, WatchedProcess::Local(plant), self.hung_timeout)
+        {
             ResponseState::InTime => {}
-            ResponseState::Late(doing) => {
-                late.push(format!("the plant has not advanced from tick {taken}, and {doing}"));
+            ResponseState::Late(state_text) => {
+                late_processes.push(format!(
+                    "the plant has not advanced from tick {ticks_read}, and {state_text}"
+                ));
             }
-            ResponseState::Hung(instead) => {
+            ResponseState::Hung(activity) => {
                 let (limit, log) = (self.hung_timeout, plant.last_lines(SHOWN_LOG_LINES));
-                return Err(RunError::PlantHung { limit, instead, log });
+                return Err(RunError::PlantHung { limit, activity, log });
             }
         }
-        warn_of_late_processes(&late, report_timeout(self.hung_timeout));
+        warn_of_late_processes(&late_processes, report_timeout(self.hung_timeout));
         Ok(())
     }
 }
@@ -211,13 +221,15 @@ fn report_timeout(limit: Duration) -> Duration {
 }
 
 /// Reports the processes that block the run.
-fn warn_of_late_processes(late: &[String], after: Duration) {
+fn warn_of_late_processes(messages: &[String], after: Duration) {
     let after_s = after.as_secs_f64();
-    for message in late.iter().take(REPORTED_PROCESSES_MAX) {
+    for message in messages.iter().take(REPORTED_PROCESSES_MAX) {
         tracing::warn!("{message}, for {after_s} s of wall time; all other processes wait");
     }
-    if let Some(more) = late.len().checked_sub(REPORTED_PROCESSES_MAX).filter(|&more| more > 0) {
-        tracing::warn!("so have {more} more");
+    if let Some(remaining) =
+        messages.len().checked_sub(REPORTED_PROCESSES_MAX).filter(|&remaining| remaining > 0)
+    {
+        tracing::warn!("so have {remaining} more");
     }
 }
 
@@ -253,14 +265,17 @@ impl PendingResponse {
     /// Polls the process with this pending response. `share` is the fraction of wall time that is charged to it.
     fn poll(
         &mut self,
-        owed: Option<u64>,
+        awaited_response: Option<u64>,
         share: f64,
         process: WatchedProcess<'_>,
         limit: Duration,
     ) -> ResponseState {
-        let owed = owed.map(|owed| (owed, process.number()));
-        if owed.is_none() || self.pending_response != owed {
-            *self = PendingResponse { pending_response: owed, ..PendingResponse::default() };
+        let awaited_response = awaited_response.map(|number| (number, process.number()));
+        if awaited_response.is_none() || self.pending_response != awaited_response {
+            *self = PendingResponse {
+                pending_response: awaited_response,
+                ..PendingResponse::default()
+            };
             return ResponseState::InTime;
         }
         // Deaths are processed elsewhere.
@@ -272,18 +287,18 @@ impl PendingResponse {
 
     /// Polls a process whose first status is pending. A program may take long to start: only its own
     /// activity counts, and on a busy machine a smaller part of the time in which it is blocked, because it
-    /// may wait for processes that wait for a processor. `stopped_counts` is whether time in which it is
+    /// may wait for processes that wait for a processor. `counts_stopped_time` is whether time in which it is
     /// stopped counts as blocked.
     fn poll_start(
         &mut self,
         process: WatchedProcess<'_>,
         limit: Duration,
-        stopped_counts: bool,
+        counts_stopped_time: bool,
     ) -> ResponseState {
-        let owed = Some((FIRST_STATUS_MARKER, process.number()));
-        if self.pending_response != owed {
+        let awaited_response = Some((FIRST_STATUS_MARKER, process.number()));
+        if self.pending_response != awaited_response {
             *self = PendingResponse {
-                pending_response: owed,
+                pending_response: awaited_response,
                 load_max: 1.0,
                 ..PendingResponse::default()
             };
@@ -292,7 +307,7 @@ impl PendingResponse {
         self.load_max = self.load_max.max(load_per_processor());
         match process.sample() {
             Some(mut sample) => {
-                if stopped_counts && sample.state == SchedulingState::Stopped {
+                if counts_stopped_time && sample.state == SchedulingState::Stopped {
                     sample.state = SchedulingState::Blocked;
                 }
                 match self.add_sample(sample, 0.0, limit) {
@@ -313,16 +328,16 @@ impl PendingResponse {
 
     fn add_sample(&mut self, sample: ProcessSample, share: f64, limit: Duration) -> ResponseState {
         self.watchdog.add_sample_with_cpu_fraction(sample, share);
-        let since_ns = self.last_poll_ns.replace(sample.time_ns).unwrap_or(sample.time_ns);
-        let since = Duration::from_nanos(sample.time_ns - since_ns).min(SAMPLE_GAP_MAX);
+        let previous_ns = self.last_poll_ns.replace(sample.time_ns).unwrap_or(sample.time_ns);
+        let elapsed = Duration::from_nanos(sample.time_ns - previous_ns).min(SAMPLE_GAP_MAX);
         if sample.state != SchedulingState::Stopped {
-            self.pending_time += since;
+            self.pending_time += elapsed;
         }
         if sample.state == SchedulingState::Blocked {
-            self.blocked_time += since;
+            self.blocked_time += elapsed;
         }
-        if let Some(instead) = self.watchdog.hung_activity(limit) {
-            return ResponseState::Hung(instead);
+        if let Some(activity) = self.watchdog.hung_activity(limit) {
+            return ResponseState::Hung(activity);
         }
         if self.pending_time < report_timeout(limit)
             || std::mem::replace(&mut self.is_reported, true)
@@ -347,25 +362,30 @@ mod tests {
 
     #[test]
     fn late_process_is_reported_once_before_it_ends_the_run() {
-        let mut debt = PendingResponse::default();
-        let found = |looks: std::ops::RangeInclusive<u64>, state, debt: &mut PendingResponse| {
-            let sample = |look: u64| ProcessSample {
-                state,
-                cpu_time: Duration::from_millis(40 * look.saturating_sub(18_000)),
-                time_ns: look * 200_000_000,
-                start_time_ticks: 7,
+        let mut response = PendingResponse::default();
+        let reported =
+            |polls: std::ops::RangeInclusive<u64>, state, response: &mut PendingResponse| {
+                let sample = |poll: u64| ProcessSample {
+                    state,
+                    cpu_time: Duration::from_millis(40 * poll.saturating_sub(18_000)),
+                    time_ns: poll * 200_000_000,
+                    start_time_ticks: 7,
+                };
+                let states = polls
+                    .map(|poll| response.add_sample(sample(poll), 1.0, Duration::from_secs(60)));
+                states.filter(|found| *found != ResponseState::InTime).collect::<Vec<_>>()
             };
-            let all = looks.map(|look| debt.add_sample(sample(look), 1.0, Duration::from_secs(60)));
-            all.filter(|found| *found != ResponseState::InTime).collect::<Vec<_>>()
-        };
         // A stopped process is reported elsewhere.
-        assert_eq!(found(0..=18_000, SchedulingState::Stopped, &mut debt), []);
-        let late = ResponseState::Late("runs or waits for a processor");
-        assert_eq!(found(18_001..=18_299, SchedulingState::Runnable, &mut debt), [late]);
-        let hung = ResponseState::Hung(Activity::Computing);
+        assert_eq!(reported(0..=18_000, SchedulingState::Stopped, &mut response), []);
+        let late_state = ResponseState::Late("runs or waits for a processor");
         assert_eq!(
-            found(18_300..=18_301, SchedulingState::Runnable, &mut debt).last(),
-            Some(&hung)
+            reported(18_001..=18_299, SchedulingState::Runnable, &mut response),
+            [late_state]
+        );
+        let hung_state = ResponseState::Hung(Activity::Computing);
+        assert_eq!(
+            reported(18_300..=18_301, SchedulingState::Runnable, &mut response).last(),
+            Some(&hung_state)
         );
         assert_eq!(report_timeout(Duration::from_secs(1)), Duration::from_millis(500));
     }
@@ -373,24 +393,24 @@ mod tests {
     #[test]
     fn late_process_is_described_by_its_main_activity() {
         let blocked = "is blocked (on a file, a timer or another process)";
-        for (blocked_looks, expected) in [(1, "runs or waits for a processor"), (3, blocked)] {
-            let mut debt = PendingResponse::default();
-            let late = (0..100).map(|look: u64| {
+        for (blocked_polls, expected) in [(1, "runs or waits for a processor"), (3, blocked)] {
+            let mut response = PendingResponse::default();
+            let late_states = (0..100).map(|poll: u64| {
                 // Blocked in the last polls before the report, independent of earlier states.
-                let is_blocked = look % 4 < blocked_looks || look > 22;
+                let is_blocked = poll % 4 < blocked_polls || poll > 22;
                 let state =
                     if is_blocked { SchedulingState::Blocked } else { SchedulingState::Runnable };
                 let sample = ProcessSample {
                     state,
                     cpu_time: Duration::ZERO,
-                    time_ns: look * 200_000_000,
+                    time_ns: poll * 200_000_000,
                     start_time_ticks: 7,
                 };
-                debt.add_sample(sample, 0.0, Duration::from_secs(60))
+                response.add_sample(sample, 0.0, Duration::from_secs(60))
             });
-            let late: Vec<ResponseState> =
-                late.filter(|found| *found != ResponseState::InTime).collect();
-            assert_eq!(late, [ResponseState::Late(expected)]);
+            let late_states: Vec<ResponseState> =
+                late_states.filter(|found| *found != ResponseState::InTime).collect();
+            assert_eq!(late_states, [ResponseState::Late(expected)]);
         }
     }
 }

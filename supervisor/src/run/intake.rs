@@ -84,11 +84,11 @@ impl MessageReceivers {
 
     /// Returns whether reports are to be polled now.
     pub(super) fn is_report_poll_due(&mut self) -> bool {
-        let due = self.last_report_poll.elapsed() >= REPORT_POLL_INTERVAL;
-        if due {
+        let is_due = self.last_report_poll.elapsed() >= REPORT_POLL_INTERVAL;
+        if is_due {
             self.last_report_poll = Instant::now();
         }
-        due
+        is_due
     }
 
     /// Reads the latencies that all processes measured.
@@ -96,11 +96,11 @@ impl MessageReceivers {
         self.latency_collector.set_time(self.now_ns());
         for (process, subscriber) in self.latency_subscribers.iter().enumerate() {
             // Latencies of robots and of the control process count from the first sample on.
-            let counts =
+            let is_counted =
                 self.first_truth_arrival.is_some() || process <= self.status_subscribers.len();
             while let Some(sample) = subscriber.receive()? {
                 let (header, rows) = (sample.user_header(), sample.payload());
-                match counts {
+                match is_counted {
                     true => self.latency_collector.add_batch(process, header, rows),
                     false => self.latency_collector.skip_batch(process, header, rows),
                 }

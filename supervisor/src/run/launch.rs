@@ -12,12 +12,12 @@ use protocol::run_root::{self, RunRoot};
 use protocol::service::{self, Node};
 use serde::Serialize;
 
-use super::by_hand::InteractiveActions;
 use super::error::RunError;
 use super::helper_process::{HelperKind, HelperProcess};
 use super::hosts::coordinator::{HostServices, Hosts};
 use super::hosts::remote::RemoteRobot;
 use super::intake::MessageReceivers;
+use super::interactive_actions::InteractiveActions;
 use super::processes::{Processes, RobotProcess};
 use super::services::{RunServices, has_control_timer};
 use super::time_mode::TimeMode;
@@ -33,8 +33,8 @@ use crate::view::View;
 use experiment::briefs;
 use experiment::scenario::Scenario;
 use outcome::results::latency::LatencyCollector;
-use run::course::RunStateMachine;
 use run::journal::Journal;
+use run::state_machine::RunStateMachine;
 
 /// Live view and other hosts of a run, if it has any.
 #[derive(Debug, Default)]
@@ -56,7 +56,7 @@ impl<'a> Run<'a> {
         scenario: &'a Scenario,
         pace: Pace,
         launcher: &Launcher,
-        open_to: RunConnections<'a>,
+        connections: RunConnections<'a>,
         mut journal: Journal<'a>,
         stop: StopFlag,
     ) -> Result<Run<'a>, RunError> {
@@ -65,8 +65,8 @@ impl<'a> Run<'a> {
             Pace::Realtime => launcher.clone(),
         };
         let logs = journal.run_dir.logs_path();
-        let mut left_behind = OrphanReaper::watch(&logs);
-        let view = match (&open_to.view, open_to.accepts_requests) {
+        let mut orphan_reaper = OrphanReaper::watch(&logs);
+        let view = match (&connections.view, connections.accepts_requests) {
             (None, _) => ViewUse::Off,
             (Some(_), false) => ViewUse::Watch,
             (Some(_), true) => ViewUse::Control,
@@ -80,51 +80,52 @@ impl<'a> Run<'a> {
         let node = service::create_node("supervisor")?;
         let launcher = launcher.with_run_root(run_root.path());
         if scenario.process_programs().next().is_some() {
-            left_behind.start_reaper_process(&launcher, run_root.path())?;
+            orphan_reaper.start_reaper_process(&launcher, run_root.path())?;
         }
         let time_mode = TimeMode::new(scenario, pace, &run_root, &launcher)?;
         // Each takes descriptors and memory, so they are created only if they may be used.
-        let links_by_hand = open_to.accepts_requests && time_mode.can_cut_links();
-        let RunConnections { view, bridge_brief: fleet, ros2, .. } = open_to;
+        let links_by_hand = connections.accepts_requests && time_mode.can_cut_links();
+        let RunConnections { view, bridge_brief: fleet, ros2, .. } = connections;
         let (has_fleet, ros2_brief) = (fleet.is_some(), ros2.as_ref());
         let services =
             RunServices::create(&node, scenario, pace, links_by_hand, has_fleet, ros2_brief)?;
-        let intake = MessageReceivers::new(&services, LatencyCollector::new(scenario, pace))?;
-        let heard = |i| scenario.graph.incoming_edges(i).count();
-        let to_robots = services.faults.iter().enumerate();
-        let faults_by_hand =
-            to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;
+        let receivers = MessageReceivers::new(&services, LatencyCollector::new(scenario, pace))?;
+        let sender_count = |i| scenario.graph.incoming_edges(i).count();
+        let link_faults = services.faults.iter().enumerate();
+        let faults_by_hand = link_faults
+            .map(|(i, faults)| faults.publisher(sender_count(i)))
+            .collect::<Result<_, _>>()?;
         let cleaner = Cleaner::start(&run_root, &node)?;
         let incarnations = Incarnations::create(run_root.path(), scenario.robots.len());
         let incarnations = incarnations.map_err(RunError::Incarnations)?;
         shm_capacity::allocate_reserved_memory(run_root.path(), None)?;
 
-        let mut start =
+        let mut inputs =
             StartInputs { scenario, pace, launcher, run_root: run_root.path(), journal };
-        let mut robots = start.write_robot_briefs(fleet.as_ref(), ros2.as_ref(), links_by_hand)?;
+        let mut robots = inputs.write_robot_briefs(fleet.as_ref(), ros2.as_ref(), links_by_hand)?;
         let hosts = fleet
-            .map(|fleet| start.start_hosts(&node, fleet, &mut robots, &cleaner, &stop))
+            .map(|fleet| inputs.start_hosts(&node, fleet, &mut robots, &cleaner, &stop))
             .transpose()?;
-        let ros2 = ros2.map(|brief| start.start_ros2(brief)).transpose()?;
-        let launched = Instant::now();
-        let mut processes = start.start_plant(robots, incarnations)?;
+        let ros2 = ros2.map(|brief| inputs.start_ros2(brief)).transpose()?;
+        let launch_time = Instant::now();
+        let mut processes = inputs.start_plant(robots, incarnations)?;
         for robot in start_order(scenario.seed, scenario.robots.len()) {
             processes.start_robot(robot, 0)?;
         }
-        let course =
-            RunStateMachine::new(scenario, time_mode.restarts_before_cleanup(), start.journal);
+        let state_machine =
+            RunStateMachine::new(scenario, time_mode.restarts_before_cleanup(), inputs.journal);
         Ok(Run {
             scenario,
             termination_state: TerminationState {
                 stop_flag: stop,
-                launch_time: launched,
+                launch_time,
                 interrupted: false,
                 has_failed: false,
             },
             detectors: FailureDetectors::start(scenario),
-            state_machine: course,
+            state_machine,
             processes,
-            receivers: intake,
+            receivers,
             interactive_actions: InteractiveActions::new(view, faults_by_hand),
             helpers: Helpers { cleaner, hosts, ros2 },
             time_mode,
@@ -134,7 +135,7 @@ impl<'a> Run<'a> {
                 run_root,
                 allocator: Allocator::default(),
                 logs: Logs::new(&logs),
-                orphan_reaper: left_behind,
+                orphan_reaper,
             },
         })
     }
@@ -143,24 +144,24 @@ impl<'a> Run<'a> {
 /// Creates the run root of a run, or of a host's part of one. Fails if there is too little space.
 pub(super) fn make_run_root(
     robots: usize,
-    need: RequiredSpace,
+    required_space: RequiredSpace,
     view: ViewUse,
 ) -> Result<RunRoot, RunError> {
     descriptors::raise_descriptor_limit(descriptors::RequiredDescriptors::for_run(robots, view))?;
     let base = run_root::base_directory();
-    for dead in run_root::lock_dead_roots(&base) {
-        for named in orphan_processes::kill_processes_of_run(&dead.path, None) {
-            tracing::warn!("in a dead run, {named}");
+    for dead_root in run_root::lock_dead_roots(&base) {
+        for process_text in orphan_processes::kill_processes_of_run(&dead_root.path, None) {
+            tracing::warn!("in a dead run, {process_text}");
         }
-        let path = dead.path.clone();
-        match dead.remove() {
+        let path = dead_root.path.clone();
+        match dead_root.remove() {
             Ok(()) => tracing::info!(path = %path.display(), "removed what a dead run left"),
             Err(error) => {
                 tracing::warn!(%error, path = %path.display(), "a dead run's root stays behind");
             }
         }
     }
-    shm_capacity::check(&base, need)?;
+    shm_capacity::check(&base, required_space)?;
     shm_capacity::install_sigbus_handler(&base);
     let run_root = RunRoot::create(&base)?;
     run_root::join(run_root.path())?;
@@ -232,13 +233,13 @@ impl StartInputs<'_, '_> {
 
     fn start_helper(
         &mut self,
-        which: HelperKind,
+        kind: HelperKind,
         name: &str,
         brief: &impl Serialize,
     ) -> Result<HelperProcess, RunError> {
         let run_dir = &mut *self.journal.run_dir;
         let brief = run_dir.write_brief(name, brief)?;
-        Ok(HelperProcess::start(which, &self.launcher, brief, run_dir.log_path(name))?)
+        Ok(HelperProcess::start(kind, &self.launcher, brief, run_dir.log_path(name))?)
     }
 
     /// Starts the plant, and the control process if there is one.
@@ -274,10 +275,10 @@ impl StartInputs<'_, '_> {
 /// Returns the order in which the first processes are started: a Fisher-Yates shuffle by the seed, so that
 /// no result depends on a particular order.
 fn start_order(seed: u64, robots: usize) -> Vec<usize> {
-    let mut random = SplitMix64::new(seed);
+    let mut rng = SplitMix64::new(seed);
     let mut order: Vec<usize> = (0..robots).collect();
     for last in (1..robots).rev() {
-        order.swap(last, random.draw_between(0, last as u64) as usize);
+        order.swap(last, rng.draw_between(0, last as u64) as usize);
     }
     order
 }

@@ -90,7 +90,8 @@ impl Run<'_> {
         if header.incarnation != self.state_machine.lifecycles().incarnation(robot) {
             return Ok(()); // sent before its death
         }
-        let (moved, moves) = (self.state_machine.report(robot).has_replied(), header.moving == 1);
+        let (was_moving, is_moving) =
+            (self.state_machine.report(robot).has_replied(), header.moving == 1);
         let takes_part = self.time_mode.takes_part(header);
         let t_ns = self.receivers.now_ns().max(header.t_ns);
         let was_starting =
@@ -100,17 +101,17 @@ impl Run<'_> {
         let mut robots = 0..self.scenario.robots.len();
         // All ports of the robots exist once no robot is starting, and all connections between them once
         // each robot has received and sent. From then on a full file system affects no robot.
-        let all_there = was_starting
+        let all_started = was_starting
             && robots.clone().all(|robot| {
                 self.state_machine.lifecycles().process_state(robot) != ProcessState::Starting
             });
-        let all_move = !moved
-            && moves
+        let all_moving = !was_moving
+            && is_moving
             && robots.all(|robot| {
                 self.state_machine.lifecycles().process_state(robot) != ProcessState::Moving
                     || self.state_machine.report(robot).has_replied()
             });
-        if all_there || all_move || changes.iter().any(StatusChange::may_open_connection) {
+        if all_started || all_moving || changes.iter().any(StatusChange::may_open_connection) {
             self.shared_resources.allocator.request_allocation();
         }
         Ok(())

@@ -21,26 +21,26 @@ impl LoadProcesses {
         &mut self,
         launcher: &Launcher,
         fault: usize,
-        asked: usize,
+        requested_count: usize,
         log: &Path,
     ) -> String {
-        for started in 0..asked {
+        for started_count in 0..requested_count {
             match launcher.spawn(ProcessRole::Load, log) {
                 Ok(child) => self.processes.push((fault, child)),
                 Err(error) => {
-                    tracing::warn!(started, asked, "{error}");
+                    tracing::warn!(started = started_count, asked = requested_count, "{error}");
                     self.spawn_error.get_or_insert(error);
-                    return format!("{started} of {asked} processes");
+                    return format!("{started_count} of {requested_count} processes");
                 }
             }
         }
-        format!("{asked} processes")
+        format!("{requested_count} processes")
     }
 
     /// Kills the load processes of a fault.
     pub(super) fn kill_fault_processes(&self, fault: usize) {
-        let ours = self.processes.iter().filter(|(of, _)| *of == fault);
-        ours.for_each(|(_, child)| drop(child.kill()));
+        let processes = self.processes.iter().filter(|(process_fault, _)| *process_fault == fault);
+        processes.for_each(|(_, child)| drop(child.kill()));
     }
 
     /// Reaps load processes that have exited. Returns the exit status of each that was not ended by the end

@@ -15,7 +15,7 @@
 //! | `hung` | watchdog of processes with pending responses |
 //! | `standstill` | detection of times in which the supervisor itself did not run |
 //! | `stops` | processes stopped from outside of the run |
-//! | `by_hand` | interactive faults |
+//! | `interactive_actions` | interactive faults |
 //! | `processes` | starting, signalling and reaping of processes |
 //! | `hosts/` | runs on several hosts |
 //! | `goals` | counts of goals from outside |
@@ -24,13 +24,13 @@
 //! | `shutdown` | end of a run |
 //! | `error` | errors that end a run |
 
-mod by_hand;
 mod error;
 mod goals;
 mod helper_process;
 pub mod hosts;
 mod hung;
 mod intake;
+mod interactive_actions;
 pub mod launch;
 mod listen;
 mod load;
@@ -55,18 +55,18 @@ use crate::live;
 use crate::logs::Logs;
 use crate::orphan_processes::OrphanReaper;
 use crate::shm_capacity::{self, Allocator};
-use by_hand::InteractiveActions;
 pub use error::RunError;
 use experiment::scenario::{AffectedComponent, Scenario, Settings, SilencedSource};
 use helper_process::{HelperDeath, HelperProcess, RepeatedStartFailure};
 use hosts::coordinator::{HostChange, Hosts};
 use hung::WatchedRobot;
 use intake::MessageReceivers;
+use interactive_actions::InteractiveActions;
 use outcome::results::outcome::RunOutcome;
 use processes::Processes;
-use run::course::RunStateMachine;
 use run::journal::Journal;
 use run::lifecycle::{LifecycleEvent, ProcessState};
+use run::state_machine::RunStateMachine;
 use services::RunServices;
 use standstill::StandstillDetector;
 use stops::ExternalStops;
@@ -146,16 +146,16 @@ impl<'a> Run<'a> {
         mut self,
         mut progress: impl FnMut(u64),
     ) -> (RunOutcome, Result<(), RunError>) {
-        let ran = self.run_main_loop(&mut progress);
-        self.termination_state.has_failed = ran.is_err();
+        let loop_result = self.run_main_loop(&mut progress);
+        self.termination_state.has_failed = loop_result.is_err();
         // A run that reaches its end is over at its last ground truth sample.
-        let whole = ran.is_ok() && !self.termination_state.interrupted;
-        let over = if whole { self.receivers.last_truth_arrival } else { Instant::now() };
-        if let Err(error) = &ran {
+        let is_complete = loop_result.is_ok() && !self.termination_state.interrupted;
+        let end_time = if is_complete { self.receivers.last_truth_arrival } else { Instant::now() };
+        if let Err(error) = &loop_result {
             tracing::debug!(%error, "the run ends early");
         }
-        let (outcome, ended) = self.shut_down(over);
-        (outcome, ran.and(ended))
+        let (outcome, shutdown_result) = self.shut_down(end_time);
+        (outcome, loop_result.and(shutdown_result))
     }
 
     fn run_main_loop(&mut self, progress: &mut impl FnMut(u64)) -> Result<(), RunError> {
@@ -178,8 +178,8 @@ impl<'a> Run<'a> {
             self.shared_resources.logs.truncate_if_due();
             self.read_reports()?;
             self.allocate_memory_if_due()?;
-            while let Some(dead) = self.helpers.cleaner.next_cleaned_owner() {
-                let kept = match dead {
+            while let Some(owner) = self.helpers.cleaner.next_cleaned_owner() {
+                let helper = match owner {
                     DeadProcessOwner::Robot(robot) => {
                         self.handle_event(
                             self.receivers.now_ns(),
@@ -192,7 +192,7 @@ impl<'a> Run<'a> {
                     }
                     DeadProcessOwner::Ros2 => self.helpers.ros2.as_mut(),
                 };
-                kept.map_or(Ok(()), HelperProcess::restart_after_cleanup)?;
+                helper.map_or(Ok(()), HelperProcess::restart_after_cleanup)?;
             }
             if self.interactive_actions.read_requests() {
                 self.set_next_pause();
@@ -227,26 +227,25 @@ impl<'a> Run<'a> {
     /// Waits for a message or a process exit.
     fn wait_for_message_or_exit(&self) {
         self.time_mode.wait_for_message_or_exit(|| {
-            let mut news = self.processes.pidfds();
-            news.push(PollFd::from_borrowed_fd(self.helpers.cleaner.results_fd(), PollFlags::IN));
-            news
+            let mut poll_fds = self.processes.pidfds();
+            poll_fds
+                .push(PollFd::from_borrowed_fd(self.helpers.cleaner.results_fd(), PollFlags::IN));
+            poll_fds
         });
     }
 
     /// Polls the ROS 2 bridge, and records its death.
     fn watch_ros2(&mut self) {
         let Some(ros2) = &mut self.helpers.ros2 else { return };
-        if let Some(HelperDeath { cause: how, repeated_failure: given_up }) =
-            ros2.poll(&self.helpers.cleaner)
-        {
-            let what = match given_up {
-                None => how,
+        if let Some(HelperDeath { cause, repeated_failure }) = ros2.poll(&self.helpers.cleaner) {
+            let detail = match repeated_failure {
+                None => cause,
                 Some(RepeatedStartFailure { log, .. }) => {
-                    tracing::warn!("ROS 2 cannot listen ({how}); the log says:\n{log}");
-                    format!("{how}, and did not become ready; the run continues without it")
+                    tracing::warn!("ROS 2 cannot listen ({cause}); the log says:\n{log}");
+                    format!("{cause}, and did not become ready; the run continues without it")
                 }
             };
-            self.state_machine.record_event(self.receivers.now_ns(), "ros2-died", None, what);
+            self.state_machine.record_event(self.receivers.now_ns(), "ros2-died", None, detail);
         }
     }
 
@@ -254,58 +253,55 @@ impl<'a> Run<'a> {
     fn exchange_with_hosts(&mut self) -> Result<(), RunError> {
         let Some(hosts) = &mut self.helpers.hosts else { return Ok(()) };
         let mut remotes = self.processes.remote_robots();
-        let mut news = hosts.read_reports(&mut remotes)?;
-        let cleaned: Vec<usize> = (remotes.iter_mut().enumerate())
+        let mut changes = hosts.read_reports(&mut remotes)?;
+        let cleaned_robots: Vec<usize> = (remotes.iter_mut().enumerate())
             .filter_map(|(robot, remote)| remote.as_mut()?.take_cleanup().then_some(robot))
             .collect();
         hosts.send_orders(&remotes)?;
-        let (now_ns, silence_ns) = (self.receivers.now_ns(), hosts.silence_max_ns());
-        if let Some(how) = hosts.watch_bridge(&self.helpers.cleaner)? {
+        let (now_ns, silence_max_ns) = (self.receivers.now_ns(), hosts.silence_max_ns());
+        if let Some(cause) = hosts.watch_bridge(&self.helpers.cleaner)? {
             self.state_machine.record_event(
                 now_ns,
                 "bridge-died",
                 None,
-                format!("of this host: {how}"),
+                format!("of this host: {cause}"),
             );
         }
-        for robot in cleaned {
+        for robot in cleaned_robots {
             self.handle_event(now_ns, LifecycleEvent::CleanedUp { robot })?;
         }
-        for news in news.drain(..) {
+        for change in changes.drain(..) {
             let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
-            let name = |host| hosts.host_name(host).to_owned();
-            match news {
+            let host_name = |host| hosts.host_name(host).to_owned();
+            match change {
                 HostChange::BridgeRestarted(host) => {
-                    let detail = format!("host {}", name(host));
+                    let detail = format!("host {}", host_name(host));
                     self.state_machine.record_event(now_ns, "bridge-restarted", None, detail);
                 }
                 HostChange::Lost(host) => {
-                    let why = format!("host {} is unreachable", name(host));
+                    let reason = format!("host {} is unreachable", host_name(host));
                     // It became unreachable before that was detected.
-                    self.record_host_loss(host, now_ns.saturating_sub(silence_ns), &why)?;
+                    self.record_host_loss(host, now_ns.saturating_sub(silence_max_ns), &reason)?;
                 }
                 HostChange::Left(host) => {
-                    let why = format!("the supervisor of host {} ended", name(host));
-                    self.record_host_loss(host, now_ns, &why)?;
+                    let reason = format!("the supervisor of host {} ended", host_name(host));
+                    self.record_host_loss(host, now_ns, &reason)?;
                 }
                 HostChange::SupervisorSilent(host) => tracing::warn!(
                     "the supervisor of host {} sends no reports; until it does, it is not known whether its robots are alive",
-                    name(host)
+                    host_name(host)
                 ),
                 HostChange::ReachableAgain(host) => {
-                    let (name, robots) = (name(host), hosts.robots_of_host(host));
+                    let (host_name, robots) = (host_name(host), hosts.robots_of_host(host));
                     self.state_machine.record_event(
                         now_ns,
                         "host-back",
                         None,
-                        format!("host {name}"),
+                        format!("host {host_name}"),
                     );
                     for robot in robots {
-                        let why = format!("host {name} is reachable again");
-                        self.handle_event(
-                            now_ns,
-                            LifecycleEvent::HostReachable { robot, reason: why },
-                        )?;
+                        let reason = format!("host {host_name} is reachable again");
+                        self.handle_event(now_ns, LifecycleEvent::HostReachable { robot, reason })?;
                     }
                 }
             }
@@ -314,25 +310,25 @@ impl<'a> Run<'a> {
     }
 
     /// Records that a host and its robots are lost. `at_ns` is the run time since which they are.
-    fn record_host_loss(&mut self, host: usize, at_ns: u64, why: &str) -> Result<(), RunError> {
+    fn record_host_loss(&mut self, host: usize, at_ns: u64, reason: &str) -> Result<(), RunError> {
         let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
         let (name, robots) = (hosts.host_name(host).to_owned(), hosts.robots_of_host(host));
         let now_ns = self.receivers.now_ns();
         self.state_machine.record_event(now_ns, "host-lost", None, format!("host {name}"));
-        tracing::warn!(host = name, t_s = now_ns as f64 / 1e9, why, "out of reach");
+        tracing::warn!(host = name, t_s = now_ns as f64 / 1e9, why = reason, "out of reach");
         for robot in robots {
-            let silenced = SilencedSource::Robot(robot);
-            let struck = AffectedComponent {
+            let silenced_source = SilencedSource::Robot(robot);
+            let affected = AffectedComponent {
                 robot: Some(robot),
-                silenced_source: silenced,
+                silenced_source,
                 ..AffectedComponent::default()
             };
-            let what =
+            let description =
                 format!("{} out of reach, on {name}", self.state_machine.journal.robot_name(robot));
-            let fault = self.state_machine.journal.metrics.register_fault(what, struck);
+            let fault = self.state_machine.journal.metrics.register_fault(description, affected);
             self.handle_event(
                 at_ns,
-                LifecycleEvent::HostUnreachable { robot, fault, reason: why.into() },
+                LifecycleEvent::HostUnreachable { robot, fault, reason: reason.into() },
             )?;
         }
         Ok(())
@@ -340,8 +336,8 @@ impl<'a> Run<'a> {
 
     /// Returns the events of processes that were stopped or resumed from outside of the run.
     fn check_stopped_processes(&mut self) -> Result<Vec<LifecycleEvent>, RunError> {
-        let Run { scenario, detectors, state_machine: course, processes, time_mode, .. } = self;
-        detectors.external_stops.detect_stops(scenario, course, processes, time_mode)
+        let Run { scenario, detectors, state_machine, processes, time_mode, .. } = self;
+        detectors.external_stops.detect_stops(scenario, state_machine, processes, time_mode)
     }
 
     /// Reports a standstill of the supervisor in real time, postpones all deadlines by it, and processes
@@ -350,23 +346,24 @@ impl<'a> Run<'a> {
     /// # Errors
     /// A process has died whose death ends the run.
     fn check_standstill(&mut self) -> Result<(), RunError> {
-        let stood = self.detectors.standstill.detect_standstill(Instant::now());
-        let Some(stood) = stood.filter(|_| self.time_mode.continues_despite_stopped_process())
+        let standstill_time = self.detectors.standstill.detect_standstill(Instant::now());
+        let Some(standstill_time) =
+            standstill_time.filter(|_| self.time_mode.continues_despite_stopped_process())
         else {
             return Ok(());
         };
-        let for_s = format!("{:.1} s", stood.as_secs_f64());
+        let duration_text = format!("{:.1} s", standstill_time.as_secs_f64());
         tracing::warn!(
-            "the supervisor did not run for {for_s} (stopped, or its container or machine was paused): it detected nothing in that time, and planned actions are late"
+            "the supervisor did not run for {duration_text} (stopped, or its container or machine was paused): it detected nothing in that time, and planned actions are late"
         );
         self.state_machine.record_event(
             self.receivers.now_ns(),
             standstill::EVENT_KIND,
             None,
-            format!("supervisor, for {for_s}"),
+            format!("supervisor, for {duration_text}"),
         );
-        self.receivers.last_truth_arrival += stood;
-        self.processes.postpone_deadlines(stood);
+        self.receivers.last_truth_arrival += standstill_time;
+        self.processes.postpone_deadlines(standstill_time);
         // A plant that has ended as planned has sent its last ground truth, which is newer than all deaths.
         match self.processes.plant.try_reap() {
             Some(status) if !status.success() => Ok(()),
@@ -412,21 +409,15 @@ impl<'a> Run<'a> {
     /// Checks the timeouts of all processes.
     fn check_deadlines(&mut self) -> Result<(), RunError> {
         let Run {
-            state_machine: course,
-            processes,
-            receivers: intake,
-            time_mode,
-            shared_resources: shared,
-            helpers,
-            ..
+            state_machine, processes, receivers, time_mode, shared_resources, helpers, ..
         } = self;
-        let (lifecycles, journal) = (course.lifecycles(), &course.journal);
-        if lifecycles.is_any_process_starting() && intake.newest_truth.is_none() {
+        let (lifecycles, journal) = (state_machine.lifecycles(), &state_machine.journal);
+        if lifecycles.is_any_process_starting() && receivers.newest_truth.is_none() {
             // The plant waits for robots.
-            intake.last_truth_arrival = Instant::now();
+            receivers.last_truth_arrival = Instant::now();
         }
         let ready_after = Duration::from_nanos(self.scenario.ready_after_ns);
-        let no_robot_moves = intake.newest_truth.is_none();
+        let no_robot_moves = receivers.newest_truth.is_none();
         if let Some(hosts) = &helpers.hosts {
             // The timeout of an unreachable robot is not checked, unless no robot has moved yet: then the
             // plant waits for it.
@@ -451,9 +442,9 @@ impl<'a> Run<'a> {
         let is_reachable =
             |host: usize| helpers.hosts.as_ref().is_none_or(|hosts| hosts.is_reachable(host));
         let watched = processes.watched_robots(is_reachable).map(|(robot, process)| {
-            let starts = lifecycles.process_state(robot) == ProcessState::Starting;
-            let starting_since = starts.then(|| processes.start_time(robot));
-            let statuses = course.report(robot).statuses_read;
+            let is_starting = lifecycles.process_state(robot) == ProcessState::Starting;
+            let starting_since = is_starting.then(|| processes.start_time(robot));
+            let statuses = state_machine.report(robot).statuses_read;
             WatchedRobot {
                 robot,
                 name: journal.robot_name(robot),
@@ -462,12 +453,18 @@ impl<'a> Run<'a> {
                 statuses,
             }
         });
-        let slow = |robot| Duration::from_nanos(self.scenario.slow_fault_delay_ns_max(robot));
-        let newest = intake.newest_truth.as_ref();
+        let slowdown = |robot| Duration::from_nanos(self.scenario.slow_fault_delay_ns_max(robot));
+        let newest = receivers.newest_truth.as_ref();
         time_mode
-            .check_deadlines(newest, intake.last_truth_arrival, &processes.plant, watched, slow)
+            .check_deadlines(
+                newest,
+                receivers.last_truth_arrival,
+                &processes.plant,
+                watched,
+                slowdown,
+            )
             .map_err(|error| {
-                shm_capacity::find_space_error(shared.run_root.path())
+                shm_capacity::find_space_error(shared_resources.run_root.path())
                     .map_or(error, RunError::Space)
             })
     }
@@ -483,8 +480,8 @@ impl<'a> Run<'a> {
 }
 
 /// Returns the exit code of a run that ended with this outcome and error.
-pub fn exit_code(outcome: &RunOutcome, ran: &Result<(), RunError>) -> u8 {
-    match ran {
+pub fn exit_code(outcome: &RunOutcome, result: &Result<(), RunError>) -> u8 {
+    match result {
         Err(RunError::Interrupted { .. }) => exit::INTERRUPTED,
         Err(_) => exit::INFRASTRUCTURE_FAILURE,
         Ok(()) if outcome.was_interrupted => exit::INTERRUPTED,

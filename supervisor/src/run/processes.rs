@@ -98,24 +98,16 @@ impl RobotProcess {
         program: Option<ProgramCommand>,
         log: PathBuf,
     ) -> RobotProcess {
-        let (started, usage) = (Instant::now(), Usage::default());
-        RobotProcess {
-            brief,
-            program,
-            log,
-            child: None,
-            remote_robot: None,
-            start_time: started,
-            usage,
-        }
+        let (start_time, usage) = (Instant::now(), Usage::default());
+        RobotProcess { brief, program, log, child: None, remote_robot: None, start_time, usage }
     }
 
     /// Creates a robot whose process runs on another host.
     pub(super) fn new_remote(remote: RemoteRobot) -> RobotProcess {
-        let nowhere = PathBuf::new();
+        let empty_path = PathBuf::new();
         RobotProcess {
             remote_robot: Some(remote),
-            ..RobotProcess::new(nowhere.clone(), None, nowhere)
+            ..RobotProcess::new(empty_path.clone(), None, empty_path)
         }
     }
 
@@ -148,9 +140,9 @@ impl RobotProcess {
     }
 
     /// Sets the wanted state of its process, if there is one. Fails if a signal could not be sent.
-    pub(crate) fn set_wanted_state(&self, wanted: WantedState) -> Result<(), SignalError> {
+    pub(crate) fn set_wanted_state(&self, state: WantedState) -> Result<(), SignalError> {
         let Some(child) = &self.child else { return Ok(()) };
-        match wanted {
+        match state {
             WantedState::Killed => child.kill(),
             WantedState::Stopped => child.stop(),
             WantedState::Running => child.resume(),
@@ -182,13 +174,13 @@ impl Processes {
         incarnations: Incarnations,
         launcher: Launcher,
     ) -> Processes {
-        let (dead_control_timer, load) = (None, LoadProcesses::default());
+        let (dead_control_timer_usage, load) = (None, LoadProcesses::default());
         Processes {
             plant,
             robots,
             incarnations,
             control_timer,
-            dead_control_timer_usage: dead_control_timer,
+            dead_control_timer_usage,
             load,
             launcher,
         }
@@ -211,13 +203,13 @@ impl Processes {
     pub(super) fn set_wanted_state(
         &mut self,
         robot: usize,
-        wanted: WantedState,
+        state: WantedState,
     ) -> Result<(), SignalError> {
         let robot = &mut self.robots[robot];
         if let Some(remote) = &mut robot.remote_robot {
-            remote.order_state(wanted);
+            remote.order_state(state);
         }
-        robot.set_wanted_state(wanted)
+        robot.set_wanted_state(state)
     }
 
     /// Returns the state of each robot whose process runs on another host, by index; `None` for others.
@@ -236,8 +228,8 @@ impl Processes {
     }
 
     /// Postpones the deadlines of starting robots by a time in which the supervisor did not run.
-    pub(super) fn postpone_deadlines(&mut self, by: Duration) {
-        self.robots.iter_mut().for_each(|robot| robot.start_time += by);
+    pub(super) fn postpone_deadlines(&mut self, delay: Duration) {
+        self.robots.iter_mut().for_each(|robot| robot.start_time += delay);
     }
 
     /// Returns the end of a robot's log, for the screen.
@@ -269,7 +261,7 @@ impl Processes {
         is_reachable: impl Fn(usize) -> bool + Clone,
     ) -> impl Iterator<Item = (usize, WatchedProcess<'_>)> + Clone {
         let robots = self.robots.iter().enumerate();
-        robots.filter_map(move |(place, robot)| {
+        robots.filter_map(move |(index, robot)| {
             let process = match &robot.remote_robot {
                 Some(remote) => {
                     let is_watched = is_reachable(remote.host) && !remote.has_ended();
@@ -277,7 +269,7 @@ impl Processes {
                 }
                 None => WatchedProcess::Local(robot.child.as_ref()?),
             };
-            Some((place, process))
+            Some((index, process))
         })
     }
 
@@ -295,14 +287,14 @@ impl Processes {
 
     /// Returns whether the plant or a robot may have died. Polls all at once, because nearly always none did.
     pub(super) fn has_any_died(&self) -> bool {
-        let mut watched = self.pidfds();
-        watched.extend(self.load.children().map(death_poll_fd));
-        let mut elsewhere = self.robots.iter().filter_map(|robot| robot.remote_robot.as_ref());
-        if elsewhere.any(RemoteRobot::has_ended) {
+        let mut poll_fds = self.pidfds();
+        poll_fds.extend(self.load.children().map(death_poll_fd));
+        let mut remote_robots = self.robots.iter().filter_map(|robot| robot.remote_robot.as_ref());
+        if remote_robots.any(RemoteRobot::has_ended) {
             return true;
         }
         // If the call was interrupted, each is checked.
-        poll(&mut watched, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) != Ok(0)
+        poll(&mut poll_fds, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) != Ok(0)
     }
 
     /// Returns the exit status of a robot's process if that has exited, and removes the process.
@@ -339,20 +331,21 @@ impl Processes {
 
     /// Returns the resource usage of each robot's processes on this host, once they have exited, by index.
     pub(super) fn usages(&self) -> impl Iterator<Item = (usize, Usage)> {
-        let here = self.robots.iter().enumerate().filter(|(_, robot)| robot.remote_robot.is_none());
-        here.map(|(place, robot)| (place, robot.usage()))
+        let local_robots =
+            self.robots.iter().enumerate().filter(|(_, robot)| robot.remote_robot.is_none());
+        local_robots.map(|(index, robot)| (index, robot.usage()))
     }
 }
 
-/// Waits until one of these is readable, at most for `turn`. Returns early if interrupted.
-pub(crate) fn wait_until_readable(news: &mut [PollFd<'_>], turn: Duration) {
-    let turn = Timespec { tv_sec: 0, tv_nsec: turn.as_nanos() as i64 };
-    let _ = poll(news, Some(&turn));
+/// Waits until one of these is readable, at most for `timeout`. Returns early if interrupted.
+pub(crate) fn wait_until_readable(poll_fds: &mut [PollFd<'_>], timeout: Duration) {
+    let timeout = Timespec { tv_sec: 0, tv_nsec: timeout.as_nanos() as i64 };
+    let _ = poll(poll_fds, Some(&timeout));
 }
 
-/// Terminates all children, and kills each that does not exit in [`GRACE`].
+/// Terminates all children, and kills each that does not exit in [`TERMINATION_GRACE_TIME`].
 pub(crate) fn terminate_all(mut children: Vec<&mut Child>) {
-    let asked = Instant::now();
+    let start = Instant::now();
     let mut killed = false;
     children.iter().for_each(|child| child.terminate());
     loop {
@@ -360,7 +353,7 @@ pub(crate) fn terminate_all(mut children: Vec<&mut Child>) {
         if children.is_empty() {
             return;
         }
-        if !killed && asked.elapsed() > TERMINATION_GRACE_TIME {
+        if !killed && start.elapsed() > TERMINATION_GRACE_TIME {
             killed = true;
             for child in &children {
                 tracing::warn!("{} did not exit on request, and was killed", child.name());
@@ -368,7 +361,7 @@ pub(crate) fn terminate_all(mut children: Vec<&mut Child>) {
                     tracing::warn!("{}: {error}", child.name());
                 }
             }
-        } else if asked.elapsed() > 2 * TERMINATION_GRACE_TIME {
+        } else if start.elapsed() > 2 * TERMINATION_GRACE_TIME {
             tracing::error!("a killed process does not exit: it is in an uninterruptible wait");
             return;
         }

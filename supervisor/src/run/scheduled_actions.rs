@@ -23,16 +23,17 @@ impl Run<'_> {
             return Ok(());
         }
         // In lockstep a plan that begins at t = 0 requires that all robots have started.
-        let starting_up = self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref());
-        let awaited = starting_up && self.state_machine.lifecycles().is_any_process_starting();
-        let (now_ns, begun) =
-            (self.receivers.now_ns(), self.receivers.newest_truth.is_some() && !awaited);
-        while begun && let Some(orders) = self.state_machine.handle_planned_event(now_ns) {
+        let is_starting_up = self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref());
+        let is_start_pending =
+            is_starting_up && self.state_machine.lifecycles().is_any_process_starting();
+        let (now_ns, has_begun) =
+            (self.receivers.now_ns(), self.receivers.newest_truth.is_some() && !is_start_pending);
+        while has_begun && let Some(orders) = self.state_machine.handle_planned_event(now_ns) {
             self.execute_orders(now_ns, orders)?;
         }
         self.apply_requests(now_ns)?;
         self.handle_event(now_ns, LifecycleEvent::TimePassed)?;
-        if begun && self.state_machine.lifecycles().is_idle(now_ns) {
+        if has_begun && self.state_machine.lifecycles().is_idle(now_ns) {
             self.set_next_pause();
             self.time_mode.resume();
         }
@@ -51,11 +52,11 @@ impl Run<'_> {
                 ),
                 None => Err("the run has not begun: not all robots are ready".into()),
             };
-            let done = match event {
+            let result = match event {
                 Ok(event) => Ok(self.handle_event(now_ns, event)?),
                 Err(refusal) => Err(refusal),
             };
-            request.send_result(done);
+            request.send_result(result);
         }
         Ok(())
     }
@@ -100,8 +101,8 @@ impl Run<'_> {
                     )?;
                 }
                 DriverOrder::KillPlant => {
-                    let killed = self.processes.plant.kill();
-                    killed.map_err(|error| RunError::signal_failure("the plant", error))?;
+                    let result = self.processes.plant.kill();
+                    result.map_err(|error| RunError::signal_failure("the plant", error))?;
                 }
                 DriverOrder::StartLoad { fault, processes } => {
                     let log = self.state_machine.journal.run_dir.log_path("load");
@@ -110,54 +111,60 @@ impl Run<'_> {
                     self.handle_event(now_ns, LifecycleEvent::LoadStarted { fault, detail })?;
                 }
                 DriverOrder::EndLoad { fault } => self.processes.load.kill_fault_processes(fault),
-                DriverOrder::WarnOfDeath { robot, cause: how, is_replacement: again } => {
-                    self.warn_of_death(now_ns, robot, &how, again);
+                DriverOrder::WarnOfDeath { robot, cause, is_replacement } => {
+                    self.warn_of_death(now_ns, robot, &cause, is_replacement);
                 }
-                DriverOrder::EndRun { robot, cause: how } => {
-                    return Err(self.gave_up_error(robot, how));
+                DriverOrder::EndRun { robot, cause } => {
+                    return Err(self.gave_up_error(robot, cause));
                 }
             }
         }
         Ok(())
     }
 
-    /// Warns of an unplanned death: of a replacement that died `again`, or of another process.
-    fn warn_of_death(&self, now_ns: u64, robot: usize, how: &str, again: bool) {
+    /// Warns of an unplanned death. `is_replacement` is whether the process was a replacement, and died before
+    /// the end of the fault that killed its predecessor.
+    fn warn_of_death(&self, now_ns: u64, robot: usize, cause: &str, is_replacement: bool) {
         let (name, t_s) = (self.state_machine.journal.robot_name(robot), now_ns as f64 / 1e9);
-        if again {
+        if is_replacement {
             let log = self.processes.last_lines(robot);
             tracing::warn!(
                 robot = name,
                 t_s,
-                how,
+                how = cause,
                 "its replacement died as well; the last lines of its log:\n{log}"
             );
-        } else if let Some(said) = self.last_log_message(robot) {
-            tracing::warn!(robot = name, t_s, how, "died unexpectedly; its last message:\n{said}");
+        } else if let Some(log_lines) = self.last_log_message(robot) {
+            tracing::warn!(
+                robot = name,
+                t_s,
+                how = cause,
+                "died unexpectedly; its last message:\n{log_lines}"
+            );
         } else {
-            tracing::warn!(robot = name, t_s, how, "died unexpectedly");
+            tracing::warn!(robot = name, t_s, how = cause, "died unexpectedly");
         }
     }
 
     /// Returns the error of a robot that gave up and will not be replaced.
-    fn gave_up_error(&self, robot: usize, mut how: String) -> RunError {
-        let program = self.scenario.program(robot).is_some();
-        if program && self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref()) {
-            how += ", before it was ready";
+    fn gave_up_error(&self, robot: usize, mut cause: String) -> RunError {
+        let has_program = self.scenario.program(robot).is_some();
+        if has_program && self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref()) {
+            cause += ", before it was ready";
         }
         let log = self.processes.last_lines(robot);
         RunError::AgentDied {
             robot: self.state_machine.journal.robot_name(robot).to_owned(),
-            how,
+            cause,
             log,
         }
     }
 
     /// Sets the wanted state of a robot's process. A signal that cannot be sent ends the run: in lockstep
     /// all other processes would wait for its effect, and the measurements would not match the plan.
-    fn set_wanted_state(&mut self, robot: usize, wanted: WantedState) -> Result<(), RunError> {
-        let wanted = self.processes.set_wanted_state(robot, wanted);
-        wanted.map_err(|error| {
+    fn set_wanted_state(&mut self, robot: usize, state: WantedState) -> Result<(), RunError> {
+        let result = self.processes.set_wanted_state(robot, state);
+        result.map_err(|error| {
             RunError::signal_failure(self.state_machine.journal.robot_name(robot), error)
         })
     }
@@ -165,14 +172,17 @@ impl Run<'_> {
     /// Returns the last message of a robot's program, beyond its exit status. During the start-up it is
     /// printed if the run ends because of it.
     fn last_log_message(&self, robot: usize) -> Option<String> {
-        let program = self.scenario.program(robot).is_some();
-        let told = program && !self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref());
-        let log = told.then(|| self.processes.last_entries(robot))?;
-        let routine = log.iter().rposition(|entry| entry.level.as_deref() == Some("INFO"));
-        let said = &log[routine.map_or(0, |at| at + 1)..];
-        said.iter()
+        let has_program = self.scenario.program(robot).is_some();
+        let has_unprinted_message =
+            has_program && !self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref());
+        let entries = has_unprinted_message.then(|| self.processes.last_entries(robot))?;
+        let last_info_index =
+            entries.iter().rposition(|entry| entry.level.as_deref() == Some("INFO"));
+        let last_entries = &entries[last_info_index.map_or(0, |index| index + 1)..];
+        last_entries
+            .iter()
             .any(|entry| !entry.message.trim().is_empty())
-            .then(|| child::format_log_lines(said))
+            .then(|| child::format_log_lines(last_entries))
     }
 
     /// Reaps all processes that have exited, and processes their deaths.
@@ -205,8 +215,10 @@ impl Run<'_> {
             );
         }
         for status in self.processes.load.reap_exited() {
-            let how = child::describe_exit(status);
-            tracing::warn!("a process that takes processor time died ({how}); the load is smaller");
+            let cause = child::describe_exit(status);
+            tracing::warn!(
+                "a process that takes processor time died ({cause}); the load is smaller"
+            );
         }
     }
 
@@ -219,17 +231,20 @@ impl Run<'_> {
         }
         let log = self.processes.plant.last_lines(SHOWN_LOG_LINES);
         self.check_full_memory("the plant", status, &log)?;
-        Err(RunError::PlantDied { how: self.cause_of_death(status, false), log })
+        Err(RunError::PlantDied { cause: self.cause_of_death(status, false), log })
     }
 
     /// Returns how a process ended, as text. For an unplanned SIGKILL, also whether the kernel sent it for
     /// lack of memory.
-    fn cause_of_death(&mut self, status: ExitStatus, planned: bool) -> String {
-        let how = child::describe_exit(status);
-        let is_killed = status.signal() == Some(libc::SIGKILL) && !planned;
-        match is_killed.then(|| self.detectors.out_of_memory_counter.find_kill_cause()).flatten() {
-            Some(cause) => format!("{how}: {cause}"),
-            None => how,
+    fn cause_of_death(&mut self, status: ExitStatus, is_planned: bool) -> String {
+        let exit_text = child::describe_exit(status);
+        let is_unplanned_kill = status.signal() == Some(libc::SIGKILL) && !is_planned;
+        match is_unplanned_kill
+            .then(|| self.detectors.out_of_memory_counter.find_kill_cause())
+            .flatten()
+        {
+            Some(cause) => format!("{exit_text}: {cause}"),
+            None => exit_text,
         }
     }
 
@@ -241,18 +256,23 @@ impl Run<'_> {
         status: ExitStatus,
         log: &str,
     ) -> Result<(), RunError> {
-        let may_be = match status.signal() {
+        let may_be_full = match status.signal() {
             Some(signal) => signal == libc::SIGBUS,
             None => !status.success(),
         };
-        let Some(room) = may_be
+        let Some(space_error) = may_be_full
             .then(|| shm_capacity::find_space_error(self.shared_resources.run_root.path()))
             .flatten()
         else {
             return Ok(());
         };
-        let (process, how, log) = (process.into(), child::describe_exit(status), log.into());
-        Err(RunError::DiedOfFullMemory { room: room.into(), process, how, log })
+        let (process, exit_text, log) = (process.into(), child::describe_exit(status), log.into());
+        Err(RunError::DiedOfFullMemory {
+            space_error: space_error.into(),
+            process,
+            cause: exit_text,
+            log,
+        })
     }
 
     /// Returns an error if a process gave up after the run root was removed: no replacement can start without it.
@@ -261,16 +281,16 @@ impl Run<'_> {
         if status.code().unwrap_or(0) == 0 || run_root.exists() {
             return Ok(());
         }
-        let (run_root, process, how) =
+        let (run_root, process, cause) =
             (run_root.into(), process.into(), child::describe_exit(status));
-        Err(RunError::RunRootGone { run_root, process, how })
+        Err(RunError::RunRootGone { run_root, process, cause })
     }
 
-    /// Returns the run time at which a robot whose death was just found was last known to live, ns.
+    /// Returns the run time at which a robot whose death was just found was last known to be alive, ns.
     fn last_seen_alive_ns(&self, robot: usize) -> u64 {
         let host = self.processes.remote_host(robot).zip(self.helpers.hosts.as_ref());
-        let unknown_for = host.map_or(Duration::ZERO, |(host, hosts)| hosts.report_interval(host));
-        self.detectors.all_seen_alive_ns.saturating_sub(unknown_for.as_nanos() as u64)
+        let uncertainty = host.map_or(Duration::ZERO, |(host, hosts)| hosts.report_interval(host));
+        self.detectors.all_seen_alive_ns.saturating_sub(uncertainty.as_nanos() as u64)
     }
 
     /// Processes the death of a robot's process, which has been reaped.
@@ -281,10 +301,11 @@ impl Run<'_> {
     ) -> Result<(), RunError> {
         // Read before the clean-up removes the last messages of the process.
         self.receivers.read_latencies()?;
-        let planned = self.state_machine.lifecycles().process_state(robot) == ProcessState::Exiting;
+        let is_planned =
+            self.state_machine.lifecycles().process_state(robot) == ProcessState::Exiting;
         let death = ProcessDeath {
             robot,
-            cause: self.cause_of_death(status, planned),
+            cause: self.cause_of_death(status, is_planned),
             exited_successfully: status.success(),
             is_infrastructure_failure: status.code() == Some(exit::INFRASTRUCTURE_FAILURE.into()),
             is_before_motion: self.time_mode.is_starting_up(self.receivers.newest_truth.as_ref()),
@@ -292,26 +313,26 @@ impl Run<'_> {
             fault: self.state_machine.journal.metrics.next_fault_number(),
         };
         self.record_sent_counts(robot);
-        let dead = self.state_machine.lifecycles().incarnation(robot);
-        let happened =
+        let incarnation = self.state_machine.lifecycles().incarnation(robot);
+        let event_result =
             self.handle_event(self.receivers.now_ns(), LifecycleEvent::ProcessDied(death));
         // In lockstep the plant no longer waits for its command.
-        self.processes.incarnations.retire(robot, dead);
+        self.processes.incarnations.retire(robot, incarnation);
         let (process, log) =
             (self.state_machine.journal.robot_name(robot), self.processes.last_lines(robot));
         self.check_full_memory(process, status, &log)?;
         self.check_run_root_exists(process, status)?;
-        happened?;
+        event_result?;
         self.set_next_pause();
         Ok(())
     }
 
     /// Sets the run time at which the plant pauses next, because an action is due.
     pub(super) fn set_next_pause(&self) {
-        let asked = self.interactive_actions.has_requests().then_some(0);
+        let request_ns = self.interactive_actions.has_requests().then_some(0);
         // The plant must not pass the earliest time at which the run may end.
-        let end = self.state_machine.journal.metrics.earliest_end_ns();
-        let next = [self.state_machine.next_action_ns(), asked, end];
-        self.time_mode.pause_at(next.into_iter().flatten().min());
+        let end_ns = self.state_machine.journal.metrics.earliest_end_ns();
+        let times_ns = [self.state_machine.next_action_ns(), request_ns, end_ns];
+        self.time_mode.pause_at(times_ns.into_iter().flatten().min());
     }
 }

@@ -48,45 +48,56 @@ impl RobotServices {
         scenario: &Scenario,
         brief: &BridgeBrief,
     ) -> Result<RobotServices, ServiceError> {
-        let is_here = |robot: usize| brief.robots[robot].host == brief.here;
-        let one = Qos::for_robot(Pace::Realtime, 1).with_additional_receiver();
+        let is_local = |robot: usize| brief.robots[robot].host == brief.here;
+        let robot_qos = Qos::for_robot(Pace::Realtime, 1).with_additional_receiver();
         let graph = scenario.graph_of_receivers();
-        let hearers = |robot: usize| {
-            let here = graph.outgoing_edges(robot).filter(|edge| is_here(edge.to)).count();
+        let beacon_qos = |robot: usize| {
+            let local_receivers =
+                graph.outgoing_edges(robot).filter(|edge| is_local(edge.to)).count();
             let with_messages = scenario.message_format(robot).is_some();
-            let qos =
-                Qos::for_beacons(Pace::Realtime, here, with_messages).with_additional_receiver();
-            (is_here(robot) || here > 0).then_some(qos)
+            let qos = Qos::for_beacons(Pace::Realtime, local_receivers, with_messages)
+                .with_additional_receiver();
+            (is_local(robot) || local_receivers > 0).then_some(qos)
         };
-        RobotServices::create(node, scenario, is_here, one, one, hearers, [None, None])
+        RobotServices::create(
+            node,
+            scenario,
+            is_local,
+            robot_qos,
+            robot_qos,
+            beacon_qos,
+            [None, None],
+        )
     }
 
-    /// Creates the services of robots of this host, of the beacons that a robot here `hears`, and the
-    /// latencies of other processes, ordered before and after the robots' latencies.
+    /// Creates the services of robots of this host, of the beacons for which `beacon_qos` returns a value, and
+    /// the latencies of other processes, ordered before and after the robots' latencies.
     fn create(
         node: &Node,
         scenario: &Scenario,
-        is_here: impl Fn(usize) -> bool,
+        is_local: impl Fn(usize) -> bool,
         odometry: Qos,
         command: Qos,
-        hears: impl Fn(usize) -> Option<Qos>,
+        beacon_qos: impl Fn(usize) -> Option<Qos>,
         [before, after]: [Option<Topic<[LatencyRow], LatencyHeader>>; 2],
     ) -> Result<RobotServices, ServiceError> {
         let names: Vec<&str> = scenario.robots.iter().map(|robot| robot.name.as_str()).collect();
-        let here = || (0..names.len()).filter(|&robot| is_here(robot)).map(|robot| names[robot]);
-        let heard = (0..names.len()).filter_map(|robot| Some((names[robot], hears(robot)?)));
-        let latencies = here().map(service::latency_topic);
+        let local_robots =
+            || (0..names.len()).filter(|&robot| is_local(robot)).map(|robot| names[robot]);
+        let beacon_robots =
+            (0..names.len()).filter_map(|robot| Some((names[robot], beacon_qos(robot)?)));
+        let latencies = local_robots().map(service::latency_topic);
         Ok(RobotServices {
-            _odometry: here()
+            _odometry: local_robots()
                 .map(|name| service::odometry_topic(name).create(node, odometry))
                 .collect::<Result<_, _>>()?,
-            _command: here()
+            _command: local_robots()
                 .map(|name| service::command_topic(name).create(node, command))
                 .collect::<Result<_, _>>()?,
-            _beacon: heard
+            _beacon: beacon_robots
                 .map(|(name, qos)| service::beacon_topic(name).create(node, qos))
                 .collect::<Result<_, _>>()?,
-            status: here()
+            status: local_robots()
                 .map(|name| service::status_topic(name).create(node, Qos::for_status(1)))
                 .collect::<Result<_, _>>()?,
             latencies: before
@@ -105,23 +116,24 @@ impl RunServices {
         scenario: &Scenario,
         pace: Pace,
         links_by_hand: bool,
-        bridged: bool,
+        has_bridge: bool,
         ros2: Option<&Ros2Brief>,
     ) -> Result<RunServices, ServiceError> {
         // With several hosts, the bridge is another subscriber.
-        let with_bridge = |qos: Qos| if bridged { qos.with_additional_receiver() } else { qos };
-        let one = with_bridge(Qos::for_robot(pace, 1));
+        let with_bridge = |qos: Qos| if has_bridge { qos.with_additional_receiver() } else { qos };
+        let robot_qos = with_bridge(Qos::for_robot(pace, 1));
         // With ROS 2, its bridge is another subscriber of odometry.
-        let odometry = if ros2.is_some() { one.with_additional_receiver() } else { one };
+        let odometry =
+            if ros2.is_some() { robot_qos.with_additional_receiver() } else { robot_qos };
         let graph = scenario.graph_of_receivers();
-        let hearers = |i| {
+        let beacon_qos = |i| {
             let with_messages = scenario.message_format(i).is_some();
-            let heard_by = graph.outgoing_edges(i).count();
-            Some(with_bridge(Qos::for_beacons(pace, heard_by, with_messages)))
+            let receiver_count = graph.outgoing_edges(i).count();
+            Some(with_bridge(Qos::for_beacons(pace, receiver_count, with_messages)))
         };
-        let timer = has_control_timer(scenario, pace).then(service::machine_latency_topic);
-        let others = [Some(service::plant_latency_topic()), timer];
-        let takers = ros2.map_or(&[][..], |ros2| &ros2.goals);
+        let control_timer = has_control_timer(scenario, pace).then(service::machine_latency_topic);
+        let others = [Some(service::plant_latency_topic()), control_timer];
+        let goal_receivers = ros2.map_or(&[][..], |ros2| &ros2.goals);
         let names = scenario.robots.iter().map(|robot| robot.name.as_str());
         Ok(RunServices {
             robots: RobotServices::create(
@@ -129,22 +141,22 @@ impl RunServices {
                 scenario,
                 |_| true,
                 odometry,
-                one,
-                hearers,
+                robot_qos,
+                beacon_qos,
                 others,
             )?,
             truth: service::truth_topic().create(node, Qos::for_truth(pace, 1))?,
             faults: names
                 .filter(|_| links_by_hand)
-                .map(|name| service::link_faults_topic(name).create(node, one))
+                .map(|name| service::link_faults_topic(name).create(node, robot_qos))
                 .collect::<Result<_, _>>()?,
-            _goals: takers
+            _goals: goal_receivers
                 .iter()
-                .map(|taker| {
-                    service::goal_topic(&taker.robot).create(node, Qos::for_robot(pace, 1))
+                .map(|goal_receiver| {
+                    service::goal_topic(&goal_receiver.robot).create(node, Qos::for_robot(pace, 1))
                 })
                 .collect::<Result<_, _>>()?,
-            goal_counts: (!takers.is_empty())
+            goal_counts: (!goal_receivers.is_empty())
                 .then(|| service::goal_counts_topic().create(node, Qos::for_robot(pace, 1)))
                 .transpose()?,
         })

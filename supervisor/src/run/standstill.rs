@@ -25,8 +25,9 @@ impl StandstillDetector {
 
     /// Returns the time since the last iteration if that was a standstill.
     pub(super) fn detect_standstill(&mut self, now: Instant) -> Option<Duration> {
-        let since = now.saturating_duration_since(std::mem::replace(&mut self.last_iteration, now));
-        (since >= STANDSTILL_MIN).then_some(since)
+        let elapsed =
+            now.saturating_duration_since(std::mem::replace(&mut self.last_iteration, now));
+        (elapsed >= STANDSTILL_MIN).then_some(elapsed)
     }
 }
 
@@ -37,8 +38,8 @@ mod tests {
     #[test]
     fn standstill_is_a_long_time_between_iterations() {
         let mut standstill = StandstillDetector::new();
-        let began = standstill.last_iteration;
-        let after_ms = |ms: u64| began + Duration::from_millis(ms);
+        let start = standstill.last_iteration;
+        let after_ms = |ms: u64| start + Duration::from_millis(ms);
         assert_eq!(standstill.detect_standstill(after_ms(900)), None);
         assert_eq!(standstill.detect_standstill(after_ms(1_800)), None);
         assert_eq!(standstill.detect_standstill(after_ms(15_800)), Some(Duration::from_secs(14)));

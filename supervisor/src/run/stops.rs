@@ -11,9 +11,9 @@ use super::error::RunError;
 use super::processes::Processes;
 use super::time_mode::TimeMode;
 use outcome::metrics::expect::FailedRobot;
-use run::course::RunStateMachine;
 use run::journal::Journal;
 use run::lifecycle::{Initiator, LifecycleEvent, ProcessState};
+use run::state_machine::RunStateMachine;
 
 /// Polling interval for stopped processes.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
@@ -44,9 +44,9 @@ struct ProcessStop {
 impl ExternalStops {
     /// Creates the state without stopped processes.
     pub(super) fn new(scenario: &Scenario) -> ExternalStops {
-        let unwatched = std::env::var_os(UNATTENDED_VARIABLE);
+        let variable = std::env::var_os(UNATTENDED_VARIABLE);
         ExternalStops {
-            unattended_timeout: stop_timeout(scenario.stopped_after_ns, unwatched.as_deref()),
+            unattended_timeout: stop_timeout(scenario.stopped_after_ns, variable.as_deref()),
             last_poll: Instant::now(),
             plant_stop: None,
             robot_stops: vec![None; scenario.robots.len()],
@@ -55,9 +55,9 @@ impl ExternalStops {
 
     /// Returns the robots that are stopped, as robots lost without a plan.
     pub(super) fn stopped_robots(&self) -> impl Iterator<Item = FailedRobot> {
-        let stopped = self.robot_stops.iter().enumerate().filter(|(_, stopped)| stopped.is_some());
+        let stops = self.robot_stops.iter().enumerate().filter(|(_, stop)| stop.is_some());
         let cause = "was stopped by another process, and was not resumed";
-        stopped.map(move |(robot, _)| FailedRobot { robot, cause: cause.into() })
+        stops.map(move |(robot, _)| FailedRobot { robot, cause: cause.into() })
     }
 
     /// Checks, if due, which processes were stopped or resumed. Returns the events of those whose stop counts.
@@ -67,7 +67,7 @@ impl ExternalStops {
     pub(super) fn detect_stops(
         &mut self,
         scenario: &Scenario,
-        course: &mut RunStateMachine<Journal<'_>>,
+        state_machine: &mut RunStateMachine<Journal<'_>>,
         processes: &mut Processes,
         time_mode: &TimeMode,
     ) -> Result<Vec<LifecycleEvent>, RunError> {
@@ -75,10 +75,10 @@ impl ExternalStops {
             return Ok(Vec::new());
         }
         self.last_poll = Instant::now();
-        let goes_on = time_mode.continues_despite_stopped_process();
+        let continues = time_mode.continues_despite_stopped_process();
         let mut events = Vec::new();
         match (self.plant_stop, processes.plant.is_stopped()) {
-            (None, true) => events.extend(self.handle_plant_stop(course, goes_on)),
+            (None, true) => events.extend(self.handle_plant_stop(state_machine, continues)),
             (Some(stopped), false) => events.extend(self.handle_plant_resume(stopped)),
             _ => {}
         }
@@ -87,17 +87,25 @@ impl ExternalStops {
             let stopped = processes.is_stopped(robot);
             match self.robot_stops[robot] {
                 None if stopped
-                    && counts_as_stop(course.lifecycles().process_state(robot), goes_on) =>
+                    && counts_as_stop(
+                        state_machine.lifecycles().process_state(robot),
+                        continues,
+                    ) =>
                 {
-                    events.extend(self.handle_robot_stop(robot, scenario, course, goes_on));
+                    events.extend(self.handle_robot_stop(
+                        robot,
+                        scenario,
+                        state_machine,
+                        continues,
+                    ));
                 }
-                Some(since) if !stopped => {
-                    events.extend(self.handle_robot_resume(robot, since, course))
+                Some(stop) if !stopped => {
+                    events.extend(self.handle_robot_resume(robot, stop, state_machine))
                 }
                 _ => {}
             }
         }
-        if !goes_on {
+        if !continues {
             self.check_limit(scenario)?;
         }
         Ok(events)
@@ -106,11 +114,11 @@ impl ExternalStops {
     /// Returns an error if a process has been stopped for longer than the limit.
     fn check_limit(&self, scenario: &Scenario) -> Result<(), RunError> {
         let Some(limit) = self.unattended_timeout else { return Ok(()) };
-        let long =
-            |stopped: &Option<ProcessStop>| stopped.is_some_and(|s| s.start_time.elapsed() > limit);
-        let robot = self.robot_stops.iter().position(long);
+        let is_over_limit =
+            |stop: &Option<ProcessStop>| stop.is_some_and(|stop| stop.start_time.elapsed() > limit);
+        let robot = self.robot_stops.iter().position(is_over_limit);
         let robot = robot.map(|robot| scenario.robots[robot].name.as_str());
-        match robot.or(long(&self.plant_stop).then_some("the plant")) {
+        match robot.or(is_over_limit(&self.plant_stop).then_some("the plant")) {
             Some(process) => Err(RunError::ProcessStopped { process: process.into(), limit }),
             None => Ok(()),
         }
@@ -118,24 +126,23 @@ impl ExternalStops {
 
     fn handle_plant_stop(
         &mut self,
-        course: &mut RunStateMachine<Journal<'_>>,
-        goes_on: bool,
+        state_machine: &mut RunStateMachine<Journal<'_>>,
+        continues: bool,
     ) -> Option<LifecycleEvent> {
         warn_stopped("the plant", "no robot moves until it is resumed (SIGCONT)");
         let initiator = Initiator::OtherProcess;
-        let fault = goes_on.then(|| {
-            let what = format!("freeze plant, {}", initiator.keyword());
-            course.journal.metrics.register_fault(what, AffectedComponent::default())
+        let fault = continues.then(|| {
+            let description = format!("freeze plant, {}", initiator.keyword());
+            state_machine.journal.metrics.register_fault(description, AffectedComponent::default())
         });
         self.plant_stop = Some(ProcessStop { start_time: Instant::now(), fault_index: fault });
         fault.map(|fault| LifecycleEvent::PlantStopped { fault, initiator })
     }
 
-    fn handle_plant_resume(&mut self, stopped: ProcessStop) -> Option<LifecycleEvent> {
+    fn handle_plant_resume(&mut self, stop: ProcessStop) -> Option<LifecycleEvent> {
         self.plant_stop = None;
-        stopped.warn_resumed("the plant");
-        stopped
-            .fault_index
+        stop.warn_resumed("the plant");
+        stop.fault_index
             .map(|fault| LifecycleEvent::PlantResumed { fault, initiator: Initiator::OtherProcess })
     }
 
@@ -143,17 +150,18 @@ impl ExternalStops {
         &mut self,
         robot: usize,
         scenario: &Scenario,
-        course: &mut RunStateMachine<Journal<'_>>,
-        goes_on: bool,
+        state_machine: &mut RunStateMachine<Journal<'_>>,
+        continues: bool,
     ) -> Option<LifecycleEvent> {
-        let what_follows = match goes_on {
+        let consequence = match continues {
             true => "the others continue without it",
             false => "the run waits for it (SIGCONT)",
         };
-        warn_stopped(course.journal.robot_name(robot), what_follows);
+        warn_stopped(state_machine.journal.robot_name(robot), consequence);
         let initiator = Initiator::OtherProcess;
-        let fault = goes_on
-            .then(|| course.register_fault(scenario, &FaultKind::Freeze { robot }, initiator));
+        let fault = continues.then(|| {
+            state_machine.register_fault(scenario, &FaultKind::Freeze { robot }, initiator)
+        });
         self.robot_stops[robot] =
             Some(ProcessStop { start_time: Instant::now(), fault_index: fault });
         fault.map(|fault| LifecycleEvent::Freeze {
@@ -168,42 +176,42 @@ impl ExternalStops {
     fn handle_robot_resume(
         &mut self,
         robot: usize,
-        stopped: ProcessStop,
-        course: &RunStateMachine<Journal<'_>>,
+        stop: ProcessStop,
+        state_machine: &RunStateMachine<Journal<'_>>,
     ) -> Option<LifecycleEvent> {
         self.robot_stops[robot] = None;
-        let frozen_by = course.lifecycles().freezing_fault(robot);
-        let fault = stopped.fault_index.filter(|&fault| frozen_by == Some(fault))?;
-        stopped.warn_resumed(course.journal.robot_name(robot));
+        let freezing_fault = state_machine.lifecycles().freezing_fault(robot);
+        let fault = stop.fault_index.filter(|&fault| freezing_fault == Some(fault))?;
+        stop.warn_resumed(state_machine.journal.robot_name(robot));
         Some(LifecycleEvent::Thaw { robot, fault, initiator: Initiator::OtherProcess })
     }
 }
 
 /// Returns whether the stop of a process in this state counts: it should be moving, or the plant waits for it because
-/// the run does not go on without it.
-fn counts_as_stop(state: ProcessState, goes_on: bool) -> bool {
+/// the run does not continue without it.
+fn counts_as_stop(state: ProcessState, continues: bool) -> bool {
     match state {
         ProcessState::Moving => true,
-        ProcessState::Starting => !goes_on,
+        ProcessState::Starting => !continues,
         ProcessState::Frozen | ProcessState::Exiting | ProcessState::Dead => false,
     }
 }
 
-/// Returns the time after which a stopped process ends a lockstep run; `None` means never. `unwatched` is
+/// Returns the time after which a stopped process ends a lockstep run; `None` means never. `variable` is
 /// the value of the environment variable.
-fn stop_timeout(stopped_after_ns: Option<u64>, unwatched: Option<&OsStr>) -> Option<Duration> {
-    let unwatched = unwatched.is_some_and(|value| !value.is_empty());
-    stopped_after_ns.map(Duration::from_nanos).or(unwatched.then_some(UNATTENDED_STOP_TIMEOUT))
+fn stop_timeout(stopped_after_ns: Option<u64>, variable: Option<&OsStr>) -> Option<Duration> {
+    let is_unattended = variable.is_some_and(|value| !value.is_empty());
+    stopped_after_ns.map(Duration::from_nanos).or(is_unattended.then_some(UNATTENDED_STOP_TIMEOUT))
 }
 
-fn warn_stopped(name: &str, what_follows: &str) {
-    tracing::warn!("{name} was stopped by another process; {what_follows}");
+fn warn_stopped(name: &str, consequence: &str) {
+    tracing::warn!("{name} was stopped by another process; {consequence}");
 }
 
 impl ProcessStop {
     fn warn_resumed(&self, name: &str) {
-        let lasted_s = self.start_time.elapsed().as_secs_f64();
-        tracing::warn!("{name} was resumed after {lasted_s:.1} s");
+        let duration_s = self.start_time.elapsed().as_secs_f64();
+        tracing::warn!("{name} was resumed after {duration_s:.1} s");
     }
 }
 
@@ -213,16 +221,18 @@ mod tests {
 
     #[test]
     fn unattended_run_ends_a_minute_after_a_stop_by_default() {
-        for (said_s, unwatched, waits_s) in [
+        for (configured_s, variable, expected_s) in [
             (None, None, None),
             (None, Some(""), None),
             (None, Some("true"), Some(60)),
             (Some(5), Some("true"), Some(5)),
             (Some(90), None, Some(90)),
         ] {
-            let found =
-                stop_timeout(said_s.map(|s: u64| s * 1_000_000_000), unwatched.map(OsStr::new));
-            assert_eq!(found, waits_s.map(Duration::from_secs), "{said_s:?} {unwatched:?}");
+            let found = stop_timeout(
+                configured_s.map(|s: u64| s * 1_000_000_000),
+                variable.map(OsStr::new),
+            );
+            assert_eq!(found, expected_s.map(Duration::from_secs), "{configured_s:?} {variable:?}");
         }
     }
 }

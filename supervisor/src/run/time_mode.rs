@@ -35,10 +35,10 @@ pub(super) enum TimeMode {
         /// Assignment of the processes to cores; `None` if unavailable.
         placement: Option<Box<Placement>>,
         period_ns: u64,
-        watch: Box<RunWatchdog>,
+        watchdog: Box<RunWatchdog>,
     },
     /// Real time, by the machine's clock.
-    Realtime { period_ns: u64, watch: Box<RunWatchdog> },
+    Realtime { period_ns: u64, watchdog: Box<RunWatchdog> },
 }
 
 impl TimeMode {
@@ -52,9 +52,9 @@ impl TimeMode {
         let (robots, period_ns) = (scenario.robots.len(), scenario.period_ns);
         let hung_timeout = Duration::from_nanos(scenario.hung_after_ns);
         let ready_after = Duration::from_nanos(scenario.ready_after_ns);
-        let watch = Box::new(RunWatchdog::new(robots, hung_timeout, ready_after));
+        let watchdog = Box::new(RunWatchdog::new(robots, hung_timeout, ready_after));
         if pace == Pace::Realtime {
-            return Ok(TimeMode::Realtime { period_ns, watch });
+            return Ok(TimeMode::Realtime { period_ns, watchdog });
         }
         let cores = Cores::assign(robots, std::process::id() as usize);
         let groups = cores.as_ref().map_or(1, Cores::groups);
@@ -65,7 +65,7 @@ impl TimeMode {
             barrier,
             placement: cores.map(|cores| Box::new(Placement::new(cores, launcher.clone()))),
             period_ns,
-            watch,
+            watchdog,
         })
     }
 
@@ -85,14 +85,14 @@ impl TimeMode {
         matches!(self, TimeMode::Realtime { .. })
     }
 
-    /// Waits for a message or a process exit, at most one iteration. `news` returns the descriptors to wait
+    /// Waits for a message or a process exit, at most one iteration. `poll_fds` returns the descriptors to wait
     /// for in real time; in lockstep the plant wakes the supervisor.
-    pub(super) fn wait_for_message_or_exit<'f>(&self, news: impl FnOnce() -> Vec<PollFd<'f>>) {
+    pub(super) fn wait_for_message_or_exit<'f>(&self, poll_fds: impl FnOnce() -> Vec<PollFd<'f>>) {
         match self {
             TimeMode::Lockstep { barrier, .. } => {
                 barrier.wait_for_attention(ITERATION_MAX);
             }
-            TimeMode::Realtime { .. } => wait_until_readable(&mut news(), ITERATION_MAX),
+            TimeMode::Realtime { .. } => wait_until_readable(&mut poll_fds(), ITERATION_MAX),
         }
     }
 
@@ -115,11 +115,11 @@ impl TimeMode {
 
     /// Returns the run time, ns, before which all events are known after this ground truth, and in lockstep
     /// all messages before it, were read.
-    pub(super) fn known_until_ns(&self, newest: &TruthHeader) -> u64 {
+    pub(super) fn known_until_ns(&self, newest_truth: &TruthHeader) -> u64 {
         match self {
-            TimeMode::Lockstep { .. } => newest.t_ns,
+            TimeMode::Lockstep { .. } => newest_truth.t_ns,
             // Messages in transit are not waited for.
-            TimeMode::Realtime { .. } => newest.t_ns.saturating_add(1),
+            TimeMode::Realtime { .. } => newest_truth.t_ns.saturating_add(1),
         }
     }
 
@@ -167,8 +167,8 @@ impl TimeMode {
         }
     }
 
-    /// Returns what the process of this robot, which is dead or sends no more, has sent, in lockstep; in real time its
-    /// statuses tell.
+    /// Returns what the process of this robot, which is dead or sends no more, has sent, in lockstep; `None` in
+    /// real time, where its statuses contain the counts.
     pub(super) fn take_sent_counts(&self, robot: usize) -> Option<SentCounts> {
         match self {
             TimeMode::Lockstep { barrier, .. } => Some(barrier.take_sent_counts(robot)),
@@ -198,30 +198,30 @@ impl TimeMode {
     }
 
     /// Checks all timeouts. In real time they are wall time; in lockstep, time in which a process could
-    /// run, so that a slow machine causes none. `last_news` is when the last ground truth arrived, and
-    /// `slow` the planned slowdown of a robot.
+    /// run, so that a slow machine causes none. `last_arrival` is when the last ground truth arrived, and
+    /// `slowdown` the planned slowdown of a robot.
     /// # Errors
     /// A process exceeded its timeout.
     pub(super) fn check_deadlines<'c>(
         &mut self,
         newest: Option<&TruthHeader>,
-        last_news: Instant,
+        last_arrival: Instant,
         plant: &Child,
         robots: impl Iterator<Item = WatchedRobot<'c>> + Clone,
-        slow: impl Fn(usize) -> Duration,
+        slowdown: impl Fn(usize) -> Duration,
     ) -> Result<(), RunError> {
         match self {
-            TimeMode::Lockstep { barrier, watch, .. } => {
-                watch.check(barrier, newest, plant, robots)
+            TimeMode::Lockstep { barrier, watchdog, .. } => {
+                watchdog.check(barrier, newest, plant, robots)
             }
-            TimeMode::Realtime { watch, .. } => {
-                watch.check_silence(robots, slow)?;
+            TimeMode::Realtime { watchdog, .. } => {
+                watchdog.check_silence(robots, slowdown)?;
                 // The start of a plant of the scenario has the timeout of a robot's start.
                 let limit = match newest {
-                    None => TRUTH_SILENCE_MAX.max(watch.ready_timeout()),
+                    None => TRUTH_SILENCE_MAX.max(watchdog.ready_timeout()),
                     Some(_) => TRUTH_SILENCE_MAX,
                 };
-                match last_news.elapsed() > limit {
+                match last_arrival.elapsed() > limit {
                     true => Err(RunError::PlantSilent { limit }),
                     false => Ok(()),
                 }
@@ -240,7 +240,7 @@ impl TimeMode {
     pub(super) fn hung_robots(&self) -> Vec<FailedRobot> {
         match self {
             TimeMode::Lockstep { .. } => Vec::new(),
-            TimeMode::Realtime { watch, .. } => watch.silent_robots().collect(),
+            TimeMode::Realtime { watchdog, .. } => watchdog.silent_robots().collect(),
         }
     }
 

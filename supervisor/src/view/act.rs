@@ -32,9 +32,9 @@ pub struct ClientRequest {
 
 impl ClientRequest {
     /// Sends to the client that the action was executed, or why it was not.
-    pub fn send_result(self, done: Result<(), String>) {
+    pub fn send_result(self, result: Result<(), String>) {
         // The client may have disconnected.
-        let _ = self.result_sender.send(done);
+        let _ = self.result_sender.send(result);
     }
 }
 
@@ -55,14 +55,14 @@ pub(crate) fn parse_action(
     body: &[u8],
     scene: &Scene,
 ) -> Result<RequestedAction, (StatusCode, String)> {
-    let wish: ActionRequest = serde_json::from_slice(body).map_err(|error| {
+    let request: ActionRequest = serde_json::from_slice(body).map_err(|error| {
         let reason = format!(
             "{error}; expected such as {{\"act\":\"kill\",\"robot\":\"r1\"}} with kill, freeze, thaw \
              or restart, or {{\"act\":\"cut\",\"from\":\"r1\",\"to\":\"r2\"}} with cut or mend"
         );
         (StatusCode::BAD_REQUEST, reason)
     })?;
-    let robot = |name: &str| {
+    let robot_index = |name: &str| {
         let found = scene.robots.iter().position(|robot| robot.name == name);
         found.ok_or_else(|| {
             let names: Vec<&str> = scene.robots.iter().map(|robot| robot.name.as_str()).collect();
@@ -70,21 +70,22 @@ pub(crate) fn parse_action(
             (StatusCode::NOT_FOUND, reason)
         })
     };
-    let edge = |from: &str, to: &str| {
-        let ends = (robot(from)?, robot(to)?);
-        let found = scene.edges.iter().position(|edge| (edge.from, edge.to) == ends && !edge.spare);
+    let edge_index = |from: &str, to: &str| {
+        let endpoints = (robot_index(from)?, robot_index(to)?);
+        let found =
+            scene.edges.iter().position(|edge| (edge.from, edge.to) == endpoints && !edge.spare);
         found.ok_or_else(|| {
             let reason = format!("there is no edge {from}->{to}: {to} does not hear {from}");
             (StatusCode::NOT_FOUND, reason)
         })
     };
-    Ok(match wish {
-        ActionRequest::Kill { robot: name } => RequestedAction::Kill(robot(&name)?),
-        ActionRequest::Freeze { robot: name } => RequestedAction::Freeze(robot(&name)?),
-        ActionRequest::Thaw { robot: name } => RequestedAction::Thaw(robot(&name)?),
-        ActionRequest::Restart { robot: name } => RequestedAction::Restart(robot(&name)?),
-        ActionRequest::Cut { from, to } => RequestedAction::Cut(edge(&from, &to)?),
-        ActionRequest::Mend { from, to } => RequestedAction::RepairEdge(edge(&from, &to)?),
+    Ok(match request {
+        ActionRequest::Kill { robot: name } => RequestedAction::Kill(robot_index(&name)?),
+        ActionRequest::Freeze { robot: name } => RequestedAction::Freeze(robot_index(&name)?),
+        ActionRequest::Thaw { robot: name } => RequestedAction::Thaw(robot_index(&name)?),
+        ActionRequest::Restart { robot: name } => RequestedAction::Restart(robot_index(&name)?),
+        ActionRequest::Cut { from, to } => RequestedAction::Cut(edge_index(&from, &to)?),
+        ActionRequest::Mend { from, to } => RequestedAction::RepairEdge(edge_index(&from, &to)?),
     })
 }
 
@@ -94,7 +95,7 @@ pub(crate) mod tests {
     use outcome::report::scene::{SceneEdge, SceneRobot};
 
     pub(crate) fn two_robots() -> Scene {
-        let robot = |name: &str| SceneRobot {
+        let scene_robot = |name: &str| SceneRobot {
             name: name.into(),
             role: "formation".into(),
             front_point_m: 0.1,
@@ -105,7 +106,7 @@ pub(crate) mod tests {
             pace: "realtime".into(),
             duration_s: 1.0,
             distance_min_m: 0.2,
-            robots: vec![robot("a"), robot("b")],
+            robots: vec![scene_robot("a"), scene_robot("b")],
             edges: vec![SceneEdge { from: 1, to: 0, ..SceneEdge::default() }],
             walls: Vec::new(),
             faults: Vec::new(),

@@ -45,7 +45,7 @@ impl ClientSnapshot {
                 let number = self.latency.as_ref().map_or(0, |(number, _)| *number);
                 self.latency = Some((number + 1, to_json(&latency)));
             }
-            ViewMessage::RunEnd(ended) => self.run_end = Some(to_json(&ended)),
+            ViewMessage::RunEnd(run_end) => self.run_end = Some(to_json(&run_end)),
         }
         self.run_end.is_some()
     }
@@ -62,7 +62,7 @@ struct ClientCursor {
 
 /// Frame in the format for clients.
 #[derive(Serialize)]
-struct ShownFrame<'a> {
+struct ClientFrame<'a> {
     #[serde(flatten)]
     frame: &'a SceneFrame,
     /// Time at which the frame was made, ms since 1970.
@@ -79,34 +79,38 @@ type SseMessage = (&'static str, Arc<str>);
 impl ClientCursor {
     /// Returns the data that is new to this client, and whether it is the last.
     fn collect_new(&mut self, snapshot: &ClientSnapshot) -> (Vec<SseMessage>, bool) {
-        let seen = self.event_count.saturating_sub(snapshot.dropped_event_count) as usize;
-        let unseen = snapshot.events.iter().skip(seen);
-        let mut lines: Vec<SseMessage> = unseen.map(|json| ("happened", json.clone())).collect();
+        let received_count = self.event_count.saturating_sub(snapshot.dropped_event_count) as usize;
+        let new_events = snapshot.events.iter().skip(received_count);
+        let mut messages: Vec<SseMessage> =
+            new_events.map(|json| ("happened", json.clone())).collect();
         self.event_count = snapshot.dropped_event_count + snapshot.events.len() as u64;
-        if let Some(numbered) =
-            snapshot.frame.as_ref().filter(|numbered| numbered.number > self.frame_number)
+        if let Some(numbered_frame) = snapshot
+            .frame
+            .as_ref()
+            .filter(|numbered_frame| numbered_frame.number > self.frame_number)
         {
             // Frames before its first are not counted as dropped.
             let first = self.frame_number == 0;
-            self.dropped_count += if first { 0 } else { numbered.number - self.frame_number - 1 };
-            self.frame_number = numbered.number;
-            let shown = ShownFrame {
-                frame: &numbered.frame,
-                at_unix_ms: numbered.unix_time_ms,
-                behind_ms: numbered.creation_time.elapsed().as_millis() as u64,
+            self.dropped_count +=
+                if first { 0 } else { numbered_frame.number - self.frame_number - 1 };
+            self.frame_number = numbered_frame.number;
+            let client_frame = ClientFrame {
+                frame: &numbered_frame.frame,
+                at_unix_ms: numbered_frame.unix_time_ms,
+                behind_ms: numbered_frame.creation_time.elapsed().as_millis() as u64,
                 dropped: self.dropped_count,
             };
-            lines.push(("", to_json(&shown)));
+            messages.push(("", to_json(&client_frame)));
         }
         let latency = snapshot.latency.as_ref().filter(|(number, _)| *number > self.latency_number);
         if let Some((number, json)) = latency {
             self.latency_number = *number;
-            lines.push(("latency", json.clone()));
+            messages.push(("latency", json.clone()));
         }
-        if let Some(ended) = &snapshot.run_end {
-            lines.push(("ended", ended.clone()));
+        if let Some(run_end) = &snapshot.run_end {
+            messages.push(("ended", run_end.clone()));
         }
-        (lines, snapshot.run_end.is_some())
+        (messages, snapshot.run_end.is_some())
     }
 }
 
@@ -119,15 +123,15 @@ pub(crate) fn stream_to_client(
         let _permit = permit; // until the client is gone
         let mut cursor = ClientCursor::default();
         loop {
-            let (lines, last) = cursor.collect_new(&snapshot.borrow_and_update());
-            for (name, data) in lines {
+            let (messages, is_last) = cursor.collect_new(&snapshot.borrow_and_update());
+            for (name, data) in messages {
                 let event = match name {
                     "" => Event::default(),
                     name => Event::default().event(name),
                 };
                 yield Ok::<Event, Infallible>(event.data(data));
             }
-            if last || snapshot.changed().await.is_err() {
+            if is_last || snapshot.changed().await.is_err() {
                 break;
             }
         }
@@ -162,37 +166,37 @@ mod tests {
         /// as dropped, and every stored event is received once, in order.
         #[test]
         fn missed_frames_are_counted_and_events_are_complete(
-            comes in proptest::collection::vec(any::<bool>(), 1..600),
+            polls in proptest::collection::vec(any::<bool>(), 1..600),
         ) {
             let (mut snapshot, mut cursor) = (ClientSnapshot::default(), ClientCursor::default());
-            let (mut first, mut shown, mut heard) = (None, 0, Vec::new());
-            let total = comes.len() as u64;
-            for (number, comes) in (1..).zip(comes.into_iter().chain([true])) {
+            let (mut first, mut received_frames, mut received_events) = (None, 0, Vec::new());
+            let total = polls.len() as u64;
+            for (number, is_polled) in (1..).zip(polls.into_iter().chain([true])) {
                 if number <= total {
                     prop_assert!(!snapshot.add(ViewMessage::Frame(frame(number))));
                     prop_assert!(!snapshot.add(ViewMessage::Event(event(number))));
                 }
-                if !comes {
+                if !is_polled {
                     continue;
                 }
-                let (lines, last) = cursor.collect_new(&snapshot);
-                prop_assert!(!last);
-                for (name, data) in lines {
+                let (messages, is_last) = cursor.collect_new(&snapshot);
+                prop_assert!(!is_last);
+                for (name, data) in messages {
                     let data: Value = serde_json::from_str(&data).unwrap();
                     if name == "happened" {
-                        heard.push(data["detail"].as_str().unwrap().parse::<u64>().unwrap());
+                        received_events.push(data["detail"].as_str().unwrap().parse::<u64>().unwrap());
                         continue;
                     }
-                    shown += 1;
+                    received_frames += 1;
                     let t_s = data["t_s"].as_f64().unwrap() as u64;
                     let since_first = t_s - *first.get_or_insert(t_s) + 1;
-                    prop_assert_eq!(shown + data["dropped"].as_u64().unwrap(), since_first);
+                    prop_assert_eq!(received_frames + data["dropped"].as_u64().unwrap(), since_first);
                 }
             }
-            prop_assert!(heard.is_sorted_by(|a, b| a < b));
-            prop_assert_eq!(heard.last(), Some(&total));
-            let kept = total.saturating_sub(EVENTS_MAX as u64) + 1;
-            prop_assert!((kept..=total).all(|number| heard.binary_search(&number).is_ok()));
+            prop_assert!(received_events.is_sorted_by(|a, b| a < b));
+            prop_assert_eq!(received_events.last(), Some(&total));
+            let first_kept = total.saturating_sub(EVENTS_MAX as u64) + 1;
+            prop_assert!((first_kept..=total).all(|number| received_events.binary_search(&number).is_ok()));
         }
     }
 
@@ -201,9 +205,9 @@ mod tests {
         let mut snapshot = ClientSnapshot::default();
         assert!(!snapshot.add(ViewMessage::Frame(frame(1))));
         assert!(snapshot.add(ViewMessage::RunEnd(RunEnd { exit: 1, text: "missed".into() })));
-        let (lines, last) = ClientCursor::default().collect_new(&snapshot);
-        assert!(last);
-        assert_eq!(lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "ended"]);
-        assert_eq!(&*lines[1].1, r#"{"exit":1,"text":"missed"}"#);
+        let (messages, is_last) = ClientCursor::default().collect_new(&snapshot);
+        assert!(is_last);
+        assert_eq!(messages.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "ended"]);
+        assert_eq!(&*messages[1].1, r#"{"exit":1,"text":"missed"}"#);
     }
 }

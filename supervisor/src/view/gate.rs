@@ -33,10 +33,10 @@ impl AccessPolicy {
         if !self.is_trusted_host(host) {
             return Err((StatusCode::FORBIDDEN, INVALID_HOST_MESSAGE));
         }
-        let words = uri.query().unwrap_or_default().split('&');
-        let mut tokens = words.filter_map(|word| word.strip_prefix("token="));
+        let parameters = uri.query().unwrap_or_default().split('&');
+        let mut tokens = parameters.filter_map(|parameter| parameter.strip_prefix("token="));
         match tokens.next() {
-            Some(given) if self.token.matches(given) => Ok(()),
+            Some(text) if self.token.matches(text) => Ok(()),
             _ => Err((StatusCode::FORBIDDEN, MISSING_TOKEN_MESSAGE)),
         }
     }
@@ -65,17 +65,17 @@ impl AccessPolicy {
 /// Checks whether a permitted request may contain orders: a page of another site cannot make a browser send
 /// such a request.
 pub(crate) fn check_order_headers(headers: &HeaderMap) -> Result<(), HttpRefusal> {
-    let kind = single_header_text(headers, CONTENT_TYPE.as_str()).unwrap_or_default();
-    let kind = kind.split(';').next().unwrap_or_default().trim();
-    if !kind.eq_ignore_ascii_case("application/json") {
+    let content_type = single_header_text(headers, CONTENT_TYPE.as_str()).unwrap_or_default();
+    let content_type = content_type.split(';').next().unwrap_or_default().trim();
+    if !content_type.eq_ignore_ascii_case("application/json") {
         let reason = "the header Content-Type must be application/json";
         return Err((StatusCode::UNSUPPORTED_MEDIA_TYPE, reason));
     }
     // Browsers always send the origin of an order; other programs need not.
     let host = single_header_text(headers, HOST.as_str()).unwrap_or_default();
-    let ours = |origin: &str| origin.strip_prefix("http://") == Some(host);
+    let is_same_origin = |origin: &str| origin.strip_prefix("http://") == Some(host);
     let same_origin = !headers.contains_key(ORIGIN)
-        || single_header_text(headers, ORIGIN.as_str()).is_some_and(ours);
+        || single_header_text(headers, ORIGIN.as_str()).is_some_and(is_same_origin);
     let same_site = !headers.contains_key("sec-fetch-site")
         || single_header_text(headers, "sec-fetch-site") == Some("same-origin");
     if !(same_origin && same_site) {
@@ -87,8 +87,8 @@ pub(crate) fn check_order_headers(headers: &HeaderMap) -> Result<(), HttpRefusal
 /// Returns the value of a header that occurs once, as text.
 fn single_header_text<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
     let mut values = headers.get_all(name).iter();
-    let only = values.next()?;
-    if values.next().is_some() { None } else { only.to_str().ok() }
+    let value = values.next()?;
+    if values.next().is_some() { None } else { value.to_str().ok() }
 }
 
 #[cfg(test)]
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn host_header_accepts_numbers_and_localhost() {
-        for (host, alone, open) in [
+        for (host, local_only, open_to_others) in [
             ("127.0.0.1:8080", true, true),
             ("127.0.0.1", true, true),
             ("127.1.2.3:1", true, true),
@@ -132,54 +132,56 @@ mod tests {
             ("::1", false, false),
             ("127.0.0.1:8080:evil", false, false),
         ] {
-            assert_eq!(access_policy(false).is_trusted_host(host), alone, "{host}");
-            assert_eq!(access_policy(true).is_trusted_host(host), open, "{host}");
+            assert_eq!(access_policy(false).is_trusted_host(host), local_only, "{host}");
+            assert_eq!(access_policy(true).is_trusted_host(host), open_to_others, "{host}");
         }
     }
 
     #[test]
     fn request_with_two_hosts_or_two_tokens_is_rejected() {
-        let gate = access_policy(false);
+        let policy = access_policy(false);
         let uri = |query: &str| format!("/?{query}").parse::<Uri>().unwrap();
-        let query = uri(&format!("a=1&token={}", gate.token));
+        let query = uri(&format!("a=1&token={}", policy.token));
         let host = headers(&[("host", "localhost:1")]);
-        assert_eq!(gate.check_request(&query, &host), Ok(()));
+        assert_eq!(policy.check_request(&query, &host), Ok(()));
         let two = headers(&[("host", "localhost:1"), ("host", "evil.example")]);
         for hosts in [two, HeaderMap::new()] {
             assert_eq!(
-                gate.check_request(&query, &hosts),
+                policy.check_request(&query, &hosts),
                 Err((StatusCode::FORBIDDEN, INVALID_HOST_MESSAGE))
             );
         }
-        let first = uri(&format!("token=0&token={}", gate.token));
+        let first = uri(&format!("token=0&token={}", policy.token));
         assert_eq!(
-            gate.check_request(&first, &host),
+            policy.check_request(&first, &host),
             Err((StatusCode::FORBIDDEN, MISSING_TOKEN_MESSAGE))
         );
     }
 
     #[test]
-    fn orders_come_as_json_and_from_our_own_page() {
-        let with = |more: &[(&'static str, &str)]| {
-            let all = [&[("host", "localhost:1"), ("content-type", "application/json")], more];
-            check_order_headers(&headers(&all.concat()))
+    fn orders_must_be_json_and_from_the_page_of_the_run() {
+        let check_with = |extra: &[(&'static str, &str)]| {
+            let pairs = [&[("host", "localhost:1"), ("content-type", "application/json")], extra];
+            check_order_headers(&headers(&pairs.concat()))
         };
-        assert_eq!(with(&[]), Ok(()));
-        assert_eq!(with(&[("origin", "http://localhost:1")]), Ok(()));
-        assert_eq!(with(&[("sec-fetch-site", "same-origin")]), Ok(()));
-        for more in [
+        assert_eq!(check_with(&[]), Ok(()));
+        assert_eq!(check_with(&[("origin", "http://localhost:1")]), Ok(()));
+        assert_eq!(check_with(&[("sec-fetch-site", "same-origin")]), Ok(()));
+        for extra in [
             ("origin", "http://localhost:2"),
             ("origin", "https://localhost:1"),
             ("origin", "null"),
             ("sec-fetch-site", "cross-site"),
             ("sec-fetch-site", "same-site"),
         ] {
-            assert_eq!(with(&[more]).unwrap_err().0, StatusCode::FORBIDDEN, "{more:?}");
+            assert_eq!(check_with(&[extra]).unwrap_err().0, StatusCode::FORBIDDEN, "{extra:?}");
         }
-        for kind in ["text/plain", "application/x-www-form-urlencoded", ""] {
-            let found =
-                check_order_headers(&headers(&[("host", "localhost"), ("content-type", kind)]));
-            assert_eq!(found.unwrap_err().0, StatusCode::UNSUPPORTED_MEDIA_TYPE, "{kind}");
+        for content_type in ["text/plain", "application/x-www-form-urlencoded", ""] {
+            let found = check_order_headers(&headers(&[
+                ("host", "localhost"),
+                ("content-type", content_type),
+            ]));
+            assert_eq!(found.unwrap_err().0, StatusCode::UNSUPPORTED_MEDIA_TYPE, "{content_type}");
         }
     }
 }

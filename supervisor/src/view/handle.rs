@@ -140,17 +140,17 @@ impl View {
     pub(crate) fn new(
         messages: Sender<ViewMessage>,
         clients: Arc<ClientCount>,
-        control: bool,
+        accepts_control: bool,
         requests: Receiver<ClientRequest>,
-        gone: Receiver<()>,
+        server_exit: Receiver<()>,
     ) -> View {
         let now = Instant::now();
         View {
             messages,
             clients,
-            accepts_control: control,
+            accepts_control,
             requests,
-            server_exit: gone,
+            server_exit,
             events: VecDeque::new(),
             frame_count: 0,
             frame_due_time: now,
@@ -180,19 +180,15 @@ impl View {
 
     /// Passes a frame to the server. Drops it if the queue is full.
     pub fn send_frame(&mut self, frame: SceneFrame) {
-        let at = Instant::now();
-        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let at_unix_ms = since_1970.as_millis() as u64;
+        let creation_time = Instant::now();
+        let unix_time = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let unix_time_ms = unix_time.as_millis() as u64;
         let number = self.frame_count + 1;
-        let handed = ViewMessage::Frame(NumberedFrame {
-            number,
-            creation_time: at,
-            unix_time_ms: at_unix_ms,
-            frame,
-        });
-        if self.messages.try_send(handed).is_ok() {
+        let message =
+            ViewMessage::Frame(NumberedFrame { number, creation_time, unix_time_ms, frame });
+        if self.messages.try_send(message).is_ok() {
             self.frame_count = number;
-            self.frame_due_time = at + FRAME_INTERVAL_MIN;
+            self.frame_due_time = creation_time + FRAME_INTERVAL_MIN;
         }
     }
 
@@ -238,12 +234,12 @@ impl View {
     /// Sends the end of the run to all clients and stops the server. Waits at most `SHUTDOWN_TIMEOUT`, and not
     /// at all without clients. `text` is what the run prints.
     pub fn send_end_of_run(mut self, exit: u8, text: &str) {
-        let end = Instant::now() + SHUTDOWN_TIMEOUT;
+        let deadline = Instant::now() + SHUTDOWN_TIMEOUT;
         loop {
             self.flush_events();
-            let ended = ViewMessage::RunEnd(RunEnd { exit, text: text.into() });
-            let full = matches!(self.messages.try_send(ended), Err(TrySendError::Full(_)));
-            if !full || Instant::now() > end {
+            let message = ViewMessage::RunEnd(RunEnd { exit, text: text.into() });
+            let is_full = matches!(self.messages.try_send(message), Err(TrySendError::Full(_)));
+            if !is_full || Instant::now() > deadline {
                 break;
             }
             std::thread::sleep(Duration::from_millis(1));
@@ -252,7 +248,8 @@ impl View {
         drop(self.requests);
         if self.clients.count() > 0 {
             // The server sends nothing: this returns when it exits or at the timeout.
-            let _ = self.server_exit.recv_timeout(end.saturating_duration_since(Instant::now()));
+            let _ =
+                self.server_exit.recv_timeout(deadline.saturating_duration_since(Instant::now()));
         }
     }
 }
@@ -263,16 +260,19 @@ mod tests {
 
     #[test]
     fn events_before_the_first_client_are_kept_up_to_a_maximum() {
-        let (messages, mut taken) = tokio::sync::mpsc::channel(VIEW_QUEUE_CAPACITY);
+        let (messages, mut received) = tokio::sync::mpsc::channel(VIEW_QUEUE_CAPACITY);
         let (clients, requests) = (Arc::new(ClientCount::default()), std::sync::mpsc::channel().1);
-        let gone = std::sync::mpsc::channel().1;
-        let mut view = View::new(messages, clients.clone(), false, requests, gone);
+        let server_exit = std::sync::mpsc::channel().1;
+        let mut view = View::new(messages, clients.clone(), false, requests, server_exit);
         for number in 0..2 * EVENTS_MAX {
             let detail = number.to_string();
             view.record_event(RunEvent { kind: "kill".into(), detail, ..RunEvent::default() });
         }
         view.flush_events();
-        assert!(taken.is_empty() && !view.is_frame_due(Instant::now()), "no client is connected");
+        assert!(
+            received.is_empty() && !view.is_frame_due(Instant::now()),
+            "no client is connected"
+        );
         let permits: Vec<ClientPermit> =
             (0..CLIENTS_MAX).map(|_| clients.acquire_client_permit().unwrap()).collect();
         assert!(clients.acquire_client_permit().is_none() && view.is_frame_due(Instant::now()));
@@ -281,7 +281,7 @@ mod tests {
         while details.len() < EVENTS_MAX {
             view.flush_events();
             view.send_frame(SceneFrame::default());
-            while let Ok(ViewMessage::Event(event)) = taken.try_recv() {
+            while let Ok(ViewMessage::Event(event)) = received.try_recv() {
                 details.push(event.detail.parse::<usize>().unwrap());
             }
         }

@@ -4,7 +4,7 @@
 //! A connection is unauthenticated until a complete request with the token has arrived over it. The number
 //! of such connections is limited, the oldest is closed first, and each has a timeout, so that silent
 //! clients cannot block others. Must not know the token: the code that checks it calls
-//! [`Pass::authenticate`].
+//! [`ConnectionHandle::authenticate`].
 
 use std::collections::BTreeMap;
 use std::io;
@@ -37,8 +37,8 @@ impl Default for ConnectionLimits {
     /// Returns limits for the event stream of every client and some requests, and as many unauthenticated
     /// connections. The timeout allows requests typed by hand.
     fn default() -> ConnectionLimits {
-        let silent_max = Duration::from_secs(5);
-        ConnectionLimits { unauthenticated_max: 32, authenticated_max: 32, silence_max: silent_max }
+        let silence_max = Duration::from_secs(5);
+        ConnectionLimits { unauthenticated_max: 32, authenticated_max: 32, silence_max }
     }
 }
 
@@ -58,13 +58,13 @@ enum ConnectionState {
 
 impl OpenConnections {
     fn unauthenticated_count(&self) -> usize {
-        let standings = self.connections.values();
-        standings.filter(|standing| matches!(standing, ConnectionState::Unauthenticated(_))).count()
+        let states = self.connections.values();
+        states.filter(|state| matches!(state, ConnectionState::Unauthenticated(_))).count()
     }
 
     fn close_oldest_unauthenticated(&mut self) {
-        let mut standings = self.connections.iter();
-        let oldest = standings.find(|(_, at)| matches!(at, ConnectionState::Unauthenticated(_)));
+        let mut states = self.connections.iter();
+        let oldest = states.find(|(_, state)| matches!(state, ConnectionState::Unauthenticated(_)));
         let Some(number) = oldest.map(|(number, _)| *number) else { return };
         if let Some(ConnectionState::Unauthenticated(close)) = self.connections.remove(&number) {
             // A connection that is already closing does not receive it.
@@ -91,7 +91,7 @@ impl Listener for LimitedListener {
     type Addr = SocketAddr;
 
     async fn accept(&mut self) -> (Connection, SocketAddr) {
-        let (stream, from) = Listener::accept(&mut self.listener).await;
+        let (stream, address) = Listener::accept(&mut self.listener).await;
         // Sends small frames without delay. On failure they arrive a little later.
         let _ = stream.set_nodelay(true);
         if lock_connections(&self.open_connections).unauthenticated_count()
@@ -100,16 +100,16 @@ impl Listener for LimitedListener {
             // Requests that have already arrived are processed before a connection is closed.
             yield_now().await;
         }
-        let mut open = lock_connections(&self.open_connections);
-        while open.unauthenticated_count() >= self.limits.unauthenticated_max.max(1) {
-            open.close_oldest_unauthenticated();
+        let mut open_connections = lock_connections(&self.open_connections);
+        while open_connections.unauthenticated_count() >= self.limits.unauthenticated_max.max(1) {
+            open_connections.close_oldest_unauthenticated();
         }
-        let number = open.next_number;
-        open.next_number += 1;
-        let (close, closed) = oneshot::channel();
-        open.connections.insert(number, ConnectionState::Unauthenticated(close));
+        let number = open_connections.next_number;
+        open_connections.next_number += 1;
+        let (close_sender, close_receiver) = oneshot::channel();
+        open_connections.connections.insert(number, ConnectionState::Unauthenticated(close_sender));
         let authenticated_max = self.limits.authenticated_max;
-        let pass = ConnectionHandle {
+        let handle = ConnectionHandle {
             number,
             authenticated_max,
             open_connections: self.open_connections.clone(),
@@ -118,10 +118,10 @@ impl Listener for LimitedListener {
         (
             Connection {
                 stream,
-                handle: pass,
-                lifetime: ConnectionLifetime::UntilTimeout { closed, time_left },
+                handle,
+                lifetime: ConnectionLifetime::UntilTimeout { closed: close_receiver, time_left },
             },
-            from,
+            address,
         )
     }
 
@@ -142,12 +142,13 @@ impl ConnectionHandle {
     /// Authenticates the connection, so that it stays open while its request is processed. Returns `false`
     /// if there are too many, or if it is about to be closed.
     pub(crate) fn authenticate(&self) -> bool {
-        let mut open = lock_connections(&self.open_connections);
-        let authenticated = open.connections.len() - open.unauthenticated_count();
-        match open.connections.get_mut(&self.number) {
+        let mut open_connections = lock_connections(&self.open_connections);
+        let authenticated_count =
+            open_connections.connections.len() - open_connections.unauthenticated_count();
+        match open_connections.connections.get_mut(&self.number) {
             Some(ConnectionState::Authenticated) => true,
-            Some(standing) if authenticated < self.authenticated_max => {
-                *standing = ConnectionState::Authenticated;
+            Some(state) if authenticated_count < self.authenticated_max => {
+                *state = ConnectionState::Authenticated;
                 true
             }
             _ => false,
@@ -205,13 +206,13 @@ impl AsyncRead for Connection {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
-        into: &mut ReadBuf<'_>,
+        buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         if self.is_over(context) {
             // As if the client had closed the connection.
             return Poll::Ready(Ok(()));
         }
-        Pin::new(&mut self.stream).poll_read(context, into)
+        Pin::new(&mut self.stream).poll_read(context, buffer)
     }
 }
 
@@ -237,6 +238,6 @@ impl AsyncWrite for Connection {
 }
 
 /// Locks the connections. No code panics while it holds the lock.
-fn lock_connections(open: &Mutex<OpenConnections>) -> MutexGuard<'_, OpenConnections> {
-    open.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock_connections(connections: &Mutex<OpenConnections>) -> MutexGuard<'_, OpenConnections> {
+    connections.lock().unwrap_or_else(PoisonError::into_inner)
 }

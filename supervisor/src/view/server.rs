@@ -107,12 +107,12 @@ pub struct BoundServer {
 
 /// Binds the address. `insecure` permits an address that other machines can reach.
 pub fn bind(address: SocketAddr, insecure: bool) -> Result<BoundServer, ViewError> {
-    let loopback = address.ip().is_loopback();
-    if !(loopback || insecure) {
+    let is_loopback = address.ip().is_loopback();
+    if !(is_loopback || insecure) {
         return Err(ViewError::NotLoopback(address));
     }
     let runtime = Builder::new_current_thread().enable_io().enable_time().build()?;
-    let entered = runtime.enter();
+    let runtime_guard = runtime.enter();
     let listen = || -> io::Result<TcpListener> {
         let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
         socket.set_reuseaddr(true)?;
@@ -123,13 +123,13 @@ pub fn bind(address: SocketAddr, insecure: bool) -> Result<BoundServer, ViewErro
     };
     let listener = listen().map_err(|source| ViewError::Listen { address, source })?;
     let address = listener.local_addr()?;
-    drop(entered);
-    let gate = AccessPolicy { token: Token::draw()?, allows_other_machines: !loopback };
+    drop(runtime_guard);
+    let access_policy = AccessPolicy { token: Token::draw()?, allows_other_machines: !is_loopback };
     Ok(BoundServer {
         runtime,
         listener,
         address,
-        access_policy: gate,
+        access_policy,
         limits: ConnectionLimits::default(),
     })
 }
@@ -154,33 +154,32 @@ impl BoundServer {
 
     /// Starts the server on its own thread. `control` is whether clients may send requests.
     pub fn serve(self, scene: Scene, control: bool) -> Result<View, ViewError> {
-        let BoundServer { runtime, listener, access_policy: gate, limits, .. } = self;
-        let (messages, taken) = tokio::sync::mpsc::channel(VIEW_QUEUE_CAPACITY);
+        let BoundServer { runtime, listener, access_policy, limits, .. } = self;
+        let (messages, received_messages) = tokio::sync::mpsc::channel(VIEW_QUEUE_CAPACITY);
         let clients = Arc::new(ClientCount::default());
-        let (requests, asked) = sync_channel(REQUESTS_MAX);
-        let (here, gone) = channel::<()>();
-        let (told, snapshot) = watch::channel(ClientSnapshot::default());
-        let answers = ServerState {
-            access_policy: gate,
+        let (requests, request_receiver) = sync_channel(REQUESTS_MAX);
+        let (exit_sender, server_exit) = channel::<()>();
+        let (snapshot_sender, snapshot) = watch::channel(ClientSnapshot::default());
+        let state = ServerState {
+            access_policy,
             page: outcome::report::page::live_html(&scene, control).into(),
             scene: Arc::new(scene),
             request_sender: control.then_some(requests),
             clients: clients.clone(),
             snapshot,
         };
-        let told_clients = clients.clone();
+        let thread_clients = clients.clone();
         std::thread::Builder::new().name("view".into()).spawn(move || {
-            let _here: Sender<()> = here; // until the thread ends
+            let _exit_sender: Sender<()> = exit_sender; // until the thread ends
             set_idle_priority();
             runtime.block_on(async move {
                 let listener = LimitedListener::new(listener, limits);
-                let answers =
-                    router(answers).into_make_service_with_connect_info::<ConnectionHandle>();
-                tokio::spawn(axum::serve(listener, answers).into_future());
-                distribute_messages(taken, told, &told_clients).await;
+                let state = router(state).into_make_service_with_connect_info::<ConnectionHandle>();
+                tokio::spawn(axum::serve(listener, state).into_future());
+                distribute_messages(received_messages, snapshot_sender, &thread_clients).await;
             });
         })?;
-        Ok(View::new(messages, clients, control, asked, gone))
+        Ok(View::new(messages, clients, control, request_receiver, server_exit))
     }
 }
 
@@ -195,27 +194,27 @@ fn set_idle_priority() {
 /// Distributes messages of the supervisor to all clients, until the run is over.
 async fn distribute_messages(
     mut messages: MessageReceiver,
-    told: watch::Sender<ClientSnapshot>,
+    snapshot_sender: watch::Sender<ClientSnapshot>,
     clients: &ClientCount,
 ) {
-    let mut over = false;
-    while !over && let Some(first) = messages.recv().await {
-        told.send_modify(|snapshot| {
-            over = snapshot.add(first);
+    let mut is_over = false;
+    while !is_over && let Some(first) = messages.recv().await {
+        snapshot_sender.send_modify(|snapshot| {
+            is_over = snapshot.add(first);
             // Of several queued frames, only the newest is kept.
             while let Ok(next) = messages.try_recv() {
-                over = snapshot.add(next);
+                is_over = snapshot.add(next);
             }
         });
     }
-    let end = Instant::now() + LAST_MESSAGE_TIMEOUT;
-    while clients.count() > 0 && Instant::now() < end {
+    let deadline = Instant::now() + LAST_MESSAGE_TIMEOUT;
+    while clients.count() > 0 && Instant::now() < deadline {
         sleep(FLUSH_TIME).await;
     }
     sleep(FLUSH_TIME).await;
 }
 
-fn router(answers: ServerState) -> Router {
+fn router(state: ServerState) -> Router {
     Router::new()
         .route("/", get(serve_page))
         .route("/events", get(stream_events))
@@ -223,19 +222,21 @@ fn router(answers: ServerState) -> Router {
             "/control",
             post(handle_control_request).layer(DefaultBodyLimit::max(BODY_BYTES_MAX)),
         )
-        .layer(middleware::from_fn_with_state(answers.clone(), check_access))
-        .with_state(answers)
+        .layer(middleware::from_fn_with_state(state.clone(), check_access))
+        .with_state(state)
 }
 
 /// Checks access of every request, and adds the headers to every response.
 async fn check_access(
-    State(answers): State<ServerState>,
-    ConnectInfo(pass): ConnectInfo<ConnectionHandle>,
+    State(state): State<ServerState>,
+    ConnectInfo(connection): ConnectInfo<ConnectionHandle>,
     request: HttpRequest,
     next: Next,
 ) -> Response {
-    let mut response = match answers.access_policy.check_request(request.uri(), request.headers()) {
-        Ok(()) if pass.authenticate() => match timeout(REQUEST_TIMEOUT, next.run(request)).await {
+    let mut response = match state.access_policy.check_request(request.uri(), request.headers()) {
+        Ok(()) if connection.authenticate() => match timeout(REQUEST_TIMEOUT, next.run(request))
+            .await
+        {
             Ok(response) => response,
             Err(_) => (StatusCode::REQUEST_TIMEOUT, "the request is incomplete").into_response(),
         },
@@ -248,46 +249,46 @@ async fn check_access(
     response
 }
 
-async fn serve_page(State(answers): State<ServerState>) -> Response {
-    ([(CONTENT_TYPE, "text/html; charset=utf-8")], answers.page).into_response()
+async fn serve_page(State(state): State<ServerState>) -> Response {
+    ([(CONTENT_TYPE, "text/html; charset=utf-8")], state.page).into_response()
 }
 
-async fn stream_events(State(answers): State<ServerState>) -> Response {
-    match answers.clients.acquire_client_permit() {
-        Some(permit) => stream_to_client(answers.snapshot, permit),
+async fn stream_events(State(state): State<ServerState>) -> Response {
+    match state.clients.acquire_client_permit() {
+        Some(permit) => stream_to_client(state.snapshot, permit),
         None => TOO_MANY_CLIENTS.into_response(),
     }
 }
 
 async fn handle_control_request(
-    State(answers): State<ServerState>,
+    State(state): State<ServerState>,
     headers: HeaderMap,
     body: Bytes,
 ) -> Response {
-    let Some(requests) = answers.request_sender else {
+    let Some(requests) = state.request_sender else {
         let reason = "this run is read-only: start it with --view-control to send requests";
         return (StatusCode::FORBIDDEN, reason).into_response();
     };
     if let Err(refusal) = check_order_headers(&headers) {
         return refusal.into_response();
     }
-    let act = match act::parse_action(&body, &answers.scene) {
-        Ok(act) => act,
+    let action = match act::parse_action(&body, &state.scene) {
+        Ok(action) => action,
         Err(refusal) => return refusal.into_response(),
     };
-    let (answer, answered) = oneshot::channel();
-    let over = (StatusCode::CONFLICT, "the run is over");
-    match requests.try_send(ClientRequest { action: act, result_sender: answer }) {
+    let (result_sender, result_receiver) = oneshot::channel();
+    let run_is_over = (StatusCode::CONFLICT, "the run is over");
+    match requests.try_send(ClientRequest { action, result_sender }) {
         Ok(()) => {}
-        Err(TrySendError::Disconnected(_)) => return over.into_response(),
+        Err(TrySendError::Disconnected(_)) => return run_is_over.into_response(),
         Err(TrySendError::Full(_)) => {
             return (StatusCode::SERVICE_UNAVAILABLE, "too many orders at once").into_response();
         }
     }
-    match timeout(RESPONSE_TIMEOUT, answered).await {
+    match timeout(RESPONSE_TIMEOUT, result_receiver).await {
         Ok(Ok(Ok(()))) => StatusCode::NO_CONTENT.into_response(),
         Ok(Ok(Err(reason))) => (StatusCode::CONFLICT, reason).into_response(),
-        Ok(Err(_)) => over.into_response(),
+        Ok(Err(_)) => run_is_over.into_response(),
         Err(_) => {
             let reason = "the run does not answer; it may still do it";
             (StatusCode::GATEWAY_TIMEOUT, reason).into_response()

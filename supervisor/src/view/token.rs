@@ -19,11 +19,11 @@ impl Token {
 
     /// Returns whether the text is this token, in constant time, so that the duration reveals nothing about
     /// the token.
-    pub(crate) fn matches(self, given: &str) -> bool {
-        let digits = given.len() == 32 && given.bytes().all(|byte| byte.is_ascii_hexdigit());
-        let given = u128::from_str_radix(given, 16).unwrap_or_default();
-        let differs = black_box(given ^ self.0);
-        digits && differs == 0
+    pub(crate) fn matches(self, text: &str) -> bool {
+        let is_hexadecimal = text.len() == 32 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let bits = u128::from_str_radix(text, 16).unwrap_or_default();
+        let differs = black_box(bits ^ self.0);
+        is_hexadecimal && differs == 0
     }
 }
 

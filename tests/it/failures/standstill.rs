@@ -17,7 +17,7 @@ fn start_with_stopped_supervisor(expect: &str) -> RunInProgress {
 
 /// Resumes the supervisor of a run of [`start_with_stopped_supervisor`] after the duration of the run has passed and
 /// the plant has exited. Waits 5 s for the former, because a stopped supervisor writes nothing that shows it.
-fn goes_on_after_its_end(mut running: RunInProgress) -> FinishedRun {
+fn resume_after_end(mut running: RunInProgress) -> FinishedRun {
     let plant = running.pid_of("plant");
     std::thread::sleep(Duration::from_secs(5));
     signal_pid(plant, Signal::TERM);
@@ -33,7 +33,7 @@ fn death_in_a_standstill_past_the_end_misses_alive_at_end() {
     let mut running = start_with_stopped_supervisor("expect={alive_at_end=3}");
     let r2 = running.pid_of("r2");
     signal_pid(r2, Signal::KILL);
-    let ended = goes_on_after_its_end(running);
+    let ended = resume_after_end(running);
     ended.exits_with(1).assert_leaves_nothing();
     ended.assert_holds(ended.stdout.contains("MISSED alive_at_end"), "r2 is not alive at the end");
     ended.assert_holds(
@@ -68,8 +68,9 @@ fn replacement_due_after_the_end_fails_the_run() {
     signal_pid(r2, Signal::KILL);
     let ended = running.finish();
     ended.exits_with(1).assert_leaves_nothing();
-    let says = "failed: r2 died (signal 9), and its replacement had not been started at the end";
-    ended.assert_holds(ended.stderr.contains(says), says);
+    let expected =
+        "failed: r2 died (signal 9), and its replacement had not been started at the end";
+    ended.assert_holds(ended.stderr.contains(expected), expected);
 }
 
 #[test]
@@ -98,6 +99,6 @@ fn removed_run_root_ends_the_run_with_the_reason() {
     signal_pid(r2, Signal::KILL);
     let ended = running.finish();
     ended.exits_with(4);
-    let says = format!("the run root {} was removed during the run", root.display());
-    ended.assert_holds(ended.stderr.contains(&says), says);
+    let expected = format!("the run root {} was removed during the run", root.display());
+    ended.assert_holds(ended.stderr.contains(&expected), expected);
 }

@@ -9,10 +9,10 @@ use crate::harness::{
     ExitsWith as _, FinishedRun, Phalanx, RunRoot, limited_by, phalanx, run, signal_pid,
 };
 
-/// Starts a run with the arguments `words`, after `inherit` has changed the signal state of its process.
-fn run_after(inherit: fn() -> i32, words: &[&str]) -> Phalanx {
+/// Starts a run with these arguments, after `inherit` has changed the signal state of its process.
+fn run_after(inherit: fn() -> i32, arguments: &[&str]) -> Phalanx {
     let mut command = phalanx(["run"]);
-    command.args(words);
+    command.args(arguments);
     // SAFETY: the closure makes only async-signal-safe system calls, which are allowed between fork and exec.
     unsafe {
         command.pre_exec(move || match inherit() {
@@ -68,8 +68,8 @@ fn ignored_sigchld_deaths_are_detected_in_real_time() {
 #[test]
 fn run_with_blocked_signals_ends_on_sigterm() {
     for pace in ["realtime", "lockstep"] {
-        let words = ["scenarios/triangle.toml", "--pace", pace];
-        let mut running = run_after(block_all_signals, &words).set("duration_s=3600").start();
+        let arguments = ["scenarios/triangle.toml", "--pace", pace];
+        let mut running = run_after(block_all_signals, &arguments).set("duration_s=3600").start();
         running.wait_for_event("contact");
         running.signal(Signal::TERM);
         running.finish().exits_with(130).assert_leaves_nothing();
@@ -114,9 +114,12 @@ fn inherited_open_descriptors_count_against_the_limit() {
         let ended = Phalanx::new(run_with_100_inherited_descriptors(200, pace)).finish();
         ended.exits_with(4).assert_leaves_nothing();
         // The test runner may have left descriptors open as well.
-        let says =
+        let expected =
             ["5 robots need 130 open files, ", " more are open already (inherited from the parent"];
-        ended.assert_holds(says.iter().all(|part| ended.stderr.contains(part)), says.concat());
+        ended.assert_holds(
+            expected.iter().all(|part| ended.stderr.contains(part)),
+            expected.concat(),
+        );
         let needed = needed_files(&ended);
         ended.assert_holds(needed >= 230, format!("{needed} open files"));
         Phalanx::new(run_with_100_inherited_descriptors(needed, pace))
@@ -135,8 +138,8 @@ fn live_view_descriptors_are_counted_separately() {
     };
     let ended = run_of(150).finish();
     ended.exits_with(4).assert_leaves_nothing();
-    let says = "3 robots need 94 open files, the live view 72, ";
-    ended.assert_holds(ended.stderr.contains(says), says);
+    let expected = "3 robots need 94 open files, the live view 72, ";
+    ended.assert_holds(ended.stderr.contains(expected), expected);
     run_of(needed_files(&ended)).finish().exits_with(0).assert_leaves_nothing();
 }
 

@@ -27,8 +27,8 @@ fn low_signal_queue_limit_is_reported_before_a_lockstep_run() {
     let ended = run_under("-i 0", "lockstep").finish();
     ended.exits_with(4).assert_leaves_nothing();
     let [error] = errors(&ended.stderr)[..] else { panic!("one error: {}", ended.stderr) };
-    let says = "error: 3 robots in lockstep need 4 queued signals, one for each timer, and ";
-    ended.assert_holds(error.starts_with(says) && error.contains("`ulimit -i "), says);
+    let expected = "error: 3 robots in lockstep need 4 queued signals, one for each timer, and ";
+    ended.assert_holds(error.starts_with(expected) && error.contains("`ulimit -i "), expected);
     run_under("-i 0", "realtime").finish().exits_with(0).assert_leaves_nothing();
 }
 
@@ -55,8 +55,8 @@ impl MemoryGroup {
     /// Creates a control group with a limit of `bytes`. Returns `None` if the user may not create one.
     fn new(bytes: u64) -> Option<MemoryGroup> {
         let name = format!("phalanx-test-{}", std::process::id());
-        let places = [("memory", "memory.limit_in_bytes"), ("", "memory.max")];
-        places.into_iter().find_map(|(folder, limit)| {
+        let locations = [("memory", "memory.limit_in_bytes"), ("", "memory.max")];
+        locations.into_iter().find_map(|(folder, limit)| {
             let group = MemoryGroup(Path::new("/sys/fs/cgroup").join(folder).join(&name));
             std::fs::create_dir(&group.0).ok()?;
             std::fs::write(group.0.join(limit), bytes.to_string()).ok()?;
@@ -122,17 +122,17 @@ fn phalanx_processes_are_not_reported_as_orphans() {
         command.envs(parent.map(|parent| ("PHALANX_PARENT", parent)));
         command.spawn().unwrap()
     };
-    let mut own = start("1001", Some("1"));
+    let mut own_process = start("1001", Some("1"));
     let mut of_a_program = start("1002", None);
     killed.signal(Signal::KILL);
     wait_until_gone(&killed.run_dir());
     let mut clean = phalanx(["clean"]);
-    let said = clean.env("PHALANX_RUN_ROOT", killed.run_root()).exits_with(0).stdout;
+    let output = clean.env("PHALANX_RUN_ROOT", killed.run_root()).exits_with(0).stdout;
     // Both processes are killed, so neither wait blocks.
-    own.wait().unwrap();
+    own_process.wait().unwrap();
     of_a_program.wait().unwrap();
-    assert!(said.contains(&format!("`sleep` ({}) behind", of_a_program.id())), "{said}");
-    assert!(!said.contains(&format!("({})", own.id())), "{said}");
+    assert!(output.contains(&format!("`sleep` ({}) behind", of_a_program.id())), "{output}");
+    assert!(!output.contains(&format!("({})", own_process.id())), "{output}");
 }
 
 #[test]
@@ -142,11 +142,11 @@ fn output_in_the_directory_of_run_roots_is_refused() {
     let link = tempfile::tempdir().unwrap();
     std::os::unix::fs::symlink(run_root.path(), link.path().join("link")).unwrap();
     for out in [base.join("mine"), link.path().join("link").join(base.file_name().unwrap())] {
-        for words in [
+        for arguments in [
             ["run", "scenarios/triangle.toml"],
             ["sweep", "scenarios/campaigns/triangle-starts.toml"],
         ] {
-            let mut command = phalanx(words);
+            let mut command = phalanx(arguments);
             command.arg("--out").arg(&out).env("PHALANX_RUN_ROOT", run_root.path());
             let error = command.exits_with(2).stderr;
             assert!(error.contains("where runs keep shared memory"), "{error}");

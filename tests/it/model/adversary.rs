@@ -58,20 +58,20 @@ impl Model<'_> {
             if self.robots[i].cycle.is_none() {
                 continue;
             }
-            if self.dice.draw_bool(KILLS_HZ * tick_s) {
+            if self.rng.draw_bool(KILLS_HZ * tick_s) {
                 self.kill(i);
                 continue;
             }
             match self.trial.adversary {
-                Adversary::Chance if self.dice.draw_bool(2.0 * tick_s) => {
-                    let doublings = self.dice.draw_between(0, 8);
+                Adversary::Chance if self.rng.draw_bool(2.0 * tick_s) => {
+                    let doublings = self.rng.draw_between(0, 8);
                     self.freeze(i, MS << doublings);
                 }
-                Adversary::FreezeTheNear if self.is_approached(i) && self.dice.draw_bool(0.1) => {
-                    let freeze_ns = self.dice.draw_between(MS, 200 * MS);
+                Adversary::FreezeTheNear if self.is_approached(i) && self.rng.draw_bool(0.1) => {
+                    let freeze_ns = self.rng.draw_between(MS, 200 * MS);
                     self.freeze(i, freeze_ns);
                 }
-                Adversary::JustInTime if self.dice.draw_bool(tick_s) => self.freeze(i, 20 * MS),
+                Adversary::JustInTime if self.rng.draw_bool(tick_s) => self.freeze(i, 20 * MS),
                 Adversary::Ambush => self.ambush(i),
                 _ => {}
             }
@@ -81,18 +81,18 @@ impl Model<'_> {
     /// Returns whether the nearest neighbor of `i` is near and was farther away one tick ago.
     fn is_approached(&self, i: usize) -> bool {
         let (nearest, towards) = self.nearest_robot(i);
-        let before = (self.alphas_before[nearest] - self.alphas_before[i]).norm();
-        let near = self.fleet.plant.distance_min_m + 3.0 * self.reach_m();
-        towards.norm() < near.min(before)
+        let before_m = (self.alphas_before[nearest] - self.alphas_before[i]).norm();
+        let near_m = self.fleet.plant.distance_min_m + 3.0 * self.reach_m();
+        towards.norm() < near_m.min(before_m)
     }
 
     fn ambush(&mut self, i: usize) {
         let (_, towards) = self.nearest_robot(i);
         let brief = &self.fleet.agents[i];
-        let fast = 0.25 * brief.avoidance.speed_max_m_s;
+        let fast_m_s = 0.25 * brief.avoidance.speed_max_m_s;
         // One robot at a time: the others must be free to come near.
-        let lies = |robot: &Robot| robot.ambush_m.is_some() && robot.is_frozen(self.now_ns);
-        let another = self.robots.iter().any(lies);
+        let is_ambushing = |robot: &Robot| robot.ambush_m.is_some() && robot.is_frozen(self.now_ns);
+        let is_ambush_active = self.robots.iter().any(is_ambushing);
         let robot = &mut self.robots[i];
         match &robot.next {
             NextAction::Send(_)
@@ -100,16 +100,16 @@ impl Model<'_> {
             {
                 robot.ambush_m = None;
                 robot.frozen_until_ns = self.now_ns;
-                robot.doomed = true;
+                robot.kill_after_send = true;
             }
             NextAction::Send(answer)
-                if !another
-                    && !robot.doomed
-                    && front_speed(brief.front_point_m, answer.command.twist()) > fast
-                    && self.dice.draw_bool(0.1) =>
+                if !is_ambush_active
+                    && !robot.kill_after_send
+                    && front_speed(brief.front_point_m, answer.command.twist()) > fast_m_s
+                    && self.rng.draw_bool(0.1) =>
             {
                 let ambush_m =
-                    self.fleet.plant.distance_min_m + self.reach_m() * self.dice.draw_unit();
+                    self.fleet.plant.distance_min_m + self.reach_m() * self.rng.draw_unit();
                 self.freeze(i, 1000 * MS);
                 self.robots[i].ambush_m = Some(ambush_m);
             }
@@ -139,16 +139,16 @@ impl Model<'_> {
         }
     }
 
-    /// Kills `i`, unless it is the last living robot. One of four stays dead until the faults end.
+    /// Kills `i`, unless it is the last running robot. One of four stays dead until the faults end.
     pub(super) fn kill(&mut self, i: usize) {
         if self.robots.iter().filter(|robot| robot.cycle.is_some()).count() == 1 {
             return;
         }
-        let starts_ns = self.now_ns + self.dice.draw_between(20 * MS, 600 * MS);
+        let starts_ns = self.now_ns + self.rng.draw_between(20 * MS, 600 * MS);
         let robot = &mut self.robots[i];
         robot.cycle = None;
         robot.beacons.clear();
-        robot.starts_ns = self.dice.draw_bool(0.75).then_some(starts_ns);
+        robot.starts_ns = self.rng.draw_bool(0.75).then_some(starts_ns);
         self.kills += 1;
     }
 
@@ -164,33 +164,33 @@ impl Model<'_> {
     }
 
     pub(super) fn plant_lateness_ns(&mut self) -> u64 {
-        match self.is_hostile() && self.dice.draw_bool(0.005) {
-            true => self.dice.draw_between(0, 5 * MS),
-            false => self.dice.draw_between(0, 100 * US),
+        match self.is_hostile() && self.rng.draw_bool(0.005) {
+            true => self.rng.draw_between(0, 5 * MS),
+            false => self.rng.draw_between(0, 100 * US),
         }
     }
 
     pub(super) fn oversleeping_ns(&mut self, period_ns: u64) -> u64 {
-        match self.is_hostile() && self.dice.draw_bool(0.05) {
-            true => self.dice.draw_between(0, 2 * period_ns),
-            false => self.dice.draw_between(0, 100 * US),
+        match self.is_hostile() && self.rng.draw_bool(0.05) {
+            true => self.rng.draw_between(0, 2 * period_ns),
+            false => self.rng.draw_between(0, 100 * US),
         }
     }
 
     /// Draws the delay of a command from the agent to the plant, ns.
     pub(super) fn transport_ns(&mut self) -> u64 {
-        match self.is_hostile() && self.dice.draw_bool(0.1) {
-            true => self.dice.draw_between(0, 2 * self.fleet.plant.command_lifetime_ns),
-            false => self.dice.draw_between(0, 20 * US),
+        match self.is_hostile() && self.rng.draw_bool(0.1) {
+            true => self.rng.draw_between(0, 2 * self.fleet.plant.command_lifetime_ns),
+            false => self.rng.draw_between(0, 20 * US),
         }
     }
 
     /// Draws the delay of a beacon from its sender to a receiver, ns. `None` means that it is lost.
     pub(super) fn beacon_delay_ns(&mut self) -> Option<u64> {
         match self.is_hostile() {
-            true if self.dice.draw_bool(0.1) => None,
-            true if self.dice.draw_bool(0.2) => Some(self.dice.draw_between(0, 50 * MS)),
-            _ => Some(self.dice.draw_between(0, 20 * US)),
+            true if self.rng.draw_bool(0.1) => None,
+            true if self.rng.draw_bool(0.2) => Some(self.rng.draw_between(0, 50 * MS)),
+            _ => Some(self.rng.draw_between(0, 20 * US)),
         }
     }
 
@@ -198,20 +198,20 @@ impl Model<'_> {
     pub(super) fn answer_takes_until_ns(&mut self, stamp_ns: u64) -> u64 {
         let lifetime_ns = self.fleet.plant.command_lifetime_ns;
         let tick_ns = self.fleet.plant.plant_tick_ns;
-        let soon_ns = self.now_ns + self.dice.draw_between(10 * US, 300 * US);
+        let soon_ns = self.now_ns + self.rng.draw_between(10 * US, 300 * US);
         if !self.is_hostile() {
             return soon_ns;
         }
         match self.trial.adversary {
-            Adversary::JustInTime if self.dice.draw_bool(0.8) => {
-                let dies_ns = stamp_ns + lifetime_ns;
-                self.dice.draw_between(dies_ns - 3 * tick_ns, dies_ns + tick_ns / 2)
+            Adversary::JustInTime if self.rng.draw_bool(0.8) => {
+                let expires_ns = stamp_ns + lifetime_ns;
+                self.rng.draw_between(expires_ns - 3 * tick_ns, expires_ns + tick_ns / 2)
             }
             // Long enough for ticks between reading and sending.
-            Adversary::Ambush => self.now_ns + self.dice.draw_between(100 * US, 4 * MS),
-            _ if self.dice.draw_bool(0.6) => soon_ns,
-            _ if self.dice.draw_bool(0.7) => self.now_ns + self.dice.draw_between(0, lifetime_ns),
-            _ => self.now_ns + self.dice.draw_between(0, 4 * lifetime_ns),
+            Adversary::Ambush => self.now_ns + self.rng.draw_between(100 * US, 4 * MS),
+            _ if self.rng.draw_bool(0.6) => soon_ns,
+            _ if self.rng.draw_bool(0.7) => self.now_ns + self.rng.draw_between(0, lifetime_ns),
+            _ => self.now_ns + self.rng.draw_between(0, 4 * lifetime_ns),
         }
     }
 
@@ -223,7 +223,7 @@ impl Model<'_> {
         deceit: &Arc<Mutex<Deceit>>,
     ) -> ControlCycle {
         let brief = &self.fleet.agents[i];
-        let controller = match self.trial.wish {
+        let controller = match self.trial.requested_velocity {
             RequestedVelocity::Law => Controller::new(brief, incarnation).expect("a checked brief"),
             // A leader computes a velocity even if it receives no beacon.
             RequestedVelocity::Ram => {
@@ -243,7 +243,7 @@ impl Model<'_> {
 
     /// Sets the requested velocity and the false rotation of a ramming robot. Does nothing if robots follow their law.
     pub(super) fn deceive(&mut self, i: usize) {
-        if self.trial.wish == RequestedVelocity::Law {
+        if self.trial.requested_velocity == RequestedVelocity::Law {
             return;
         }
         let brief = &self.fleet.agents[i];
@@ -258,17 +258,18 @@ impl Model<'_> {
                 let at = MethodConditions::for_robot(brief);
                 let excess =
                     approach_slack_fraction(&at) * (deflection_distance_m(&at) - towards.norm());
-                let wish = towards / towards.norm().max(f64::MIN_POSITIVE);
-                Ramming { wish, p_n: excess, p_t: reach + excess }
+                let requested_direction = towards / towards.norm().max(f64::MIN_POSITIVE);
+                Ramming { requested_direction, p_n: excess, p_t: reach + excess }
             }
         };
-        let Ramming { wish, p_n, p_t } = ramming;
+        let Ramming { requested_direction, p_n, p_t } = ramming;
         let turn_rad = match p_t > 0.0 {
             // The dither is unknown here; a small random angle compensates it.
-            true => PI - p_t.atan2(p_n) + 0.6 * (self.dice.draw_unit() - 0.5),
+            true => PI - p_t.atan2(p_n) + 0.6 * (self.rng.draw_unit() - 0.5),
             false => 0.0,
         };
-        *self.robots[i].deceit.lock().unwrap() = Deceit { wish: 2.0 * speed_max * wish, turn_rad };
+        *self.robots[i].deceit.lock().unwrap() =
+            Deceit { requested_velocity: 2.0 * speed_max * requested_direction, turn_rad };
     }
 }
 
@@ -276,7 +277,7 @@ impl Model<'_> {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Deceit {
     /// Requested velocity, m/s.
-    wish: Vec2,
+    requested_velocity: Vec2,
     /// Reduction of the rotation that the robot predicts until its answer takes effect, rad.
     turn_rad: f64,
 }
@@ -286,7 +287,7 @@ struct AdversaryLaw(Arc<Mutex<Deceit>>);
 
 impl Law for AdversaryLaw {
     fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
-        self.0.lock().unwrap().wish
+        self.0.lock().unwrap().requested_velocity
     }
 }
 

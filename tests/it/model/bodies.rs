@@ -66,8 +66,8 @@ impl Fleet {
     fn with_cars(self, every: usize) -> Fleet {
         let mut fleet = self.with_bodies(every, |_| DriveKind::Ackermann);
         let robots = fleet.plant.robots.iter_mut().zip(&mut fleet.agents);
-        for (place, (body, agent)) in robots.enumerate().step_by(every) {
-            let radius_m = TURNING_RADII_M[place % TURNING_RADII_M.len()];
+        for (index, (body, agent)) in robots.enumerate().step_by(every) {
+            let radius_m = TURNING_RADII_M[index % TURNING_RADII_M.len()];
             body.turning_radius_min_m = Some(radius_m);
             agent.turning_radius_min_m = body.turning_radius_min_m;
         }
@@ -77,7 +77,7 @@ impl Fleet {
     /// Returns the fleet with a robot of each kind in turn: omnidirectional, at its front point, at its axle midpoint,
     /// at its front point.
     pub fn of_all_bodies(self) -> Fleet {
-        self.with_bodies(2, |place| match place % 4 {
+        self.with_bodies(2, |index| match index % 4 {
             0 => DriveKind::Omni,
             _ => DriveKind::Differential,
         })
@@ -87,16 +87,16 @@ impl Fleet {
     /// returns for its index.
     fn with_bodies(mut self, every: usize, kind: impl Fn(usize) -> DriveKind) -> Fleet {
         let robots = self.plant.robots.iter_mut().zip(&mut self.agents);
-        for (place, (body, agent)) in robots.enumerate().step_by(every) {
+        for (index, (body, agent)) in robots.enumerate().step_by(every) {
             let alpha = front_point(body.start, body.front_point_m);
             (body.start.x_m, body.start.y_m) = (alpha.x, alpha.y);
             body.front_point_m = 0.0;
-            body.drive_kind = kind(place);
+            body.drive_kind = kind(index);
             let turn_rates = match body.drive_kind {
                 DriveKind::Differential | DriveKind::Ackermann => TURN_RATES_RAD_S,
                 DriveKind::Omni => OMNI_TURN_RATES_RAD_S,
             };
-            body.turn_rate_max_rad_s = Some(turn_rates[place % turn_rates.len()]);
+            body.turn_rate_max_rad_s = Some(turn_rates[index % turn_rates.len()]);
             (agent.front_point_m, agent.drive_kind) = (0.0, body.drive_kind);
             agent.turn_rate_max_rad_s = body.turn_rate_max_rad_s;
         }

@@ -65,14 +65,14 @@ impl Fleet {
             }
             FaultProfile::MixedFrontPoints => {
                 let robots = self.plant.robots.iter_mut().zip(&mut self.agents);
-                for (place, (body, agent)) in robots.enumerate() {
+                for (index, (body, agent)) in robots.enumerate() {
                     let alpha = front_point(body.start, body.front_point_m);
-                    body.front_point_m *= [1.0, 0.6, 1.5][place % 3];
+                    body.front_point_m *= [1.0, 0.6, 1.5][index % 3];
                     agent.front_point_m = body.front_point_m;
                     // The axle starts at another position, so that the front point stays.
-                    let off = alpha - front_point(body.start, body.front_point_m);
-                    body.start.x_m += off.x;
-                    body.start.y_m += off.y;
+                    let shift = alpha - front_point(body.start, body.front_point_m);
+                    body.start.x_m += shift.x;
+                    body.start.y_m += shift.y;
                 }
             }
             FaultProfile::WeakWheels => {
@@ -85,8 +85,9 @@ impl Fleet {
             FaultProfile::Fast => {
                 let cap_m_s =
                     METHODS[0].description.useful_speed_max_m_s.expect("the guard has a cap");
-                let least = |m_s: f64, agent| cap_m_s(&MethodConditions::for_robot(agent)).min(m_s);
-                let speed_max_m_s = 3.0 * self.agents.iter().fold(f64::INFINITY, least);
+                let lower_limit =
+                    |m_s: f64, agent| cap_m_s(&MethodConditions::for_robot(agent)).min(m_s);
+                let speed_max_m_s = 3.0 * self.agents.iter().fold(f64::INFINITY, lower_limit);
                 for agent in &mut self.agents {
                     agent.avoidance.speed_max_m_s = speed_max_m_s;
                 }

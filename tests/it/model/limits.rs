@@ -23,8 +23,8 @@ impl Fleet {
     pub fn with_inertia(mut self, inertia: Inertia) -> Fleet {
         let speed_max_m_s = self.agents[0].avoidance.speed_max_m_s;
         let robots = self.plant.robots.iter_mut().zip(&mut self.agents);
-        for (place, (body, agent)) in robots.enumerate() {
-            let (forward_s, turning_s, tau_s) = match (inertia, place % 3) {
+        for (index, (body, agent)) in robots.enumerate() {
+            let (forward_s, turning_s, tau_s) = match (inertia, index % 3) {
                 (Inertia::Light, _) | (Inertia::Mixed, 0) => (0.12, 0.7, 0.35),
                 (Inertia::Heavy, _) => (1.0, 0.1, 0.8),
                 (Inertia::Mixed, 1) => (0.5, 2.8, 0.7),
@@ -42,9 +42,9 @@ impl Fleet {
             agent.limits = body.limits;
         }
         let times_s = self.plant.robots.iter().filter_map(|body| body.limits);
-        let most_s = times_s.map(|limits| limits.braking_time_s).fold(0.0, f64::max);
+        let longest_s = times_s.map(|limits| limits.braking_time_s).fold(0.0, f64::max);
         for agent in &mut self.agents {
-            agent.avoidance.braking_time_max_s = most_s;
+            agent.avoidance.braking_time_max_s = longest_s;
         }
         self.sees_as_far_as_needed()
     }

@@ -16,17 +16,18 @@ impl Fleet {
     pub fn into_team(mut self, sensed: bool) -> Fleet {
         let (d, v_max) = (self.plant.distance_min_m, self.agents[0].avoidance.speed_max_m_s);
         let own =
-            |place: usize| (SIZES[place % SIZES.len()] * d, SPEEDS[place % SPEEDS.len()] * v_max);
+            |index: usize| (SIZES[index % SIZES.len()] * d, SPEEDS[index % SPEEDS.len()] * v_max);
         let robots = self.agents.len();
-        let lifetime_ns = |place: usize, ns: u64| LIFETIMES[place % LIFETIMES.len()] * ns;
+        let lifetime_ns = |index: usize, ns: u64| LIFETIMES[index % LIFETIMES.len()] * ns;
         let longest_ns =
             (0..robots).map(|i| lifetime_ns(i, self.plant.command_lifetime_ns)).max().unwrap();
-        let most = (0..robots).map(own).fold((0.0f64, 0.0f64), |a, b| (a.0.max(b.0), a.1.max(b.1)));
+        let maxima =
+            (0..robots).map(own).fold((0.0f64, 0.0f64), |a, b| (a.0.max(b.0), a.1.max(b.1)));
         let bodies = self.plant.robots.iter_mut().zip(&mut self.agents);
-        for (place, (body, agent)) in bodies.enumerate() {
-            let (keep_m, speed_max_m_s) = own(place);
-            let command_lifetime_ns = lifetime_ns(place, self.plant.command_lifetime_ns);
-            let class = if sensed { place as u8 } else { 0 };
+        for (index, (body, agent)) in bodies.enumerate() {
+            let (keep_m, speed_max_m_s) = own(index);
+            let command_lifetime_ns = lifetime_ns(index, self.plant.command_lifetime_ns);
+            let class = if sensed { index as u8 } else { 0 };
             body.member = Some(MemberBrief {
                 keep_m,
                 speed_max_m_s: Some(speed_max_m_s),
@@ -40,7 +41,7 @@ impl Fleet {
             let avoidance = &mut agent.avoidance;
             avoidance.classes = match sensed {
                 true => (0..robots).map(|other| class(own(other))).collect(),
-                false => vec![class(most)],
+                false => vec![class(maxima)],
             };
             let distances_m = avoidance.classes.iter().map(|class| class.distance_min_m);
             avoidance.distance_min_m = distances_m.fold(0.0, f64::max);

@@ -123,11 +123,11 @@ fn page(path: &str) -> String {
 
 /// Returns the paths of all pages.
 fn pages() -> Vec<String> {
-    let beside = ["README.md", "CONTRIBUTING.md", "bindings/python/README.md"];
+    let other_pages = ["README.md", "CONTRIBUTING.md", "bindings/python/README.md"];
     let docs = files_below(&Path::new(ROOT).join("docs")).into_iter();
     let docs = docs.filter(|path| path.extension().is_some_and(|ending| ending == "md"));
     let docs = docs.map(|path| path.strip_prefix(ROOT).unwrap().to_str().unwrap().to_owned());
-    let mut paths: Vec<String> = docs.chain(beside.map(str::to_owned)).collect();
+    let mut paths: Vec<String> = docs.chain(other_pages.map(str::to_owned)).collect();
     paths.sort();
     paths
 }
@@ -154,52 +154,53 @@ fn commands(block: &Block) -> Vec<String> {
 
 /// Splits a command into arguments, without quotes, comment, redirection and pipe.
 fn split_arguments(command: &str) -> Vec<String> {
-    let (mut words, mut word, mut quote) = (Vec::new(), None::<String>, None);
+    let (mut arguments, mut argument, mut quote) = (Vec::new(), None::<String>, None);
     for letter in command.chars() {
         match (quote, letter) {
             (None, '\'' | '"') => {
                 quote = Some(letter);
-                word.get_or_insert_default();
+                argument.get_or_insert_default();
             }
             (Some(mark), letter) if mark == letter => quote = None,
-            (None, ' ') => words.extend(word.take()),
-            _ => word.get_or_insert_default().push(letter),
+            (None, ' ') => arguments.extend(argument.take()),
+            _ => argument.get_or_insert_default().push(letter),
         }
     }
-    words.extend(word);
-    let end = words.iter().position(|word| ["#", ">", "|", "&&"].contains(&word.as_str()));
-    words.truncate(end.unwrap_or(words.len()));
-    words
+    arguments.extend(argument);
+    let end =
+        arguments.iter().position(|argument| ["#", ">", "|", "&&"].contains(&argument.as_str()));
+    arguments.truncate(end.unwrap_or(arguments.len()));
+    arguments
 }
 
 /// Returns whether a test can run a command: it takes little time and no browser.
 fn can_be_run(command: &str) -> bool {
-    let elsewhere = NOT_RUN.iter().any(|begins| command.starts_with(begins));
-    let by_the_clock = command.starts_with("phalanx run ") && !command.contains("--pace lockstep");
-    !elsewhere && !by_the_clock && !command.contains("--view")
+    let is_listed_as_not_run = NOT_RUN.iter().any(|prefix| command.starts_with(prefix));
+    let is_real_time = command.starts_with("phalanx run ") && !command.contains("--pace lockstep");
+    !is_listed_as_not_run && !is_real_time && !command.contains("--view")
 }
 
 #[test]
 fn commands_of_all_pages_are_accepted_by_the_program() {
     let mut parsed = 0;
-    for (at, block) in all_blocks("sh") {
+    for (location, block) in all_blocks("sh") {
         for command in commands(&block) {
             let mut known = RUN.iter().chain(NOT_RUN);
             assert!(
-                known.any(|begins| command.starts_with(begins)),
-                "{at}: `{command}` is in neither RUN nor NOT_RUN"
+                known.any(|prefix| command.starts_with(prefix)),
+                "{location}: `{command}` is in neither RUN nor NOT_RUN"
             );
-            let words = split_arguments(&command);
-            let accepted = match &words[..] {
+            let arguments = split_arguments(&command);
+            let accepted = match &arguments[..] {
                 [phalanx, bench, ..] if phalanx == "phalanx" && bench == "bench" => {
-                    bench::cli::CommandLine::try_parse_from(&words[1..]).map(drop)
+                    bench::cli::CommandLine::try_parse_from(&arguments[1..]).map(drop)
                 }
                 [phalanx, ..] if phalanx == "phalanx" => {
-                    CommandLine::try_parse_from(&words).map(drop)
+                    CommandLine::try_parse_from(&arguments).map(drop)
                 }
                 _ => continue,
             };
-            accepted.unwrap_or_else(|error| panic!("{at}: `{command}`: {error}"));
+            accepted.unwrap_or_else(|error| panic!("{location}: `{command}`: {error}"));
             parsed += 1;
         }
     }
@@ -211,30 +212,30 @@ fn toml_blocks_have_only_scenario_campaign_or_fleet_keys() {
     let scenario = FileFormat::new(&agent::catalog());
     let campaign = experiment::campaign::keys::campaign_format();
     let mut found = 0;
-    for (at, block) in all_blocks("toml") {
-        let table: toml::Table = block.text.parse().unwrap_or_else(|e| panic!("{at}: {e}"));
+    for (location, block) in all_blocks("toml") {
+        let table: toml::Table = block.text.parse().unwrap_or_else(|e| panic!("{location}: {e}"));
         if block.text.starts_with("# Cargo.toml") {
             continue;
         }
         found += 1;
         if table.contains_key("host") {
-            let fleet = bridge::fleet::parse_text(Path::new(&at), &block.text);
-            fleet.unwrap_or_else(|error| panic!("{at}: {}", error.render(false)));
+            let fleet = bridge::fleet::parse_text(Path::new(&location), &block.text);
+            fleet.unwrap_or_else(|error| panic!("{location}: {}", error.render(false)));
         } else if table.contains_key("scenario") {
-            assert_keys(&at, &table, campaign.root(), &campaign);
+            assert_keys(&location, &table, campaign.root(), &campaign);
         } else {
-            assert_keys(&at, &table, scenario.root(), &scenario);
+            assert_keys(&location, &table, scenario.root(), &scenario);
         }
     }
     assert!(found >= 4, "{found} blocks");
 }
 
 #[track_caller]
-fn assert_keys(at: &str, table: &toml::Table, section: &Section, format: &FileFormat) {
+fn assert_keys(location: &str, table: &toml::Table, section: &Section, format: &FileFormat) {
     for (name, value) in table {
         let key = section
             .find_key(name)
-            .unwrap_or_else(|| panic!("{at}: no key {name} in {}", section.name));
+            .unwrap_or_else(|| panic!("{location}: no key {name} in {}", section.name));
         match (key.value_type, value) {
             // The table has keys of the scenario, set by a campaign.
             (ValueType::Table("set" | "vary"), toml::Value::Table(_)) => {}
@@ -242,20 +243,30 @@ fn assert_keys(at: &str, table: &toml::Table, section: &Section, format: &FileFo
                 ValueType::Table(inner) | ValueType::FileOrTable(inner),
                 toml::Value::Table(table),
             ) => {
-                assert_keys(at, table, format.section(inner), format);
+                assert_keys(location, table, format.section(inner), format);
             }
             (ValueType::Tables(inner), toml::Value::Array(tables)) => {
                 for table in tables {
-                    assert_keys(at, table.as_table().expect(name), format.section(inner), format);
+                    assert_keys(
+                        location,
+                        table.as_table().expect(name),
+                        format.section(inner),
+                        format,
+                    );
                 }
             }
             (ValueType::NamedTables(inner), toml::Value::Table(tables)) => {
                 for table in tables.values() {
-                    assert_keys(at, table.as_table().expect(name), format.section(inner), format);
+                    assert_keys(
+                        location,
+                        table.as_table().expect(name),
+                        format.section(inner),
+                        format,
+                    );
                 }
             }
             (ValueType::Table(_) | ValueType::Tables(_) | ValueType::NamedTables(_), _) => {
-                panic!("{at}: {name} = {value}")
+                panic!("{location}: {name} = {value}")
             }
             _ => {}
         }
@@ -285,13 +296,13 @@ impl Reader {
     fn perform_steps(&self) {
         let mut printed: Option<String> = None;
         for block in blocks(&page(&self.path)) {
-            let at = format!("{}:{}", self.path, block.line);
+            let location = format!("{}:{}", self.path, block.line);
             if let Some(name) = file_name(&block) {
                 let path = self.folder.path().join(name);
                 std::fs::create_dir_all(path.parent().unwrap()).unwrap();
                 std::fs::write(path, &block.text).unwrap();
             } else if block.language == "sh" {
-                printed = self.run(&at, &block);
+                printed = self.run(&location, &block);
                 continue;
             } else if block.language == "text"
                 && block.follows
@@ -299,7 +310,7 @@ impl Reader {
             {
                 assert!(
                     matches_pattern(&block.text, printed),
-                    "{at}: the output differs from the page:\n{printed}"
+                    "{location}: the output differs from the page:\n{printed}"
                 );
             }
             printed = None;
@@ -307,7 +318,7 @@ impl Reader {
     }
 
     /// Runs the commands of a block and returns their output. Returns `None` if not all of them can be run.
-    fn run(&self, at: &str, block: &Block) -> Option<String> {
+    fn run(&self, location: &str, block: &Block) -> Option<String> {
         let mut all = Some(String::new());
         for command in commands(block) {
             let python = command.starts_with("python3 ") && self.python.is_some();
@@ -317,7 +328,7 @@ impl Reader {
             }
             let (code, printed) = self.shell(&command);
             let expected = command.split_once("# exit code ").map_or("0", |(_, code)| code.trim());
-            assert_eq!(code.to_string(), expected, "{at}: `{command}`:\n{printed}");
+            assert_eq!(code.to_string(), expected, "{location}: `{command}`:\n{printed}");
             all = all.map(|all| all + &printed);
         }
         all
@@ -360,8 +371,8 @@ fn matches_pattern(pattern: &str, text: &str) -> bool {
     let Some(mut rest) = text.strip_prefix(parts.next().unwrap()) else { return false };
     let mut last = "";
     for part in parts {
-        let Some(at) = rest.find(part) else { return false };
-        rest = &rest[at + part.len()..];
+        let Some(offset) = rest.find(part) else { return false };
+        rest = &rest[offset + part.len()..];
         last = part;
     }
     // The part after the last `...` must be at the end, however often it occurred before.
@@ -433,9 +444,9 @@ const CPP: &str = "docs/how-to/cpp.md";
 #[ignore = "needs what tests/cpp/install installs"]
 fn cpp_law_page_runs_as_documented() {
     let reader = Reader::new(CPP, None);
-    let there = reader.folder.path();
-    std::fs::create_dir(there.join("target")).unwrap();
-    std::os::unix::fs::symlink(crate::cpp::library(), there.join("target/release")).unwrap();
+    let workspace = reader.folder.path();
+    std::fs::create_dir(workspace.join("target")).unwrap();
+    std::os::unix::fs::symlink(crate::cpp::library(), workspace.join("target/release")).unwrap();
     reader.perform_steps();
 }
 
@@ -443,8 +454,8 @@ fn cpp_law_page_runs_as_documented() {
 fn pages_show_their_example_files_verbatim() {
     let policy = ["policy.py", "train.py", "drive.py", "laws.toml"];
     let policy = policy.map(|name| {
-        let shown = format!("policy/{name}");
-        ("docs/how-to/policy.md", "#", shown, format!("bindings/python/examples/policy/{name}"))
+        let page_name = format!("policy/{name}");
+        ("docs/how-to/policy.md", "#", page_name, format!("bindings/python/examples/policy/{name}"))
     });
     let trained = ["train.py", "drive.py", "laws.toml"].map(|name| {
         (TRAIN, "#", format!("sb3/{name}"), format!("bindings/python/examples/sb3/{name}"))
@@ -453,9 +464,10 @@ fn pages_show_their_example_files_verbatim() {
     for (path, comment, name, example) in
         policy.into_iter().chain(trained).chain([(CPP, "//", "cpp/tanh.cpp".to_owned(), law)])
     {
-        let shown = blocks(&page(path));
-        let shown = shown.iter().find(|block| file_name(block) == Some(&name)).expect(&name);
-        assert_eq!(shown.text, format!("{comment} {name}\n{}", page(&example)), "{path}");
+        let file_blocks = blocks(&page(path));
+        let file_block =
+            file_blocks.iter().find(|block| file_name(block) == Some(&name)).expect(&name);
+        assert_eq!(file_block.text, format!("{comment} {name}\n{}", page(&example)), "{path}");
     }
 }
 
@@ -466,8 +478,8 @@ fn tutorial_pages_share_no_name_of_a_folder_or_run() {
     let summary = page("docs/SUMMARY.md");
     for path in summary.split(['(', ')']).filter(|part| part.starts_with("tutorial/")) {
         for command in blocks(&page(&format!("docs/{path}"))).iter().flat_map(commands) {
-            let words = split_arguments(&command);
-            for pair in words.windows(2).filter(|pair| ["new", "--out"].contains(&&*pair[0])) {
+            let arguments = split_arguments(&command);
+            for pair in arguments.windows(2).filter(|pair| ["new", "--out"].contains(&&*pair[0])) {
                 let before = names.insert(pair[1].clone(), path.to_owned());
                 assert!(before.is_none(), "{path} and {before:?} both make {}", pair[1]);
             }

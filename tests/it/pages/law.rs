@@ -102,11 +102,11 @@ fn custom_program_processes_run_an_unlisted_law() {
     let agent = in_place_of("agent", variables, "pages::law::unlisted_law_robot_process");
     let run = run_embedded(&agent, &["--set", "expect={}"]);
     assert_eq!(run.code, 0);
-    let foretold =
+    let predicted =
         oracle::simulate_with(&oracle::scenario("triangle", &[]), &|brief, incarnation| {
             Controller::with_parts(brief, incarnation, own::parts(brief).unwrap())
         });
-    assert_eq!(run.summary["trajectory_hash"].as_str(), foretold.trajectory_hash.as_deref());
+    assert_eq!(run.summary["trajectory_hash"].as_str(), predicted.trajectory_hash.as_deref());
     let error_m = run.summary["final_error_m_max"].as_f64().unwrap();
     assert!(error_m < 1e-2, "the robots converge: {error_m}");
 }

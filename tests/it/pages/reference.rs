@@ -7,8 +7,8 @@ use clap::CommandFactory as _;
 
 use crate::harness::{ExitsWith as _, ROOT, phalanx, run};
 
-fn run_phalanx(words: &[&str]) -> String {
-    phalanx(words).exits_with(0).stdout
+fn run_phalanx(arguments: &[&str]) -> String {
+    phalanx(arguments).exits_with(0).stdout
 }
 
 fn page(path: &str) -> String {
@@ -57,8 +57,8 @@ fn files_page_tables_equal_the_generated_tables() {
     assert_table("files.md", "`export/`", &outcome::recording::export::tables_reference());
 }
 
-/// Returns the backquoted words in the first column of the tables below a heading.
-fn words_of_tables(page: &str, heading: &str) -> Vec<String> {
+/// Returns the names in backquotes in the first column of the tables below a heading.
+fn names_in_tables(page: &str, heading: &str) -> Vec<String> {
     let (_, section) =
         page.split_once(&format!("\n## {heading}\n")).unwrap_or_else(|| panic!("{heading}"));
     let section = section.split("\n## ").next().unwrap();
@@ -141,13 +141,13 @@ fn files_page_lists_every_run_file_and_table_column() {
     {
         let text = ended.file(table);
         let columns: Vec<&str> = text.lines().next().unwrap().split(',').collect();
-        assert_eq!(words_of_tables(&page, &format!("`{table}`")), columns, "{table}");
+        assert_eq!(names_in_tables(&page, &format!("`{table}`")), columns, "{table}");
     }
-    let keys: BTreeSet<String> = words_of_tables(&page, "`summary.json`").into_iter().collect();
+    let keys: BTreeSet<String> = names_in_tables(&page, "`summary.json`").into_iter().collect();
     let found: BTreeSet<String> = ended.summary.as_object().unwrap().keys().cloned().collect();
     // Some keys are written only if they apply.
     assert!(found.is_subset(&keys), "{found:?} and {keys:?}");
-    let keys: BTreeSet<String> = words_of_tables(&page, "Each of `faults`").into_iter().collect();
+    let keys: BTreeSet<String> = names_in_tables(&page, "Each of `faults`").into_iter().collect();
     let fault = ended.summary["faults"][0].as_object().unwrap();
     assert_eq!(keys, fault.keys().cloned().collect());
     let kinds = ended.file("events.csv");
@@ -167,7 +167,7 @@ fn messages_page_lists_every_message_with_fields_in_order() {
         let mut lines = lines.map(str::trim);
         let name = lines.next().unwrap().split(' ').next().unwrap();
         let fields: Vec<&str> = lines.filter_map(|line| Some(line.split_once(": ")?.0)).collect();
-        assert_eq!(words_of_tables(&page, &format!("`{name}`")), fields, "{name}");
+        assert_eq!(names_in_tables(&page, &format!("`{name}`")), fields, "{name}");
         messages += 1;
     }
     assert!(messages >= 9, "{messages} messages");
@@ -193,7 +193,7 @@ fn exit_codes_page_matches_the_protocol() {
 fn scenarios_page_lists_every_shipped_scenario() {
     let page = page("scenarios.md");
     let mut named =
-        words_of_tables(&page.replace("# Shipped", "\n## Shipped"), "Shipped scenarios");
+        names_in_tables(&page.replace("# Shipped", "\n## Shipped"), "Shipped scenarios");
     let folder = std::fs::read_dir(format!("{ROOT}/scenarios")).unwrap();
     let files = folder.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let mut files: Vec<String> = files.filter(|name| name.ends_with(".toml")).collect();

@@ -39,10 +39,10 @@ fn page_shows_the_tested_role() {
 
 #[test]
 fn page_role_moves_like_contained_robots_until_stale() {
-    let houses = |faults: &[&str]| {
+    let built_in_hash = |faults: &[&str]| {
         oracle::simulate(&oracle::with_faults("containment", &SHORT_RUN, faults)).trajectory_hash
     };
-    assert_eq!(hash(&[]), houses(&[]));
+    assert_eq!(hash(&[]), built_in_hash(&[]));
     let cut = "cut r6->r1 @1 for 2";
-    assert_ne!(hash(&[cut]), houses(&[cut]));
+    assert_ne!(hash(&[cut]), built_in_hash(&[cut]));
 }

@@ -41,8 +41,9 @@ fn both_laws_behave_as_documented() {
     let errors: Vec<String> = commands
         .map(|command| {
             let command = command.replace('\'', "");
-            let words = command.split("--set ").skip(1);
-            let set: Vec<&str> = words.filter_map(|word| word.split_whitespace().next()).collect();
+            let assignments = command.split("--set ").skip(1);
+            let set: Vec<&str> =
+                assignments.filter_map(|assignment| assignment.split_whitespace().next()).collect();
             let scenario = expect_valid(build.read(path.to_str().unwrap(), &set, &[]));
             let measured = build.simulate(&scenario);
             assert!(measured.min_distance_m.unwrap() >= 0.3, "{command}");

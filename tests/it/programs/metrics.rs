@@ -42,23 +42,24 @@ fn numbers_of_a_program_are_in_summary_expectations_and_copy() {
     ended.exits_with(1).assert_leaves_nothing();
     let metrics = &ended.summary["metrics"];
     ended.assert_holds(metrics == &json!({ "samples": 11.0, "events": 2.0 }), metrics.to_string());
-    let held: Vec<_> = ended.summary["expectations"].as_array().unwrap().iter().collect();
-    let held: Vec<_> = held.iter().map(|one| (&one["name"], &one["held"])).collect();
+    let verdicts: Vec<_> = ended.summary["expectations"].as_array().unwrap().iter().collect();
+    let verdicts: Vec<_> = verdicts.iter().map(|one| (&one["name"], &one["held"])).collect();
     let expected = [
         (&json!("metrics.events.max"), &json!(false)),
         (&json!("metrics.samples.min"), &json!(true)),
     ];
-    ended.assert_holds(held == expected, format!("{held:?}"));
+    ended.assert_holds(verdicts == expected, format!("{verdicts:?}"));
     // The copy of the program gives the same summary.
     let run_root = RunRoot::new();
     let mut verify = phalanx(["verify"]);
     verify.arg(ended.run_dir()).arg("--allow-programs").env("PHALANX_RUN_ROOT", run_root.path());
     verify.exits_with(0);
     let mut refused = phalanx(["verify"]);
-    let said = refused.arg(ended.run_dir()).exits_with(2).stderr;
+    let stderr = refused.arg(ended.run_dir()).exits_with(2).stderr;
     assert!(
-        said.contains("starts a program from the run directory, ") && said.contains("metrics.sh"),
-        "{said}"
+        stderr.contains("starts a program from the run directory, ")
+            && stderr.contains("metrics.sh"),
+        "{stderr}"
     );
 }
 
@@ -131,11 +132,11 @@ fn campaign_has_equal_columns_in_process_and_by_processes() {
         sweep.args(more).env("PHALANX_RUN_ROOT", run_root.path()).exits_with(0);
         std::fs::read_to_string(folder.path().join(out).join("runs.csv")).unwrap()
     };
-    let (own, same) = (table("own", &[]), table("same", &["--in-process"]));
-    assert_eq!(own, same);
-    let header = own.lines().next().unwrap();
+    let (by_processes, in_process) = (table("own", &[]), table("same", &["--in-process"]));
+    assert_eq!(by_processes, in_process);
+    let header = by_processes.lines().next().unwrap();
     assert!(header.ends_with(",metrics.events,metrics.samples"), "{header}");
-    assert!(own.lines().skip(1).all(|line| line.ends_with(",2,11")), "{own}");
+    assert!(by_processes.lines().skip(1).all(|line| line.ends_with(",2,11")), "{by_processes}");
 }
 
 #[test]
@@ -148,8 +149,8 @@ fn hunt_misses_the_bound_of_a_program() {
     let mut hunt = phalanx(["hunt"]);
     hunt.arg(folder.path().join("own.toml")).arg("--out").arg(&out);
     hunt.args(["--runs", "20", "--vary", "starts"]).env("PHALANX_RUN_ROOT", run_root.path());
-    let said = hunt.exits_with(1);
-    assert!(said.stderr.contains("metrics that programs compute"), "{}", said.stderr);
+    let output = hunt.exits_with(1);
+    assert!(output.stderr.contains("metrics that programs compute"), "{}", output.stderr);
     let report = std::fs::read_to_string(out.join("hunt.json")).unwrap();
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(

@@ -116,9 +116,9 @@ fn real_time_freeze_stops_all_processes_and_thaw_resumes_them() {
         let run: Vec<u32> = frozen.iter().copied().filter(|&pid| may_run(pid)).collect();
         assert!(!frozen.is_empty() && run.is_empty(), "{name}: {run:?} of {frozen:?}");
         running.wait_for_event("thaw");
-        let began = Instant::now();
+        let start = Instant::now();
         while frozen.iter().any(|&pid| !may_run(pid)) {
-            assert!(began.elapsed() < WAIT_TIMEOUT, "{name}: they stand");
+            assert!(start.elapsed() < WAIT_TIMEOUT, "{name}: they stand");
             std::thread::sleep(Duration::from_millis(2));
         }
         running.signal(Signal::INT);
@@ -150,9 +150,9 @@ fn killed_supervisor_takes_wrapped_robot_processes_along() {
         running.wait_for_event("contact");
         let before = processes_of_r2(&running);
         running.signal(Signal::KILL);
-        let began = Instant::now();
+        let start = Instant::now();
         while before.iter().any(|&pid| may_run(pid)) {
-            assert!(began.elapsed() < WAIT_TIMEOUT, "{name}: {before:?}");
+            assert!(start.elapsed() < WAIT_TIMEOUT, "{name}: {before:?}");
             std::thread::sleep(Duration::from_millis(2));
         }
     }
@@ -170,8 +170,8 @@ fn total_memory_of_a_robots_processes_is_limited() {
     running.signal(Signal::INT);
     let ended = running.finish();
     ended.exits_with(130).assert_leaves_nothing();
-    let said = "MB together, above the limit of 150 MB (memory_max_mb); killing them";
-    ended.assert_holds(ended.stderr.contains(said), said);
+    let expected = "MB together, above the limit of 150 MB (memory_max_mb); killing them";
+    ended.assert_holds(ended.stderr.contains(expected), expected);
 }
 
 #[test]
@@ -202,8 +202,8 @@ fn robot_exit_status_is_that_of_the_wrapped_law() {
         let (_folder, run) = wrapped(script, "");
         let ended = run.lockstep().sets(never).finish();
         ended.exits_with(4).assert_leaves_nothing();
-        let said = format!("r2 died ({how}, before it was ready) and is not restarted");
-        ended.assert_holds(ended.stderr.contains(&said), said);
+        let expected = format!("r2 died ({how}, before it was ready) and is not restarted");
+        ended.assert_holds(ended.stderr.contains(&expected), expected);
     }
 }
 
@@ -220,19 +220,19 @@ fn commands_of_a_dead_incarnation_are_ignored() {
     let pid = hidden.id();
     let ended = running.finish();
     signal_pid(pid, Signal::KILL);
-    let said = hidden.wait_with_output().unwrap().stderr;
-    let said = String::from_utf8_lossy(&said);
+    let stderr = hidden.wait_with_output().unwrap().stderr;
+    let stderr = String::from_utf8_lossy(&stderr);
     ended.exits_with(0);
-    ended.assert_holds(said.contains("ready"), format!("it has taken part: {said}"));
+    ended.assert_holds(stderr.contains("ready"), format!("it has taken part: {stderr}"));
     let samples = ended.file("samples.csv");
     let header: Vec<&str> = samples.lines().next().unwrap_or_default().split(',').collect();
     let column = |name: &str| header.iter().position(|other| *other == name).expect(name);
     let [t, robot, x, y] = ["t_s", "robot", "x_m", "y_m"].map(column);
     let rows = samples.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
     let late = |row: &Vec<&str>| row[robot] == "r2" && row[t].parse::<f64>().unwrap() > 1.5;
-    let places: std::collections::BTreeSet<String> =
+    let positions: std::collections::BTreeSet<String> =
         rows.filter(late).map(|row| format!("{} {}", row[x], row[y])).collect();
-    ended.assert_holds(places.len() == 1, format!("r2 stands: {places:?}"));
+    ended.assert_holds(positions.len() == 1, format!("r2 stands: {positions:?}"));
 }
 
 /// Arguments that run a command under a seccomp filter by which the kernel refuses SIGKILL and SIGSTOP, as it does for
@@ -267,8 +267,8 @@ fn undeliverable_kill_or_freeze_ends_the_run_with_the_reason() {
             ]);
             let ended = Phalanx::new(command).fault(fault).finish();
             ended.exits_with(4);
-            let said = format!("r2 could not be {done}: {signal} was not sent to its process");
-            ended.assert_holds(ended.stderr.contains(&said), said);
+            let expected = format!("r2 could not be {done}: {signal} was not sent to its process");
+            ended.assert_holds(ended.stderr.contains(&expected), expected);
             crate::harness::wait_until_gone(&ended.run_dir());
         }
     }
@@ -291,10 +291,11 @@ fn own_arguments_and_folders_reach_the_program() {
     std::fs::create_dir_all(folder.path().join("mylaws/deep")).unwrap();
     std::fs::write(folder.path().join("mylaws/deep/gains.txt"), "0.1").unwrap();
     std::fs::write(folder.path().join("big.pt"), "").unwrap();
-    let said = folder.path().join("said");
-    let ended = run(folder.path()).env("PHALANX", PHALANX).env("SAID", &said).lockstep().finish();
+    let arguments_file = folder.path().join("said");
+    let ended =
+        run(folder.path()).env("PHALANX", PHALANX).env("SAID", &arguments_file).lockstep().finish();
     ended.exits_with(0).assert_leaves_nothing();
-    assert_eq!(std::fs::read_to_string(said).unwrap(), "--model big.pt --rate 3\n0.1");
+    assert_eq!(std::fs::read_to_string(arguments_file).unwrap(), "--model big.pt --rate 3\n0.1");
     ended.assert_holds(
         is_copied(&ended, "mylaws/deep/gains.txt") && is_copied(&ended, "big.pt"),
         "copied",

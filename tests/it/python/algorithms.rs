@@ -14,7 +14,7 @@ fn algorithm(name: &str) -> Phalanx {
 }
 
 /// Returns the final front point of each robot, m.
-fn ends(ended: &FinishedRun) -> BTreeMap<String, [f64; 2]> {
+fn end_points(ended: &FinishedRun) -> BTreeMap<String, [f64; 2]> {
     let samples = ended.file("samples.csv");
     let mut lines = samples.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -28,28 +28,28 @@ fn ends(ended: &FinishedRun) -> BTreeMap<String, [f64; 2]> {
 }
 
 /// Returns the distance of two points, m.
-fn gap_m(a: [f64; 2], b: [f64; 2]) -> f64 {
+fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 /// Runs an algorithm twice, and once with `fault`, and calls `check` for the first and the last run.
 #[track_caller]
 fn assert_reproducible(name: &str, fault: &str, check: impl Fn(&FinishedRun)) -> FinishedRun {
-    let [once, again] = [(); 2].map(|()| algorithm(name).finish());
-    for ended in [&once, &again] {
+    let [first, second] = [(); 2].map(|()| algorithm(name).finish());
+    for ended in [&first, &second] {
         ended.exits_with(0).assert_leaves_nothing();
     }
-    once.assert_holds(once.hash() == again.hash(), "both runs have the same trajectory hash");
+    first.assert_holds(first.hash() == second.hash(), "both runs have the same trajectory hash");
     let messages = |ended: &FinishedRun| ended.summary["message_hash"].clone();
-    once.assert_holds(messages(&once) == messages(&again), "and the same messages");
-    check(&once);
+    first.assert_holds(messages(&first) == messages(&second), "and the same messages");
+    check(&first);
     let killed = algorithm(name).fault(fault).finish();
     killed.exits_with(0).assert_leaves_nothing();
     let events = killed.file("events.csv");
     killed
         .assert_holds(events.contains(",ready,"), format!("the killed robot came back: {events}"));
     check(&killed);
-    once
+    first
 }
 
 #[test]
@@ -76,17 +76,17 @@ fn filtered_positions_have_a_tenth_of_the_measurement_noise() {
 /// Returns the rms distance of eight robots from their slots around the object at (1, 0.5), m.
 fn rms_slot_error_m(ended: &FinishedRun) -> f64 {
     let near = |(name, [x, y]): (String, [f64; 2])| {
-        let turn = std::f64::consts::TAU * (name[1..].parse::<f64>().unwrap() - 1.0) / 8.0;
-        gap_m([x - turn.cos(), y - turn.sin()], [1.0, 0.5]).powi(2)
+        let angle = std::f64::consts::TAU * (name[1..].parse::<f64>().unwrap() - 1.0) / 8.0;
+        distance_m([x - angle.cos(), y - angle.sin()], [1.0, 0.5]).powi(2)
     };
-    let squares: Vec<f64> = ends(ended).into_iter().map(near).collect();
+    let squares: Vec<f64> = end_points(ended).into_iter().map(near).collect();
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn resilient_filter_discards_false_messages_and_a_mean_does_not() {
-    let once = assert_reproducible("resilient-filter", "kill r5 @10 restart 0.5", |ended| {
+    let first = assert_reproducible("resilient-filter", "kill r5 @10 restart 0.5", |ended| {
         let rms_m = rms_slot_error_m(ended);
         ended.assert_holds(rms_m < 0.06, format!("rms of the places {rms_m} m"));
         ended.assert_holds(
@@ -99,26 +99,27 @@ fn resilient_filter_discards_false_messages_and_a_mean_does_not() {
     let rms_m = rms_slot_error_m(&misled);
     misled.assert_holds(rms_m > 2.0, format!("without the filter: {rms_m} m"));
     // Every kind of false data, to one receiver only and to all.
-    for lie in [
+    for false_data in [
         "lie r3->r4 scale -2 @5",
         "lie r3 beacons noise 3 @5 for 20",
         "lie r3 beacons offset -1 noise 0.5 by [0.5, 0.0] @2",
     ] {
-        let [lied, again] =
-            [(); 2].map(|()| algorithm("resilient-filter").set("fault=[]").fault(lie).finish());
-        lied.exits_with(0).assert_leaves_nothing();
-        lied.assert_holds(lied.hash() == again.hash(), "the same false data in both runs");
-        lied.assert_holds(lied.hash() != once.hash(), "another fault");
-        let rms_m = rms_slot_error_m(&lied);
-        lied.assert_holds(rms_m < 0.06, format!("{lie}: rms of the places {rms_m} m"));
+        let [falsified, second] = [(); 2]
+            .map(|()| algorithm("resilient-filter").set("fault=[]").fault(false_data).finish());
+        falsified.exits_with(0).assert_leaves_nothing();
+        falsified
+            .assert_holds(falsified.hash() == second.hash(), "the same false data in both runs");
+        falsified.assert_holds(falsified.hash() != first.hash(), "another fault");
+        let rms_m = rms_slot_error_m(&falsified);
+        falsified.assert_holds(rms_m < 0.06, format!("{false_data}: rms of the places {rms_m} m"));
     }
-    let flipped = algorithm("resilient-filter")
+    let bit_flipped = algorithm("resilient-filter")
         .sets(["fault=[]", "expect={}"])
         .fault("lie r3 beacons flips 0.02 @5")
         .finish();
-    flipped.exits_with(0).assert_leaves_nothing();
-    let rms_m = rms_slot_error_m(&flipped);
-    flipped.assert_holds(rms_m < 0.06, format!("inverted bits: rms of the places {rms_m} m"));
+    bit_flipped.exits_with(0).assert_leaves_nothing();
+    let rms_m = rms_slot_error_m(&bit_flipped);
+    bit_flipped.assert_holds(rms_m < 0.06, format!("inverted bits: rms of the places {rms_m} m"));
 }
 
 #[test]
@@ -132,40 +133,42 @@ fn auction_matches_robots_and_goals_optimally() {
         let goals: Vec<[f64; 2]> =
             goals.iter().map(|goal| [0, 1].map(|i| goal[i].as_float().unwrap())).collect();
         let starts: Vec<[f64; 2]> = (0..7).map(|i| [0.0, 0.8 * f64::from(i)]).collect();
-        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
-        let taken = |end: &[f64; 2]| goals.iter().position(|goal| gap_m(*goal, *end) < 1e-2);
-        let found: Vec<Option<usize>> = ends.iter().map(taken).collect();
-        let found_m: f64 = starts.iter().zip(&ends).map(|(start, end)| gap_m(*start, *end)).sum();
-        let best_m = shortest_m(&starts, &goals, &mut vec![false; 7]);
+        let end_points: Vec<[f64; 2]> = end_points(ended).into_values().collect();
+        let goal_of = |end: &[f64; 2]| goals.iter().position(|goal| distance_m(*goal, *end) < 1e-2);
+        let found: Vec<Option<usize>> = end_points.iter().map(goal_of).collect();
+        let found_m: f64 =
+            starts.iter().zip(&end_points).map(|(start, end)| distance_m(*start, *end)).sum();
+        let shortest = shortest_m(&starts, &goals, &mut vec![false; 7]);
         ended.assert_holds(
             found.iter().all(Option::is_some),
             format!("each robot is at a goal: {found:?}"),
         );
         ended.assert_holds(
-            (found_m - best_m).abs() < 0.014,
-            format!("{found_m} m, the optimum is {best_m} m"),
+            (found_m - shortest).abs() < 0.014,
+            format!("{found_m} m, the optimum is {shortest} m"),
         );
     });
 }
 
-/// Returns the smallest sum of distances of a matching of `starts` with the goals that are not `taken`, m.
-fn shortest_m(starts: &[[f64; 2]], goals: &[[f64; 2]], taken: &mut Vec<bool>) -> f64 {
+/// Returns the smallest sum of distances of a matching of `starts` with the goals that are not matched yet, m.
+fn shortest_m(starts: &[[f64; 2]], goals: &[[f64; 2]], is_matched: &mut Vec<bool>) -> f64 {
     let Some((start, others)) = starts.split_first() else { return 0.0 };
-    let mut best_m = f64::INFINITY;
+    let mut shortest = f64::INFINITY;
     for goal in 0..goals.len() {
-        if !taken[goal] {
-            taken[goal] = true;
-            best_m = best_m.min(gap_m(*start, goals[goal]) + shortest_m(others, goals, taken));
-            taken[goal] = false;
+        if !is_matched[goal] {
+            is_matched[goal] = true;
+            shortest = shortest
+                .min(distance_m(*start, goals[goal]) + shortest_m(others, goals, is_matched));
+            is_matched[goal] = false;
         }
     }
-    best_m
+    shortest
 }
 
 /// Returns the robots that stand 0.5 m in front of their places at the end.
 fn leaders(ended: &FinishedRun) -> Vec<String> {
-    let ends = ends(ended);
-    ends.into_iter().filter(|(_, [_, y])| *y > 0.49).map(|(name, _)| name).collect()
+    let end_points = end_points(ended);
+    end_points.into_iter().filter(|(_, [_, y])| *y > 0.49).map(|(name, _)| name).collect()
 }
 
 #[test]
@@ -197,14 +200,14 @@ fn admm_reaches_the_minimum_within_1e_6_also_after_a_restart() {
         weights += weight;
         (0..2).for_each(|i| sums[i] += weight * robot["params"]["a_m"][i].as_float().unwrap());
     }
-    let minimum = sums.map(|sum| sum / weights);
+    let optimum = sums.map(|sum| sum / weights);
     assert_reproducible("admm", "kill r3 @5 restart 0.5", |ended| {
-        for (name, [x, y]) in ends(ended) {
-            let turn = std::f64::consts::TAU * (name[1..].parse::<f64>().unwrap() - 1.0) / 6.0;
-            let off_m = gap_m([x - turn.cos(), y - turn.sin()], minimum);
+        for (name, [x, y]) in end_points(ended) {
+            let angle = std::f64::consts::TAU * (name[1..].parse::<f64>().unwrap() - 1.0) / 6.0;
+            let error_m = distance_m([x - angle.cos(), y - angle.sin()], optimum);
             ended.assert_holds(
-                off_m < 2e-6,
-                format!("{name} is {off_m} m from its place at the minimum"),
+                error_m < 2e-6,
+                format!("{name} is {error_m} m from its place at the minimum"),
             );
         }
     });
@@ -213,10 +216,11 @@ fn admm_reaches_the_minimum_within_1e_6_also_after_a_restart() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn event_triggered_robots_meet_with_few_messages() {
-    let once = assert_reproducible("event-triggered", "kill r3 @5 restart 0.5", |ended| {
-        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
-        let wide_m = ends.iter().map(|end| gap_m(*end, ends[0])).fold(0.0, f64::max);
-        ended.assert_holds(wide_m < 0.02, format!("all within {wide_m} m"));
+    let first = assert_reproducible("event-triggered", "kill r3 @5 restart 0.5", |ended| {
+        let end_points: Vec<[f64; 2]> = end_points(ended).into_values().collect();
+        let spread_m =
+            end_points.iter().map(|end| distance_m(*end, end_points[0])).fold(0.0, f64::max);
+        ended.assert_holds(spread_m < 0.02, format!("all within {spread_m} m"));
         for name in ["r1", "r2", "r3", "r4", "r5"] {
             let [beacons, messages] =
                 ["beacons", "messages"].map(|what| ended.number(&format!("/{what}_sent/{name}")));
@@ -227,8 +231,8 @@ fn event_triggered_robots_meet_with_few_messages() {
             );
         }
     });
-    once.assert_holds(
-        once.summary["converged_at_s"].is_null(),
+    first.assert_holds(
+        first.summary["converged_at_s"].is_null(),
         "without a target nothing is judged",
     );
     // Thresholds of 0: each robot sends at each sample.
@@ -239,15 +243,27 @@ fn event_triggered_robots_meet_with_few_messages() {
         let sent =
             ["r1", "r2", "r3", "r4", "r5"].map(|n| ended.number(&format!("/messages_sent/{n}")));
         // The mean of the starts.
-        let off_m = ends(ended).into_values().map(|end| gap_m(end, [0.8, 0.6]));
-        (sent, off_m.fold(0.0, f64::max))
+        let error_m = end_points(ended).into_values().map(|end| distance_m(end, [0.8, 0.6]));
+        (sent, error_m.fold(0.0, f64::max))
     };
-    let ((few, cost_m), (all, off_m)) = (figures(&once), figures(&periodic));
-    println!("event-triggered: messages {few:?}, off the mean by {cost_m} m");
-    println!("periodic: messages {all:?}, off the mean by {off_m} m");
-    periodic.assert_holds(all.iter().all(|sent| *sent >= 2000.0), format!("{all:?} of 3,000"));
-    once.assert_holds(cost_m < off_m + 0.01, format!("{cost_m} m, periodic {off_m} m"));
-    once.assert_holds(once.stdout.contains(" sent with "), "the screen has the number of messages");
+    let ((triggered_counts, triggered_error_m), (periodic_counts, error_m)) =
+        (figures(&first), figures(&periodic));
+    println!(
+        "event-triggered: messages {triggered_counts:?}, off the mean by {triggered_error_m} m"
+    );
+    println!("periodic: messages {periodic_counts:?}, off the mean by {error_m} m");
+    periodic.assert_holds(
+        periodic_counts.iter().all(|sent| *sent >= 2000.0),
+        format!("{periodic_counts:?} of 3,000"),
+    );
+    first.assert_holds(
+        triggered_error_m < error_m + 0.01,
+        format!("{triggered_error_m} m, periodic {error_m} m"),
+    );
+    first.assert_holds(
+        first.stdout.contains(" sent with "),
+        "the screen has the number of messages",
+    );
 }
 
 #[test]
@@ -256,8 +272,8 @@ fn trained_policy_drives_robots_into_their_slots() {
     assert_reproducible("policy", "kill r3 @15 restart 0.5", |ended| {
         let error_m = ended.number("/final_error_m_max");
         ended.assert_holds(error_m < 1e-3, format!("{error_m} m"));
-        let least_m = ended.number("/min_distance_m");
-        ended.assert_holds(least_m >= 0.2, format!("{least_m} m of 0.2 m"));
+        let min_distance_m = ended.number("/min_distance_m");
+        ended.assert_holds(min_distance_m >= 0.2, format!("{min_distance_m} m of 0.2 m"));
     });
 }
 
@@ -265,8 +281,8 @@ fn trained_policy_drives_robots_into_their_slots() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn predictive_control_keeps_the_distance_by_plans_alone() {
     assert_reproducible("mpc", "kill r3 @20 restart 1", |ended| {
-        let least_m = ended.number("/min_distance_m");
-        ended.assert_holds(least_m >= 0.4, format!("{least_m} m of 0.4 m"));
+        let min_distance_m = ended.number("/min_distance_m");
+        ended.assert_holds(min_distance_m >= 0.4, format!("{min_distance_m} m of 0.4 m"));
         let error_m = ended.number("/final_error_m_max");
         ended.assert_holds(error_m < 0.02, format!("all are at their goals: {error_m} m"));
     });
@@ -276,12 +292,16 @@ fn predictive_control_keeps_the_distance_by_plans_alone() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn consensus_meets_in_the_predicted_weighted_mean() {
     assert_reproducible("consensus", "kill r3 @15 restart 0.5", |ended| {
-        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
-        let wide_m = ends.iter().map(|end| gap_m(*end, ends[0])).fold(0.0, f64::max);
-        ended.assert_holds(wide_m < 1e-3, format!("all within {wide_m} m"));
+        let end_points: Vec<[f64; 2]> = end_points(ended).into_values().collect();
+        let spread_m =
+            end_points.iter().map(|end| distance_m(*end, end_points[0])).fold(0.0, f64::max);
+        ended.assert_holds(spread_m < 1e-3, format!("all within {spread_m} m"));
         // The left null vector of the weighted Laplacian is (3, 1, 1, 3) / 8.
-        let off_m = gap_m(ends[0], CONSENSUS_M);
-        ended.assert_holds(off_m < 0.01, format!("{off_m} m from the prediction, {ends:?}"));
+        let error_m = distance_m(end_points[0], CONSENSUS_M);
+        ended.assert_holds(
+            error_m < 0.01,
+            format!("{error_m} m from the prediction, {end_points:?}"),
+        );
     });
 }
 
@@ -292,40 +312,40 @@ const CONSENSUS_M: [f64; 2] = [0.25, 0.875];
 #[ignore = "needs the package that tests/python/install installs"]
 fn pursuing_robots_circle_with_equal_radii() {
     assert_reproducible("pursuit", "kill r3 @38 restart 0.1", |ended| {
-        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
-        let center = [0, 1].map(|i| ends.iter().map(|end| end[i]).sum::<f64>() / 5.0);
-        let radii: Vec<f64> = ends.iter().map(|end| gap_m(*end, center)).collect();
-        let [least, most] =
+        let end_points: Vec<[f64; 2]> = end_points(ended).into_values().collect();
+        let center = [0, 1].map(|i| end_points.iter().map(|end| end[i]).sum::<f64>() / 5.0);
+        let radii: Vec<f64> = end_points.iter().map(|end| distance_m(*end, center)).collect();
+        let [minimum, maximum] =
             [f64::min, f64::max].map(|pick| radii.iter().copied().reduce(pick).unwrap());
-        ended.assert_holds(least > 0.3 && most < 1.2 * least, format!("radii {radii:?}"));
+        ended.assert_holds(minimum > 0.3 && maximum < 1.2 * minimum, format!("radii {radii:?}"));
     });
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn distances_form_a_square_and_nothing_is_judged() {
-    let once = assert_reproducible("distances", "kill r3 @5 restart 0.5", |ended| {
-        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
-        for (i, j, wanted_m) in [(0, 1, 1.0), (1, 2, 1.0), (2, 3, 1.0), (0, 2, 2f64.sqrt())] {
-            let off_m = (gap_m(ends[i], ends[j]) - wanted_m).abs();
-            ended.assert_holds(off_m < 1e-6, format!("{off_m} m"));
+    let first = assert_reproducible("distances", "kill r3 @5 restart 0.5", |ended| {
+        let end_points: Vec<[f64; 2]> = end_points(ended).into_values().collect();
+        for (i, j, desired_m) in [(0, 1, 1.0), (1, 2, 1.0), (2, 3, 1.0), (0, 2, 2f64.sqrt())] {
+            let error_m = (distance_m(end_points[i], end_points[j]) - desired_m).abs();
+            ended.assert_holds(error_m < 1e-6, format!("{error_m} m"));
         }
     });
-    once.assert_holds(once.summary["is_unjudged"] == true, "no error, no convergence");
-    let error_m = once.number("/metrics/distance_error_m");
-    once.assert_holds(error_m < 1e-6, format!("the metric of the scenario: {error_m} m"));
-    let lines: Vec<&str> = once.stdout.lines().filter(|line| line.contains("converged")).collect();
-    once.assert_holds(lines.is_empty(), format!("{lines:?}"));
+    first.assert_holds(first.summary["is_unjudged"] == true, "no error, no convergence");
+    let error_m = first.number("/metrics/distance_error_m");
+    first.assert_holds(error_m < 1e-6, format!("the metric of the scenario: {error_m} m"));
+    let lines: Vec<&str> = first.stdout.lines().filter(|line| line.contains("converged")).collect();
+    first.assert_holds(lines.is_empty(), format!("{lines:?}"));
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn bearings_form_a_house_on_two_anchors() {
     assert_reproducible("bearings", "kill r3 @5 restart 0.5", |ended| {
-        let places = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 1.8]];
-        for ((name, end), place) in ends(ended).into_iter().zip(places) {
-            let off_m = gap_m(end, place);
-            ended.assert_holds(off_m < 1e-6, format!("{name} is {off_m} m from its place"));
+        let positions = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 1.8]];
+        for ((name, end), position) in end_points(ended).into_iter().zip(positions) {
+            let error_m = distance_m(end, position);
+            ended.assert_holds(error_m < 1e-6, format!("{name} is {error_m} m from its place"));
         }
     });
 }
@@ -334,10 +354,10 @@ fn bearings_form_a_house_on_two_anchors() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn flock_stays_connected_with_equal_velocities() {
     assert_reproducible("flocking", "kill r3 @5 restart 0.5", |ended| {
-        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
-        for (i, end) in ends.iter().enumerate() {
-            let others = ends.iter().enumerate().filter(|(j, _)| *j != i);
-            let nearest_m = others.map(|(_, other)| gap_m(*end, *other)).fold(9.0, f64::min);
+        let end_points: Vec<[f64; 2]> = end_points(ended).into_values().collect();
+        for (i, end) in end_points.iter().enumerate() {
+            let others = end_points.iter().enumerate().filter(|(j, _)| *j != i);
+            let nearest_m = others.map(|(_, other)| distance_m(*end, *other)).fold(9.0, f64::min);
             ended
                 .assert_holds((0.3..0.9).contains(&nearest_m), format!("nearest at {nearest_m} m"));
         }
@@ -346,7 +366,7 @@ fn flock_stays_connected_with_equal_velocities() {
         let samples = ended.file("samples.csv");
         let header: Vec<&str> = samples.lines().next().unwrap().split(',').collect();
         let speed = header.iter().position(|&column| column == "v_m_s").unwrap();
-        for line in samples.lines().rev().take(ends.len()) {
+        for line in samples.lines().rev().take(end_points.len()) {
             let v_m_s: f64 = line.split(',').nth(speed).unwrap().parse().unwrap();
             ended.assert_holds((v_m_s - 0.1).abs() < 1e-3, format!("all move at 0.1 m/s: {line}"));
         }
@@ -370,7 +390,7 @@ fn coverage_converges_to_the_centroids() {
         let report = ended.file("report.html");
         ended.assert_holds(report.contains("figures/signals.svg"), "the report has the figure");
         ended.assert_holds(ended.file("figures/signals.svg").contains(">cost_m2<"), "of the cost");
-        for (name, end) in ends(ended) {
+        for (name, end) in end_points(ended) {
             ended.assert_holds(
                 end.iter().all(|x| (0.0..1.0).contains(x)),
                 format!("{name}: {end:?}"),
@@ -514,8 +534,8 @@ fn exchange(folder: &std::path::Path, of_numbers: bool) -> Phalanx {
 #[ignore = "needs the package that tests/python/install installs"]
 fn ten_thousand_drawn_messages_arrive_as_they_were_sent() {
     let folder = tempfile::tempdir().unwrap();
-    let [once, again] = [(); 2].map(|()| exchange(folder.path(), false).lockstep().finish());
-    for ended in [&once, &again] {
+    let [first, second] = [(); 2].map(|()| exchange(folder.path(), false).lockstep().finish());
+    for ended in [&first, &second] {
         ended.exits_with(0).assert_leaves_nothing();
         for name in ["r1", "r2"] {
             let count = |what: &str| ended.number(&format!("/messages_{what}/{name}"));
@@ -525,13 +545,13 @@ fn ten_thousand_drawn_messages_arrive_as_they_were_sent() {
         ended.assert_holds(ended.number("/metrics/seen") >= 4998.0, "the law saw each of them");
     }
     let hash = |ended: &FinishedRun| ended.summary["message_hash"].clone();
-    once.assert_holds(hash(&once) == hash(&again), "the same messages");
+    first.assert_holds(hash(&first) == hash(&second), "the same messages");
     // Inverted bits: what arrives still has a permitted length, and no process fails.
-    let flipped = exchange(folder.path(), false).lockstep();
-    let flipped = flipped.set("laws.exchange.params.kind=falsified");
-    let flipped = flipped.fault("lie * beacons flips 0.5 @0").finish();
-    flipped.exits_with(0).assert_leaves_nothing();
-    flipped.assert_holds(hash(&flipped) == hash(&once), "the same messages were sent");
+    let bit_flipped = exchange(folder.path(), false).lockstep();
+    let bit_flipped = bit_flipped.set("laws.exchange.params.kind=falsified");
+    let bit_flipped = bit_flipped.fault("lie * beacons flips 0.5 @0").finish();
+    bit_flipped.exits_with(0).assert_leaves_nothing();
+    bit_flipped.assert_holds(hash(&bit_flipped) == hash(&first), "the same messages were sent");
     let numbers = exchange(folder.path(), true).lockstep();
     let numbers = numbers.fault("lie * beacons flips 0.2 @0").finish();
     numbers.exits_with(0).assert_leaves_nothing();
@@ -545,25 +565,27 @@ fn messages_that_no_law_processes_are_counted() {
     let folder = tempfile::tempdir().unwrap();
     // Without odometry r2 calls no law for 10 ticks, and keeps the newest 4 messages.
     let set = ["duration_s=1.0", "period_s=0.01"];
-    let blind = exchange(folder.path(), true).lockstep().sets(set);
-    let blind = blind.fault("blackout r2 odometry @0.2 for 0.1").finish();
-    blind.exits_with(0).assert_leaves_nothing();
-    let dropped = blind.number("/messages_dropped/r2");
-    blind.assert_holds((5.0..=7.0).contains(&dropped), format!("{dropped} dropped"));
-    blind.assert_holds(blind.number("/messages_dropped/r1") == 0.0, "none of r1");
+    let without_odometry = exchange(folder.path(), true).lockstep().sets(set);
+    let without_odometry = without_odometry.fault("blackout r2 odometry @0.2 for 0.1").finish();
+    without_odometry.exits_with(0).assert_leaves_nothing();
+    let dropped = without_odometry.number("/messages_dropped/r2");
+    without_odometry.assert_holds((5.0..=7.0).contains(&dropped), format!("{dropped} dropped"));
+    without_odometry
+        .assert_holds(without_odometry.number("/messages_dropped/r1") == 0.0, "none of r1");
     let frozen = exchange(folder.path(), true).lockstep().sets(set);
     let frozen = frozen.fault("freeze r2 @0.2 for 0.5").finish();
     frozen.exits_with(0).assert_leaves_nothing();
     let dropped = frozen.number("/messages_dropped/r2");
     frozen
         .assert_holds((45.0..=51.0).contains(&dropped), format!("{dropped} dropped while frozen"));
-    let live = exchange(folder.path(), true).args(["--pace", "realtime"]).sets(set);
-    let live = live.fault("freeze r2 @0.2 for 0.5").finish();
-    live.exits_with(0).assert_leaves_nothing();
-    let dropped = live.number("/messages_dropped/r2");
-    live.assert_holds(
+    let realtime = exchange(folder.path(), true).args(["--pace", "realtime"]).sets(set);
+    let realtime = realtime.fault("freeze r2 @0.2 for 0.5").finish();
+    realtime.exits_with(0).assert_leaves_nothing();
+    let dropped = realtime.number("/messages_dropped/r2");
+    realtime.assert_holds(
         (1.0..=51.0).contains(&dropped),
         format!("{dropped} dropped by the queue of 16"),
     );
-    live.assert_holds(live.stdout.contains("messages dropped"), "the screen has the number");
+    realtime
+        .assert_holds(realtime.stdout.contains("messages dropped"), "the screen has the number");
 }

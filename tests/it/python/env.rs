@@ -8,9 +8,9 @@ use super::{ROOT, python};
 
 /// Returns the output of a script of tests/python/env.
 #[track_caller]
-fn script(name: &str, words: &[&str]) -> String {
+fn script(name: &str, arguments: &[&str]) -> String {
     let path = format!("{ROOT}/tests/python/env/{name}.py");
-    python(&[&[path.as_str()], words].concat()).exits_with(0).stdout
+    python(&[&[path.as_str()], arguments].concat()).exits_with(0).stdout
 }
 
 fn shipped(name: &str) -> String {
@@ -45,10 +45,10 @@ fn env_with_built_in_velocities_equals_the_process_run() {
         let ended = faults.iter().fold(run, |run, fault| run.fault(fault)).finish();
         ended.exits_with(0);
         let path = shipped(name);
-        let words = [&[path.as_str(), agents, "duration_s=6", set], faults].concat();
-        let printed = script("same", &words);
+        let arguments = [&[path.as_str(), agents, "duration_s=6", set], faults].concat();
+        let printed = script("same", &arguments);
         let (hash, rewards) = printed.trim().split_once(' ').unwrap();
-        ended.assert_holds(ended.hash() == hash, format!("{name} {words:?}: {hash}"));
+        ended.assert_holds(ended.hash() == hash, format!("{name} {arguments:?}: {hash}"));
         assert!(rewards.parse::<f64>().unwrap() < 0.0, "errors cost: {rewards}");
     }
 }
@@ -122,8 +122,8 @@ fn environment_from_invalid_input_is_refused_with_the_reason() {
          def step(e, **actions):\n    e.reset()\n    e.step(actions)\n"
     );
     for (line, error, part) in cases {
-        let said = python(&["-c", &format!("{head}{line}")]).exits_with(1).stderr;
-        assert!(said.contains(error) && said.contains(part), "{line}: {said}");
+        let stderr = python(&["-c", &format!("{head}{line}")]).exits_with(1).stderr;
+        assert!(stderr.contains(error) && stderr.contains(part), "{line}: {stderr}");
     }
 }
 
@@ -133,8 +133,8 @@ fn missing_pettingzoo_is_reported_with_the_packages() {
     let hidden = "import sys; sys.modules['pettingzoo'] = None\n\
                   import phalanx; phalanx.parallel_env('x.toml')";
     let output = python(&["-c", hidden]).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.contains("pip install pettingzoo gymnasium numpy"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(stderr.contains("pip install pettingzoo gymnasium numpy"), "{stderr}");
 }
 
 #[test]

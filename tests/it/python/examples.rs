@@ -22,13 +22,13 @@ fn assert_expected_result(ended: &FinishedRun) {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn wheeled_triangle_converges_below_2_cm_repeatably() {
-    let [once, again] = [(); 2].map(|()| example("mujoco/triangle").lockstep().finish());
-    assert_expected_result(&once);
-    let error_m = once.number("/final_error_m_max");
-    once.assert_holds(error_m < 0.02, format!("they are at their places: {error_m} m"));
-    once.assert_holds(once.hash() == again.hash(), format!("as {}", again.hash()));
+    let [first, second] = [(); 2].map(|()| example("mujoco/triangle").lockstep().finish());
+    assert_expected_result(&first);
+    let error_m = first.number("/final_error_m_max");
+    first.assert_holds(error_m < 0.02, format!("they are at their places: {error_m} m"));
+    first.assert_holds(first.hash() == second.hash(), format!("as {}", second.hash()));
     let built_in = crate::harness::run("triangle").lockstep().finish();
-    once.assert_holds(once.hash() != built_in.hash(), "on another plant");
+    first.assert_holds(first.hash() != built_in.hash(), "on another plant");
 }
 
 #[test]
@@ -62,9 +62,9 @@ fn assert_goals_are_reached(ended: &FinishedRun, d_m: f64) {
 /// Runs the scenario twice, and asserts its result and that the runs are the same.
 #[track_caller]
 fn assert_goals_are_reached_repeatably(name: &str, d_m: f64) {
-    let [once, again] = [(); 2].map(|()| example(name).lockstep().finish());
-    assert_goals_are_reached(&once, d_m);
-    once.assert_holds(once.hash() == again.hash(), format!("as {}", again.hash()));
+    let [first, second] = [(); 2].map(|()| example(name).lockstep().finish());
+    assert_goals_are_reached(&first, d_m);
+    first.assert_holds(first.hash() == second.hash(), format!("as {}", second.hash()));
 }
 
 /// Runs the scenario with a kill and a restart, and asserts its result.
@@ -124,14 +124,14 @@ fn serial_robots_move_and_leave_no_process() {
     let x_m =
         |line: Option<&str>| -> f64 { line.unwrap().split(',').nth(2).unwrap().parse().unwrap() };
     let ahead = || samples.lines().filter(|line| line.contains(",ahead,"));
-    let went_m = (x_m(ahead().next_back()) - x_m(ahead().next())).abs();
-    ended.assert_holds(went_m > 0.005, format!("it moved along its circle: {went_m} m in x"));
+    let moved_m = (x_m(ahead().next_back()) - x_m(ahead().next())).abs();
+    ended.assert_holds(moved_m > 0.005, format!("it moved along its circle: {moved_m} m in x"));
     let programs = ended.run_dir().join("programs");
     let stub = programs.join("stub.py");
-    let began = std::time::Instant::now();
+    let start = std::time::Instant::now();
     while is_run(&stub) {
         ended.assert_holds(
-            began.elapsed().as_secs() < 60,
+            start.elapsed().as_secs() < 60,
             "the robots of software end with the line",
         );
         std::thread::sleep(std::time::Duration::from_millis(5));
@@ -156,9 +156,9 @@ fn robots_away_from_their_start_poses_are_not_driven() {
     }
     let driver = folder.path().join("driver.py");
     let text = std::fs::read_to_string(&driver).unwrap();
-    let elsewhere = text.replace("(robot.start.x_m, ", "(robot.start.x_m + 0.1, ");
-    assert_ne!(text, elsewhere);
-    std::fs::write(&driver, elsewhere).unwrap();
+    let shifted_text = text.replace("(robot.start.x_m, ", "(robot.start.x_m + 0.1, ");
+    assert_ne!(text, shifted_text);
+    std::fs::write(&driver, shifted_text).unwrap();
     let mut command = installed();
     command.arg("run").arg(folder.path().join("pair.toml"));
     let ended = Phalanx::new(command).finish();
@@ -168,8 +168,8 @@ fn robots_away_from_their_start_poses_are_not_driven() {
 
 /// Returns whether a process was started with this file.
 fn is_run(file: &Path) -> bool {
-    let words = |entry: std::fs::DirEntry| std::fs::read(entry.path().join("cmdline")).ok();
-    let lines = std::fs::read_dir("/proc").unwrap().flatten().filter_map(words);
+    let command_line = |entry: std::fs::DirEntry| std::fs::read(entry.path().join("cmdline")).ok();
+    let lines = std::fs::read_dir("/proc").unwrap().flatten().filter_map(command_line);
     let file = file.as_os_str().as_encoded_bytes();
     lines.into_iter().any(|line| line.windows(file.len()).any(|part| part == file))
 }

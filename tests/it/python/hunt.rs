@@ -12,7 +12,7 @@ const CROSSING: &str =
 #[ignore = "needs the package that tests/python/install installs"]
 fn table_function_agrees_with_expectation_and_processes() {
     let workspace = Workspace::new();
-    let said = workspace.run_program(&format!(
+    let output = workspace.run_program(&format!(
         "def spacing(run): return run.pairs.min_distance_m.min() / 0.2 - 1\n\
          own = phalanx.hunt({CROSSING}, margin=spacing, runs=100, out='own')\n\
          same = phalanx.hunt({CROSSING}, runs=100, out='same')\n\
@@ -22,9 +22,9 @@ fn table_function_agrees_with_expectation_and_processes() {
          print(abs(spacing(own.run) - own.document['margin_of_file']) < 1e-12, own.run.report.exists())\n\
          print(own.document['trajectory_hash'], sorted(path.name for path in own.path.glob('asked*')))"
     ));
-    let (words, last) = said.trim_end().rsplit_once('\n').unwrap();
+    let (report_text, last) = output.trim_end().rsplit_once('\n').unwrap();
     let expected = "True True True\nTrue\nspacing spacing antipodal-8-spacing.toml\nTrue True";
-    assert_eq!(words, expected);
+    assert_eq!(report_text, expected);
     let (hash, left) = last.split_once(' ').unwrap();
     assert_eq!(left, "[]");
     let found = workspace.folder.path().join("own/found/antipodal-8-spacing.toml");
@@ -42,7 +42,7 @@ fn table_function_agrees_with_expectation_and_processes() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn function_errors_propagate_and_non_numbers_are_reported() {
     let workspace = Workspace::new();
-    let said = workspace.run_program(&format!(
+    let output = workspace.run_program(&format!(
         "def broken(run): return run.summary['no such key']\n\
          try: phalanx.hunt({CROSSING}, margin=broken, runs=8)\n\
          except KeyError as error: print(error)\n\
@@ -52,8 +52,8 @@ fn function_errors_propagate_and_non_numbers_are_reported() {
          try: phalanx.hunt({CROSSING}, vary=['start'])\n\
          except phalanx.RunError as error: print(error.code, error)"
     ));
-    let lines: Vec<&str> = said.lines().collect();
-    let [raised, no_number, none, refused, ..] = lines[..] else { panic!("{said}") };
+    let lines: Vec<&str> = output.lines().collect();
+    let [raised, no_number, none, refused, ..] = lines[..] else { panic!("{output}") };
     assert_eq!(raised, "'no such key'");
     assert_eq!(no_number, "RunError error: <lambda> is \"nan\", but must be a number");
     assert!(none.starts_with("TypeError ") && none.contains("NoneType"), "{none}");
@@ -116,7 +116,7 @@ fn workspace_with_defect(defect: &str) -> Workspace {
 #[ignore = "needs the package that tests/python/install installs"]
 fn defect_of_a_python_law_is_found_shrunk_and_replayed() {
     let workspace = workspace_with_defect("k = -k");
-    let said = workspace.run_program(
+    let output = workspace.run_program(
         "hunt = phalanx.hunt('seekers.toml', runs=40, out='out')\n\
          d = hunt.document\n\
          print(hunt.found, d['expectation'], d['starts'], d['faults'], d['margin_of_file'] < 0)\n\
@@ -125,7 +125,7 @@ fn defect_of_a_python_law_is_found_shrunk_and_replayed() {
          print(hashes == {d['trajectory_hash']}, replay.held)\n\
          print(hunt.run.report.exists(), (hunt.path / 'runs').exists())",
     );
-    assert_eq!(said, "True final_error_m_max 1 0 True\nTrue False\nTrue False\n");
+    assert_eq!(output, "True final_error_m_max 1 0 True\nTrue False\nTrue False\n");
     // The journal continues the hunt, and a changed law is another hunt.
     let hunt = || {
         let mut hunt = installed();
@@ -141,8 +141,8 @@ fn defect_of_a_python_law_is_found_shrunk_and_replayed() {
     assert_eq!(before, after);
     std::fs::write(workspace.folder.path().join("seek.py"), SEEK.replace("DEFECT", "k = 0"))
         .unwrap();
-    let said = hunt().exits_with(2).stderr;
-    assert!(said.contains("another hunt"), "{said}");
+    let output = hunt().exits_with(2).stderr;
+    assert!(output.contains("another hunt"), "{output}");
 }
 
 /// Robot r2, which goes to the point that it receives from r1.
@@ -199,7 +199,7 @@ fn hunt_finds_false_messages_and_replays_them() {
     std::fs::write(folder.join("followers.toml"), FOLLOWERS).unwrap();
     std::fs::write(folder.join("follow.py"), FOLLOW).unwrap();
     // The law ignores the positions in beacons: only a lie in messages misleads it.
-    let said = workspace.run_program(
+    let output = workspace.run_program(
         "hunt = phalanx.hunt('followers.toml', runs=100, out='out')\n\
          d = hunt.document\n\
          print(hunt.found, d['expectation'], d['faults'], d['margin_of_file'] < 0)\n\
@@ -209,18 +209,18 @@ fn hunt_finds_false_messages_and_replays_them() {
          hashes = {run.summary['trajectory_hash'] for run in (replay, hunt.run)}\n\
          print(hashes == {d['trajectory_hash']}, replay.held)",
     );
-    assert_eq!(said, "True final_error_m_max 1 True\nTrue False\nTrue False\n");
+    assert_eq!(output, "True final_error_m_max 1 True\nTrue False\nTrue False\n");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn python_law_that_raises_misses_failed_robots() {
     let workspace = workspace_with_defect("raise ValueError('too far')");
-    let said = workspace.run_program(
+    let output = workspace.run_program(
         "def margin(run): return 1 - run.samples.error_m.dropna().max() / 100\n\
          hunt = phalanx.hunt('seekers.toml', margin=margin, runs=40, expect={})\n\
          print(hunt.found, hunt.document['expectation'], hunt.document['starts'])\n\
          print(hunt.document['what'].split(' (')[0])",
     );
-    assert_eq!(said, "True failed_robots 1\nfailed_robots is 1\n");
+    assert_eq!(output, "True failed_robots 1\nfailed_robots is 1\n");
 }

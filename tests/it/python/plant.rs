@@ -53,8 +53,8 @@ fn pose_only_plant_moves_robots_the_same_distance() {
     ended.exits_with(0).assert_leaves_nothing();
     for robot in ["r1", "r2", "r3"] {
         let error = |ended: &FinishedRun| ended.number(&format!("/final_error_m/{robot}"));
-        let off_m = (error(&ended) - error(&same)).abs();
-        ended.assert_holds(off_m < 1e-12, format!("{robot} is off by {off_m} m"));
+        let error_m = (error(&ended) - error(&same)).abs();
+        ended.assert_holds(error_m < 1e-12, format!("{robot} is off by {error_m} m"));
     }
 }
 

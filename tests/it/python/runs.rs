@@ -23,8 +23,8 @@ impl Workspace {
 
     /// Runs Python, which must exit with 0, and returns its output.
     #[track_caller]
-    pub(super) fn python(&self, words: &[&str]) -> String {
-        let mut command = python(words);
+    pub(super) fn python(&self, arguments: &[&str]) -> String {
+        let mut command = python(arguments);
         command.current_dir(self.folder.path()).env("PHALANX_RUN_ROOT", self.run_root.path());
         command.exits_with(0).stdout
     }
@@ -40,7 +40,7 @@ impl Workspace {
 #[ignore = "needs the package that tests/python/install installs"]
 fn python_run_equals_command_line_run_with_tables_as_frames() {
     let workspace = Workspace::new();
-    let said = workspace.run_program(
+    let output = workspace.run_program(
         "run = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='a', duration_s=2, expect={})\n\
          print(run.summary['trajectory_hash'], run.held, sorted(run.figures)[:2], run.report.exists())\n\
          again = phalanx.load('a')\n\
@@ -60,7 +60,7 @@ fn python_run_equals_command_line_run_with_tables_as_frames() {
         columns.replace(',', " "),
         rows.lines().count(),
     );
-    assert_eq!(said, expected);
+    assert_eq!(output, expected);
 }
 
 #[test]
@@ -84,15 +84,15 @@ fn scenario_keys_are_given_as_python_values() {
     assert_eq!(scenario["robot"][0]["speed_m_s"].as_float(), Some(0.2));
     let kinds = scenario["fault"].as_array().unwrap().iter().map(|fault| fault["kind"].as_str());
     assert_eq!(kinds.collect::<Vec<_>>(), [Some("freeze"), Some("kill")]);
-    let said = workspace.run_program("print(phalanx.load('b').figures)");
-    assert_eq!(said, "{}\n", "nothing was drawn");
+    let output = workspace.run_program("print(phalanx.load('b').figures)");
+    assert_eq!(output, "{}\n", "nothing was drawn");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn failure_is_an_exception_with_the_phalanx_message() {
     let workspace = Workspace::new();
-    let said = workspace.run_program(
+    let output = workspace.run_program(
         "for words in [dict(duration_s=-1), dict(speed=1), dict(faults=['kill plant @0.1'], duration_s=0.5, expect={})]:\n\
          \x20   try: phalanx.run('scenarios/triangle.toml', pace='lockstep', out='c', draw=False, **words)\n\
          \x20   except phalanx.RunError as error: print(error.code, str(error).splitlines()[0])\n\
@@ -110,14 +110,14 @@ fn failure_is_an_exception_with_the_phalanx_message() {
          False\n\
          scenarios is not a run directory: it has no scenario.toml; expected a directory written by `phalanx run`\n\
          {1, 2} is no value of a scenario: expected numbers, strings, lists and dicts of them\n";
-    assert_eq!(said, expected);
+    assert_eq!(output, expected);
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn paths_with_a_leading_dash_are_not_options() {
     let workspace = Workspace::new();
-    let said = workspace.run_program(
+    let output = workspace.run_program(
         "import shutil\n\
          for call in phalanx.run, phalanx.hunt, phalanx.sweep:\n\
          \x20   try: call('--help', out='none')\n\
@@ -128,8 +128,8 @@ fn paths_with_a_leading_dash_are_not_options() {
     );
     let scenario = "3 error: `./--help` does not exist; expected a scenario file, such as scenarios/triangle.toml\n";
     let campaign = "3 error: `./--help` does not exist; expected a campaign file, such as scenarios/campaigns/";
-    let [ran, hunted, swept, written] = said.split_inclusive('\n').collect::<Vec<_>>()[..] else {
-        panic!("{said}")
+    let [ran, hunted, swept, written] = output.split_inclusive('\n').collect::<Vec<_>>()[..] else {
+        panic!("{output}")
     };
     assert_eq!([ran, hunted, written], [scenario, scenario, "-o 0.5\n"]);
     assert!(swept.starts_with(campaign), "{swept}");
@@ -139,7 +139,7 @@ fn paths_with_a_leading_dash_are_not_options() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn missing_pandas_fails_only_frames_and_names_the_package() {
     let workspace = Workspace::new();
-    let said = workspace.run_program(
+    let output = workspace.run_program(
         "import sys\n\
          sys.modules['pandas'] = None\n\
          run = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='e', draw=False, duration_s=0.5, expect={})\n\
@@ -148,10 +148,10 @@ fn missing_pandas_fails_only_frames_and_names_the_package() {
          except ImportError as error: print(error)",
     );
     assert!(
-        said.starts_with("0.5\nRun.events is a pandas frame, and pandas cannot be imported"),
-        "{said}"
+        output.starts_with("0.5\nRun.events is a pandas frame, and pandas cannot be imported"),
+        "{output}"
     );
-    assert!(said.ends_with("pip install pandas; the table itself is e/events.csv\n"), "{said}");
+    assert!(output.ends_with("pip install pandas; the table itself is e/events.csv\n"), "{output}");
 }
 
 #[test]
@@ -160,8 +160,8 @@ fn notebook_runs_completely() {
     let workspace = Workspace::new();
     let nbclient = Path::new(ROOT).join("tests/python/by_nbclient.py");
     let notebook = Path::new(ROOT).join("bindings/python/examples/first_look.ipynb");
-    let said = workspace.python(&[nbclient.to_str().unwrap(), notebook.to_str().unwrap()]);
+    let output = workspace.python(&[nbclient.to_str().unwrap(), notebook.to_str().unwrap()]);
     for part in ["image/svg+xml", "text/html", ", True)\n", "kill", "ready", "'trajectories'"] {
-        assert!(said.contains(part), "{part}: {said}");
+        assert!(output.contains(part), "{part}: {output}");
     }
 }

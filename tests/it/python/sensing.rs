@@ -57,17 +57,17 @@ fn signals(overrides: &str) -> String {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn law_senses_as_far_as_it_asks_and_none_while_the_sensor_fails() {
-    let said = signals("faults=['blackout r1 proximity @0.3 for 0.2']");
-    assert_eq!(said, "near_robots 1 -1 1\ncut 0\nheard_robots 0\n");
-    let said = signals("laws={'looks': {'sensing_radius_m': 4.0}}");
-    assert_eq!(said, "near_robots 2\ncut 0\nheard_robots 0\n");
+    let output = signals("faults=['blackout r1 proximity @0.3 for 0.2']");
+    assert_eq!(output, "near_robots 1 -1 1\ncut 0\nheard_robots 0\n");
+    let output = signals("laws={'looks': {'sensing_radius_m': 4.0}}");
+    assert_eq!(output, "near_robots 2\ncut 0\nheard_robots 0\n");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn law_hears_only_robots_within_the_radius() {
-    let said = signals("graph={'kind': 'disk', 'radius_m': 1.5}");
-    assert_eq!(said, "near_robots 1\ncut 0\nheard_robots 0 1\n");
-    let said = signals("graph={'kind': 'disk', 'radius_m': 5.0}");
-    assert_eq!(said, "near_robots 1\ncut 0\nheard_robots 0 2\n");
+    let output = signals("graph={'kind': 'disk', 'radius_m': 1.5}");
+    assert_eq!(output, "near_robots 1\ncut 0\nheard_robots 0 1\n");
+    let output = signals("graph={'kind': 'disk', 'radius_m': 5.0}");
+    assert_eq!(output, "near_robots 1\ncut 0\nheard_robots 0 2\n");
 }

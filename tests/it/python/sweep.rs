@@ -48,16 +48,18 @@ fn killed_dask_worker_leaves_the_table_of_the_command_line() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn killed_pool_reports_finished_runs_and_can_be_resumed() {
     let workspace = campaign_workspace();
-    let said = run_with_executor(&workspace, "pool");
-    let lines: Vec<&str> = said.lines().collect();
-    let [message, how, seen, all] = lines[..] else { panic!("{said}") };
-    let there = seen.strip_prefix("killed in the middle True there ").unwrap();
-    let begins =
-        format!("4 nine: {there} of 12 runs, {} are missing", 12 - there.parse::<u32>().unwrap());
-    assert!(message.starts_with(&begins), "{said}");
-    assert!(message.contains(": the executor failed (BrokenProcessPool: "), "{said}");
-    assert!(how.contains("call phalanx.sweep again with a working executor"), "{said}");
-    assert_eq!(all, "12");
+    let output = run_with_executor(&workspace, "pool");
+    let lines: Vec<&str> = output.lines().collect();
+    let [message, hint_line, status_line, total_line] = lines[..] else { panic!("{output}") };
+    let finished = status_line.strip_prefix("killed in the middle True there ").unwrap();
+    let expected_start = format!(
+        "4 nine: {finished} of 12 runs, {} are missing",
+        12 - finished.parse::<u32>().unwrap()
+    );
+    assert!(message.starts_with(&expected_start), "{output}");
+    assert!(message.contains(": the executor failed (BrokenProcessPool: "), "{output}");
+    assert!(hint_line.contains("call phalanx.sweep again with a working executor"), "{output}");
+    assert_eq!(total_line, "12");
     assert_table_of_the_command_line(&workspace, "pool");
 }
 
@@ -65,7 +67,7 @@ fn killed_pool_reports_finished_runs_and_can_be_resumed() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn invalid_executor_or_one_without_workers_is_named() {
     let workspace = campaign_workspace();
-    let said = workspace.run_program(
+    let output = workspace.run_program(
         "from concurrent.futures import Executor, Future\n\
          class Nobody(Executor):\n\
          \x20   def submit(self, *words): return Future()\n\
@@ -76,7 +78,7 @@ fn invalid_executor_or_one_without_workers_is_named() {
          try: phalanx.Campaign('scenarios')\n\
          except FileNotFoundError as error: print(error)",
     );
-    let lines: Vec<&str> = said.lines().collect();
+    let lines: Vec<&str> = output.lines().collect();
     let expected = [
         "nine: 0 of 12 runs, 12 are missing: no task ended for 0.2 s, which is `wait_s`: are there workers?",
         "executor=3 has no method submit: expected a concurrent.futures.Executor, such as ProcessPoolExecutor() or \
@@ -92,7 +94,7 @@ fn invalid_executor_or_one_without_workers_is_named() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn executor_without_futures_or_with_false_results_is_named() {
     let workspace = campaign_workspace();
-    let said = workspace.run_program(
+    let output = workspace.run_program(
         "from concurrent.futures import Executor, Future\n\
          class NoFuture(Executor):\n\
          \x20   def submit(self, *words): return None\n\
@@ -105,21 +107,23 @@ fn executor_without_futures_or_with_false_results_is_named() {
          \x20   try: phalanx.sweep('campaign.toml', out='none', executor=executor)\n\
          \x20   except (phalanx.RunError, TypeError) as error: print(type(error).__name__, str(error).splitlines()[0])",
     );
-    let [no_future, false_result] = said.lines().collect::<Vec<_>>()[..] else { panic!("{said}") };
+    let [no_future, false_result] = output.lines().collect::<Vec<_>>()[..] else {
+        panic!("{output}")
+    };
     assert_eq!(
         no_future,
         "TypeError executor.submit returned None, which has no method add_done_callback: expected a future as \
          concurrent.futures.Executor returns it"
     );
     let result = "the executor gave 3 as the result of a task, expected what the task returned";
-    assert!(false_result.starts_with("RunError ") && false_result.ends_with(result), "{said}");
+    assert!(false_result.starts_with("RunError ") && false_result.ends_with(result), "{output}");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn every_run_table_is_a_frame() {
     let workspace = Workspace::new();
-    let said = workspace.run_program(
+    let output = workspace.run_program(
         "import subprocess\n\
          run = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='a', draw=False, duration_s=0.5, expect={})\n\
          subprocess.run(['phalanx', 'export', 'a'], check=True, capture_output=True)\n\
@@ -129,5 +133,5 @@ fn every_run_table_is_a_frame() {
     );
     let expected = "events export/commands export/distances export/errors export/events export/poses latency \
                     latency_over_time pairs samples\nTrue robot\n";
-    assert_eq!(said, expected);
+    assert_eq!(output, expected);
 }

@@ -23,10 +23,10 @@ fn ideal_robots_keep_d_for_any_requested_velocities() {
     for seed in 0..30 {
         let mut random = SplitMix64::new(seed);
         let robots = random.draw_between(2, 9) as usize;
-        let at = draw_separated_points(&mut random, robots, 1.2, DISTANCE_MIN_M);
+        let starts = draw_separated_points(&mut random, robots, 1.2, DISTANCE_MIN_M);
         let goals = draw_separated_points(&mut random, robots, 1.2, 0.0);
         let methods = (0..robots).map(|_| cbf_qp(1.0 / period)).collect();
-        let mut simulation = IdealSimulation::new(methods, at, goals, 0.5, period);
+        let mut simulation = IdealSimulation::new(methods, starts, goals, 0.5, period);
         for k in 0..400 {
             let closest = match k % 40 {
                 // Half of the time all robots request random velocities.
@@ -44,8 +44,8 @@ fn ideal_robots_keep_d_for_any_requested_velocities() {
 
 #[test]
 fn constraint_is_shared_with_robots_and_full_for_walls() {
-    let away = [Vec2::new(-0.25, 0.0)];
-    let sample = Sample { neighbor_vectors: &away, ..Sample::default() };
+    let neighbor_vectors = [Vec2::new(-0.25, 0.0)];
+    let sample = Sample { neighbor_vectors: &neighbor_vectors, ..Sample::default() };
     let u = cbf_qp(1.0).choose_velocity(&sample, Vec2::new(0.5, 0.1)).unwrap();
     // a (r^2 - d^2) / (4 r)
     assert!((u - Vec2::new(0.0225, 0.1)).norm() < 1e-12, "{u:?}");
@@ -59,9 +59,9 @@ fn constraint_is_shared_with_robots_and_full_for_walls() {
 #[test]
 fn infeasible_program_leaves_violated_neighbors_fastest() {
     // Evenly surrounded by three robots that are too close: no direction improves the worst case.
-    let away =
+    let neighbor_vectors =
         [0.3, 2.394_395_102_393_2, 4.488_790_204_786_4].map(|angle| polar_vector(angle, 0.15));
-    let sample = Sample { neighbor_vectors: &away, ..Sample::default() };
+    let sample = Sample { neighbor_vectors: &neighbor_vectors, ..Sample::default() };
     let u = cbf_qp(1.0).choose_velocity(&sample, Vec2::new(0.5, 0.0)).unwrap();
     assert!(u.norm() < 1e-9, "{u:?}");
     // Coincident with another robot, it leaves at v_max.
@@ -75,17 +75,17 @@ fn infeasible_program_leaves_violated_neighbors_fastest() {
 fn sensing_radius_bounds_influence_and_long_period_is_advised() {
     let mut brief = brief();
     brief.avoidance.gains = [("barrier_per_s".to_owned(), 2.0)].into();
-    let at = MethodConditions::for_robot(&brief);
-    let needed = sensing_radius_m(&at);
-    let towards = |r: f64| {
-        let away = [Vec2::new(-r, 0.0)];
-        let sample = Sample { neighbor_vectors: &away, ..Sample::default() };
+    let conditions = MethodConditions::for_robot(&brief);
+    let needed = sensing_radius_m(&conditions);
+    let granted_speed = |r: f64| {
+        let neighbor_vectors = [Vec2::new(-r, 0.0)];
+        let sample = Sample { neighbor_vectors: &neighbor_vectors, ..Sample::default() };
         cbf_qp(2.0).choose_velocity(&sample, Vec2::new(0.5, 0.0)).unwrap().x
     };
-    assert_eq!(towards(1.000_001 * needed), 0.5);
-    assert!(towards(0.99 * needed) < 0.5);
-    assert!((METHOD.description.find_warning)(&at).is_none());
-    let slow = MethodConditions { period_s: 0.6, ..at };
+    assert_eq!(granted_speed(1.000_001 * needed), 0.5);
+    assert!(granted_speed(0.99 * needed) < 0.5);
+    assert!((METHOD.description.find_warning)(&conditions).is_none());
+    let slow = MethodConditions { period_s: 0.6, ..conditions };
     let advice = (METHOD.description.find_warning)(&slow).unwrap();
     assert!(advice.message.starts_with("barrier_per_s T = 1.2: "), "{}", advice.message);
 }

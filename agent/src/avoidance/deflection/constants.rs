@@ -60,8 +60,8 @@ constants! {
 }
 
 impl Constants {
-    /// Returns [`Constants::TUNED`]; in a build with the feature `tuning`, changed as the environment variable
-    /// `PHALANX_DEFLECTION` says: pairs `NAME=VALUE`, separated by commas. All processes of a run inherit it. The
+    /// Returns [`Constants::TUNED`]; in a build with the feature `tuning`, changed by the environment variable
+    /// `PHALANX_DEFLECTION`: pairs `NAME=VALUE`, separated by commas. All processes of a run inherit it. The
     /// feature is for the search and for `tests/planted/run`.
     ///
     /// # Panics

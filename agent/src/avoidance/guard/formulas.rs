@@ -71,9 +71,9 @@ fn tokenize(text: &str) -> Vec<&str> {
     let mut found = Vec::new();
     let mut rest = text.trim_start();
     while let Some(first) = rest.chars().next() {
-        let word = |c: char| c.is_alphanumeric() || c == '_' || c == '\'';
-        let length = if word(first) {
-            rest.find(|c| !word(c)).unwrap_or(rest.len())
+        let is_name_part = |c: char| c.is_alphanumeric() || c == '_' || c == '\'';
+        let length = if is_name_part(first) {
+            rest.find(|c| !is_name_part(c)).unwrap_or(rest.len())
         } else {
             first.len_utf8()
         };
@@ -99,11 +99,11 @@ impl<'a> ExpressionEvaluator<'a> {
     }
 
     fn accept_token(&mut self, token: &str) -> bool {
-        let there = self.remaining_tokens.first() == Some(&token);
-        if there {
+        let is_next = self.remaining_tokens.first() == Some(&token);
+        if is_next {
             self.next_token();
         }
-        there
+        is_next
     }
 
     fn expect_token(&mut self, token: &str) {
@@ -118,12 +118,12 @@ impl<'a> ExpressionEvaluator<'a> {
                 other => panic!("{other} decides nothing"),
             };
             let (a, b) = (self.parse_atom(), self.parse_atom());
-            let less = if strictly { a < b } else { a <= b };
+            let is_true = if strictly { a < b } else { a <= b };
             self.expect_token("then");
             let then = self.parse_sum();
             self.expect_token("else");
-            let otherwise = self.parse_sum();
-            return if less { then } else { otherwise };
+            let or_else = self.parse_sum();
+            return if is_true { then } else { or_else };
         }
         let mut value = self.parse_product();
         loop {

@@ -52,18 +52,18 @@ impl VelocityRectangle {
     /// y is at most as fast as `speed_max`, m/s.
     fn within_speed(self, held: VelocityRectangle, speed_max: f64) -> VelocityRectangle {
         let rest = held.extent().map(|part| (speed_max * speed_max - part * part).max(0.0).sqrt());
-        let most = Vec2::new(rest.y, rest.x);
-        VelocityRectangle { low: self.low.sup(&-most), high: self.high.inf(&most) }
+        let limit = Vec2::new(rest.y, rest.x);
+        VelocityRectangle { low: self.low.sup(&-limit), high: self.high.inf(&limit) }
     }
 
     /// Returns the part of this rectangle in which a new y satisfies the half-plane `side`, in the robot's frame,
     /// together with one component of any y in `held`.
     fn within_side(self, held: VelocityRectangle, side: HalfPlane) -> VelocityRectangle {
-        let lowest = |k: usize| (side.normal[k] * held.low[k]).min(side.normal[k] * held.high[k]);
+        let minimum = |k: usize| (side.normal[k] * held.low[k]).min(side.normal[k] * held.high[k]);
         let mut part = self;
         for (k, other) in [(0, 1), (1, 0)] {
             let slope = side.normal[k];
-            let limit = (side.boundary_distance + lowest(other)).max(0.0) / -slope;
+            let limit = (side.boundary_distance + minimum(other)).max(0.0) / -slope;
             if slope > 0.0 {
                 part.low[k] = part.low[k].max(limit);
             } else if slope < 0.0 {
@@ -103,16 +103,17 @@ impl Guard {
                 rectangle.including(drive.velocity_of_twist(twist))
             });
         let with = |twist: Twist| held.including(drive.velocity_of_twist(twist));
-        let widest = with(tried);
-        let fastest = widest.extent();
+        let enclosing = with(tried);
+        let extent = enclosing.extent();
         let bounds = MotionBounds {
-            own_speed_max: fastest.norm().min(self.v_max),
-            braking_time_max: self.braking_time(drive.twist_for_velocity(fastest, 0.0)),
-            turn_rate_range: [widest.low.y, widest.high.y].map(|across| across / drive.ell_m),
+            own_speed_max: extent.norm().min(self.v_max),
+            braking_time_max: self.braking_time(drive.twist_for_velocity(extent, 0.0)),
+            turn_rate_range: [enclosing.low.y, enclosing.high.y]
+                .map(|lateral| lateral / drive.ell_m),
         };
         let nearest = self.nearest_in_rectangle(sample, held, tried, bounds);
         let mid = self.collect_cones(sample, self.horizons[0], bounds);
-        let mut scaled = SHARES.into_iter().map(|share| nearest.scale_by(share));
+        let mut scaled = SHARES.into_iter().map(|factor| nearest.scale_by(factor));
         scaled.find(|&twist| self.permits_corners(mid, with(twist)))
     }
 
@@ -126,19 +127,21 @@ impl Guard {
         bounds: MotionBounds,
     ) -> Twist {
         let mid = self.collect_cones(sample, self.horizons[1], bounds);
-        let wanted = self.drive.velocity_of_twist(tried);
-        let mut free = held.including(wanted);
-        if self.permits_corners(mid, free) {
+        let requested = self.drive.velocity_of_twist(tried);
+        let mut permitted = held.including(requested);
+        if self.permits_corners(mid, permitted) {
             return tried;
         }
         self.collect_half_planes();
-        free = free.within_speed(held, self.v_max);
+        permitted = permitted.within_speed(held, self.v_max);
         for side in &self.half_planes {
             let normal = rotate(-mid, side.normal);
-            free = free.within_side(held, HalfPlane { normal, ..*side });
+            permitted = permitted.within_side(held, HalfPlane { normal, ..*side });
         }
-        self.half_planes.extend(free.half_planes(mid));
-        let Some(u) = nearest_point(rotate(mid, wanted), &self.half_planes) else { return tried };
+        self.half_planes.extend(permitted.half_planes(mid));
+        let Some(u) = nearest_point(rotate(mid, requested), &self.half_planes) else {
+            return tried;
+        };
         self.scale_into_twist_set(self.drive.twist_for_velocity(rotate(-mid, u), 0.0))
     }
 

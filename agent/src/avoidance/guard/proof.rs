@@ -56,94 +56,94 @@ proptest! {
         accelerations in (0.2..5.0f64, 0.5..10.0f64),
         // All robots stop at once, or none does.
         tau in prop_oneof![Just(0.0), 0.05..2.0f64],
-        others_longer in prop_oneof![Just(1.0), 1.0..2.0f64],
-        own in (0.0..=1.0f64, 0.0..=1.0f64),
+        team_factor in prop_oneof![Just(1.0), 1.0..2.0f64],
+        own_fractions in (0.0..=1.0f64, 0.0..=1.0f64),
         period_longer in prop_oneof![Just(0.0), Just(1.0)],
-        far in -0.2..3.5f64, // the distance beyond d, in v_max / Lambda
+        relative_slack in -0.2..3.5f64, // the distance beyond d, in v_max / Lambda
         direction in -3.2..3.2f64,
         heading in -3.2..3.2f64,
-        turns in (-1.0..=0.0f64, 0.0..=1.0f64),
+        turn_fractions in (-1.0..=0.0f64, 0.0..=1.0f64),
         errors in prop_oneof![Just((0.0, 0.0)), (0.0..0.02f64, 0.0..0.2f64)],
-        a_wall in any::<bool>(),
+        is_wall in any::<bool>(),
         at_axle in any::<bool>(),
     ) {
         let ell = if at_axle { 0.0 } else { ell };
         let ramp = if at_axle { Ramp::Independent } else { Ramp::Together };
         let limits = (tau > 0.0).then(|| limits(accelerations, tau, ramp));
-        let tau_max = tau * others_longer;
+        let tau_max = tau * team_factor;
         let mut guard = guard([d, v_max, ell], errors, limits, tau_max);
         let proof = Formulas::read(&PROOF_SOURCES);
-        let say = |name: &str, arguments: &[f64]| proof.evaluate(name, arguments);
+        let evaluate = |name: &str, arguments: &[f64]| proof.evaluate(name, arguments);
 
-        let (v_own, tau_o) = (own.0 * v_max, own.1 * tau);
-        let most = guard.drive.turn_rate_bound(v_max);
-        let w = [turns.0 * most, turns.1 * most];
+        let (v_own, tau_o) = (own_fractions.0 * v_max, own_fractions.1 * tau);
+        let w_max = guard.drive.turn_rate_bound(v_max);
+        let w = [turn_fractions.0 * w_max, turn_fractions.1 * w_max];
         // A certificate with a longer horizon equals one with a longer command timeout.
         let h = guard.command_lifetime_s + if tau > 0.0 { period_longer * guard.period_s } else { 0.0 };
-        let rate = say("braking_rate", &[guard.command_lifetime_s, tau_max]);
+        let rate = evaluate("braking_rate", &[guard.command_lifetime_s, tau_max]);
         prop_assert!((guard.slack_decrease_rate_per_s - rate).abs() < 1e-12);
         // The cases are `proof/Braking.v::another_robot` and `proof/Obstacles.v::an_obstacle`.
-        let [its_speed, share, distance_min] = match a_wall {
+        let [neighbor_speed, slack_rate, distance_min] = match is_wall {
             true => [0.0, 2.0 * rate, CLEARANCE * d],
             false => [v_max, rate, d],
         };
-        let r = (distance_min + far * v_max / rate).max(0.0);
+        let r = (distance_min + relative_slack * v_max / rate).max(0.0);
         let z = [rotate(direction, Vec2::new(r, 0.0))];
-        let [away, walls] = if a_wall { [&[][..], &z] } else { [&z[..], &[]] };
-        let sample = Sample { wall_vectors: walls, ..sample(0, heading, away) };
+        let [neighbor_vectors, walls] = if is_wall { [&[][..], &z] } else { [&z[..], &[]] };
+        let sample = Sample { wall_vectors: walls, ..sample(0, heading, neighbor_vectors) };
         let bounds = MotionBounds { own_speed_max: v_own, braking_time_max: tau_o, turn_rate_range: w };
         let mid = guard.collect_cones(&sample, Horizon::new(guard.slack_decrease_rate_per_s, h), bounds);
 
         let (sensing_error, heading_error) = errors;
-        let eps = sensing_error + say("front_error", &[ell, heading_error]);
-        let turning = say("turning_time", &[if at_axle { 1.0 } else { 0.5 }, h, tau_o]);
-        let spread = say("spread", &[turning, w[0], w[1], heading_error]);
-        let rho = say("slack", &[r, eps, distance_min, ROUNDING_MARGIN_M]);
-        let reach = say("reach", &[its_speed, v_own, h, eps]);
-        let b = say("braking_bound", &[share, rate, h, tau_o, rho, reach]);
-        prop_assert!((mid - say("middle", &[heading, turning, w[0], w[1]])).abs() < 1e-12);
+        let eps = sensing_error + evaluate("front_error", &[ell, heading_error]);
+        let turning = evaluate("turning_time", &[if at_axle { 1.0 } else { 0.5 }, h, tau_o]);
+        let spread = evaluate("spread", &[turning, w[0], w[1], heading_error]);
+        let rho = evaluate("slack", &[r, eps, distance_min, ROUNDING_MARGIN_M]);
+        let reach = evaluate("reach", &[neighbor_speed, v_own, h, eps]);
+        let b = evaluate("braking_bound", &[slack_rate, rate, h, tau_o, rho, reach]);
+        prop_assert!((mid - evaluate("middle", &[heading, turning, w[0], w[1]])).abs() < 1e-12);
         if tau == 0.0 {
             // The bound of robots that stop at once is a corollary.
-            let at_once = say(if a_wall { "wall_bound" } else { "bound" }, &[h, rho, reach]);
+            let at_once = evaluate(if is_wall { "wall_bound" } else { "bound" }, &[h, rho, reach]);
             prop_assert!((at_once - b).abs() < 1e-9);
         }
-        let near = &guard.vicinity;
-        let radius = if a_wall { near.known_walls_radius } else { near.known_robots_radius };
+        let vicinity = &guard.vicinity;
+        let radius = if is_wall { vicinity.known_walls_radius } else { vicinity.known_robots_radius };
         // At the limits rounding decides whether a neighbor matters. The radii are for H; the longer horizon only makes
         // it likely that a twist can be certified again.
         prop_assume!((b - v_own).abs() >= 1e-9 && (r - radius).abs() >= 1e-9);
         prop_assert_eq!(guard.cones.len(), usize::from(b < v_own && (r < radius || h == guard.command_lifetime_s)));
-        let swept = say("swept", &[v_own, its_speed, h, tau_o, eps]);
+        let swept = evaluate("swept", &[v_own, neighbor_speed, h, tau_o, eps]);
         for cone in &guard.cones {
             prop_assert!((cone.approach_speed_max - b).abs() < 1e-9);
-            let psi = say("psi", &[spread, say("swing", &[swept, r])]);
+            let psi = evaluate("psi", &[spread, evaluate("swing", &[swept, r])]);
             prop_assert!((cone.half_angle_rad - psi).abs() < 1e-9);
             // At r = 0 every direction is valid.
             let n = rotate(if r > 0.0 { direction } else { 0.0 }, Vec2::new(1.0, 0.0));
             prop_assert!((cone.axis - n).norm() < 1e-9);
-            let count = say("count", &[cone.half_angle_rad]);
+            let count = evaluate("count", &[cone.half_angle_rad]);
             prop_assert_eq!(cone.half_planes().count() as f64, count);
             for (q, side) in cone.half_planes().enumerate() {
-                let angle = say("side_angle", &[cone.half_angle_rad, count, q as f64]);
+                let angle = evaluate("side_angle", &[cone.half_angle_rad, count, q as f64]);
                 prop_assert!((side.normal - rotate(angle, n)).norm() < 1e-9);
-                prop_assert!((side.boundary_distance - say("side_bound", &[b, cone.half_angle_rad, count])).abs() < 1e-9);
+                prop_assert!((side.boundary_distance - evaluate("side_bound", &[b, cone.half_angle_rad, count])).abs() < 1e-9);
             }
         }
 
         // The radii cover the distance that the proof requires.
         let lifetime = guard.command_lifetime_s;
-        let mut far = say("far_braking", &[distance_min, share, rate, lifetime, tau_max, v_max, its_speed]);
+        let mut required_radius = evaluate("far_braking", &[distance_min, slack_rate, rate, lifetime, tau_max, v_max, neighbor_speed]);
         if tau == 0.0 {
-            let name = if a_wall { "far_wall" } else { "far" };
-            far = far.max(say(name, &[distance_min, v_max, lifetime]));
+            let name = if is_wall { "far_wall" } else { "far" };
+            required_radius = required_radius.max(evaluate(name, &[distance_min, v_max, lifetime]));
         }
-        prop_assert!(radius - 2.0 * eps >= far - 1e-12);
+        prop_assert!(radius - 2.0 * eps >= required_radius - 1e-12);
     }
 
     #[test]
     fn braking_time_and_mu_equal_those_of_the_proof(
         a in (0.2..5.0f64, 0.5..10.0f64), twist in (-2.0..2.0f64, -5.0..5.0f64),
-        x in 0.0..20.0f64, share in 0.0..1.5f64,
+        x in 0.0..20.0f64, fraction in 0.0..1.5f64,
     ) {
         // In the proof a_w is the acceleration of ell w, and y is a vector.
         let limits = limits(a, 1.0, Ramp::Together);
@@ -153,7 +153,7 @@ proptest! {
         prop_assert!((guard.braking_time(twist) - time).abs() < 1e-12);
         prop_assert!((approach_speed_factor(x) - Formulas::read(&PROOF_SOURCES).evaluate("mu", &[x])).abs() < 1e-12);
         // Lemma `proof/Inertia.v::braking_keeps_up`, with k tau = x.
-        prop_assert!((1.0 - share).max(0.0) * approach_speed_factor(x) <= (-x * share).exp() + 1e-15);
+        prop_assert!((1.0 - fraction).max(0.0) * approach_speed_factor(x) <= (-x * fraction).exp() + 1e-15);
     }
 
     /// Checks the statement of the certificate for all directions of a cone.

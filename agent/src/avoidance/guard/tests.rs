@@ -15,7 +15,11 @@ pub(in super::super) fn brief() -> AgentBrief {
     brief
 }
 
-pub(in super::super) fn sample(stamp_ns: u64, heading_rad: f64, away: &[Vec2]) -> Sample<'_> {
+pub(in super::super) fn sample(
+    stamp_ns: u64,
+    heading_rad: f64,
+    neighbor_vectors: &[Vec2],
+) -> Sample<'_> {
     let t_s = stamp_ns as f64 / 1e9;
     let heading_effect_rad = heading_rad;
     Sample {
@@ -23,7 +27,7 @@ pub(in super::super) fn sample(stamp_ns: u64, heading_rad: f64, away: &[Vec2]) -
         t_s,
         heading_rad,
         heading_at_effect_rad: heading_effect_rad,
-        neighbor_vectors: away,
+        neighbor_vectors,
         ..Sample::default()
     }
 }
@@ -46,29 +50,29 @@ fn turtlebot3_burger_brief() -> AgentBrief {
 
 #[test]
 fn guard_refuses_a_brief_outside_the_assumptions() {
-    let refused = |change: &dyn Fn(&mut AvoidanceBrief)| {
+    let refusal = |change: &dyn Fn(&mut AvoidanceBrief)| {
         let mut brief = brief();
         change(&mut brief.avoidance);
         super::super::build(&brief).err().map(|why| why.to_string())
     };
     let needed_m = sensing_radius_m(&MethodConditions::for_robot(&brief()));
-    assert_eq!(refused(&|a| a.sensing_radius_m = needed_m), None);
-    let nearly = refused(&|a| a.sensing_radius_m = needed_m.next_down()).unwrap();
-    assert!(nearly.contains("\"guard\" sees too late"), "{nearly}");
-    assert!(refused(&|a| a.sensing_radius_m = f64::NAN).unwrap().contains("sees too late"));
+    assert_eq!(refusal(&|a| a.sensing_radius_m = needed_m), None);
+    let too_small = refusal(&|a| a.sensing_radius_m = needed_m.next_down()).unwrap();
+    assert!(too_small.contains("\"guard\" sees too late"), "{too_small}");
+    assert!(refusal(&|a| a.sensing_radius_m = f64::NAN).unwrap().contains("sees too late"));
     // Sensor errors require a larger radius.
-    let erring: [&dyn Fn(&mut AvoidanceBrief); 2] =
+    let sensor_errors: [&dyn Fn(&mut AvoidanceBrief); 2] =
         [&|a| a.sensing_error_m = 0.01, &|a| a.heading_error_rad = 0.01];
-    for err in erring {
+    for set_error in sensor_errors {
         assert!(
-            refused(&|a| {
+            refusal(&|a| {
                 a.sensing_radius_m = needed_m;
-                err(a);
+                set_error(a);
             })
             .is_some()
         );
     }
-    assert!(refused(&|a| a.speed_max_m_s = f64::INFINITY).unwrap().contains("a speed limit"));
+    assert!(refusal(&|a| a.speed_max_m_s = f64::INFINITY).unwrap().contains("a speed limit"));
 }
 
 #[test]
@@ -81,7 +85,7 @@ fn robot_stops_if_neighbors_in_range_may_be_unknown() {
             known_walls_radius: walls_radius,
             ..
         } = Guard::new(&brief).vicinity;
-        for (valid, cut, far, moves) in [
+        for (is_valid, is_truncated, distance_factor, moves) in [
             (true, false, None, true),
             (true, false, Some(0.99), true),
             (true, true, Some(1.01), true),
@@ -92,21 +96,28 @@ fn robot_stops_if_neighbors_in_range_may_be_unknown() {
             (false, false, None, false),
             (false, true, Some(1.01), false),
         ] {
-            for (radius, a_wall) in [(robots_radius, false), (walls_radius, true)] {
+            for (radius, is_wall) in [(robots_radius, false), (walls_radius, true)] {
                 // The nearest known neighbor is behind the robot.
-                let near: Vec<Vec2> = far.iter().map(|far| Vec2::new(far * radius, 0.0)).collect();
-                let [away, walls] = if a_wall { [&[][..], &near] } else { [&near[..], &[]] };
-                let seen = Sample {
-                    proximity_valid: valid,
-                    neighbors_truncated: cut && !a_wall,
+                let nearest: Vec<Vec2> = distance_factor
+                    .iter()
+                    .map(|distance_factor| Vec2::new(distance_factor * radius, 0.0))
+                    .collect();
+                let [neighbor_vectors, walls] =
+                    if is_wall { [&[][..], &nearest] } else { [&nearest[..], &[]] };
+                let sample = Sample {
+                    proximity_valid: is_valid,
+                    neighbors_truncated: is_truncated && !is_wall,
                     wall_vectors: walls,
-                    walls_truncated: cut && a_wall,
-                    ..sample(1_000_000_000, 0.0, away)
+                    walls_truncated: is_truncated && is_wall,
+                    ..sample(1_000_000_000, 0.0, neighbor_vectors)
                 };
-                let twist = Guard::new(&brief).steer(&seen, Vec2::new(0.2, 0.0));
-                let wanted = if moves { 0.2 } else { 0.0 };
-                let off = (twist.v_m_s - wanted).hypot(twist.w_rad_s);
-                assert!(off < 1e-9, "valid: {valid}, cut: {cut}, {away:?}, {walls:?}: {twist:?}");
+                let twist = Guard::new(&brief).steer(&sample, Vec2::new(0.2, 0.0));
+                let expected = if moves { 0.2 } else { 0.0 };
+                let error = (twist.v_m_s - expected).hypot(twist.w_rad_s);
+                assert!(
+                    error < 1e-9,
+                    "valid: {is_valid}, cut: {is_truncated}, {neighbor_vectors:?}, {walls:?}: {twist:?}"
+                );
             }
         }
     }
@@ -146,14 +157,14 @@ fn inertia_stops_robot_until_old_commands_have_expired() {
 #[test]
 fn commands_of_predecessor_count_as_worst_case() {
     let stamp_ns = 1_000_000_000;
-    let away = [Vec2::new(-0.21, 0.02)];
+    let neighbor_vectors = [Vec2::new(-0.21, 0.02)];
     let tried = Twist::new(0.3, 1.0);
     let granted = |pace: Pace, since_ns: u64, alive: &[f64]| {
         let mut guard = Guard::new(&AgentBrief { pace, ..brief() });
         guard.drop_expired_commands(stamp_ns - since_ns);
         guard.unexpired_commands =
             { alive }.iter().map(|&w_rad_s| (0, Twist::new(0.0, w_rad_s))).collect();
-        guard.grant_twist(&sample(stamp_ns, 0.2, &away), Twist::ZERO, tried)
+        guard.grant_twist(&sample(stamp_ns, 0.2, &neighbor_vectors), Twist::ZERO, tried)
     };
     // v_max / ell = 5 rad/s, H = 25 ms.
     let worst = granted(Pace::Lockstep, 0, &[-5.0, 5.0]);
@@ -166,7 +177,7 @@ fn commands_of_predecessor_count_as_worst_case() {
 /// Compares with the rows of `docs/explanation/inertia.md`, and with robots that stop at once.
 #[test]
 fn guard_figures_match_the_documentation() {
-    let with = |change: &dyn Fn(&mut AgentBrief)| {
+    let brief_with = |change: &dyn Fn(&mut AgentBrief)| {
         let mut brief = brief();
         change(&mut brief);
         brief
@@ -186,44 +197,52 @@ fn guard_figures_match_the_documentation() {
         // Without inertia: 1/H and 3 v_max H.
         (brief(), 40.0, 0.0375),
     ] {
-        let at = MethodConditions::for_robot(&brief);
-        let found = [slack_decrease_rate_per_s(&at), slow_down_zone_m(&at)];
-        let off = (found[0] - rate).abs().max((found[1] - zone).abs());
-        assert!(off < 5e-3, "{found:?} is not {rate}, {zone}");
+        let conditions = MethodConditions::for_robot(&brief);
+        let found = [slack_decrease_rate_per_s(&conditions), slow_down_zone_m(&conditions)];
+        let error = (found[0] - rate).abs().max((found[1] - zone).abs());
+        assert!(error < 5e-3, "{found:?} is not {rate}, {zone}");
     }
     let figures = |brief: &AgentBrief| {
-        let at = MethodConditions::for_robot(brief);
-        [deflection_distance_m(&at), sensing_radius_m(&at), speed_cap_m_s(&at)]
+        let conditions = MethodConditions::for_robot(brief);
+        [
+            deflection_distance_m(&conditions),
+            sensing_radius_m(&conditions),
+            speed_cap_m_s(&conditions),
+        ]
     };
-    let moving = |period_ms: u64, ell: f64, v_max: f64| {
-        with(&|brief| {
+    let brief_of_motion = |period_ms: u64, ell: f64, v_max: f64| {
+        brief_with(&|brief| {
             brief.period_ns = period_ms * 1_000_000;
             brief.front_point_m = ell;
             brief.avoidance.speed_max_m_s = v_max;
         })
     };
-    let walled = |clearance_m: f64| {
-        with(&|brief| {
-            brief.command_lifetime_ns = 100_000_000;
+    let brief_with_clearance = |command_lifetime_ms: u64, clearance_m: f64| {
+        brief_with(&|brief| {
+            brief.command_lifetime_ns = command_lifetime_ms * 1_000_000;
             brief.avoidance.clearance_m = clearance_m;
         })
     };
     for (brief, expected) in [
         // Expected: d + 1.9 v_max H; d_f + v_max T / 0.17; d/4 and ell/2 over H.
-        (moving(10, 0.2, 0.5), [0.22375, 0.22375 + 0.005 / 0.17, 2.0]),
-        (moving(10, 0.08, 0.5), [0.22375, 0.22375 + 0.005 / 0.17, 1.6]),
+        (brief_of_motion(10, 0.2, 0.5), [0.22375, 0.22375 + 0.005 / 0.17, 2.0]),
+        (brief_of_motion(10, 0.08, 0.5), [0.22375, 0.22375 + 0.005 / 0.17, 1.6]),
         // Here d + 3 v_max H is larger, and d_f is at its minimum of 1.05 d.
-        (moving(1, 0.2, 0.5), [0.22375, 0.2375, 2.0]),
-        (moving(1, 0.2, 0.2), [0.21, 0.215, 2.0]),
+        (brief_of_motion(1, 0.2, 0.5), [0.22375, 0.2375, 2.0]),
+        (brief_of_motion(1, 0.2, 0.2), [0.21, 0.215, 2.0]),
         // The clearance + 3/2 v_max H. Without walls only the radius for robots counts.
-        (walled(1.0), [0.295, 1.075, 0.5]),
-        (walled(0.0), [0.295, 0.35, 0.5]),
+        (brief_with_clearance(100, 1.0), [0.295, 1.075, 0.5]),
+        (brief_with_clearance(100, 0.0), [0.295, 0.35, 0.5]),
+        // Here c_f + v_max T / 0.25 is larger, and c_f is at its minimum of 1.05 clearances.
+        (brief_with_clearance(25, 1.0), [0.22375, 1.05 + 0.005 / 0.25, 2.0]),
+        // At the axle midpoint d/4 over H alone.
+        (brief_of_motion(10, 0.0, 0.5), [0.22375, 0.22375 + 0.005 / 0.17, 2.0]),
         // Here d + Z is larger. d_f is that of robots that stop at once.
         (burger_with(0.35, 1000, 0.22), [0.718, 0.3 + 0.22 * 1.35 * (1.0 + 2.0 / 1.35), 0.05]),
     ] {
         let found = figures(&brief);
-        let off = found.iter().zip(expected).map(|(found, expected)| (found - expected).abs());
-        assert!(off.fold(0.0, f64::max) < 1e-9, "{found:?} is not {expected:?}");
+        let error = found.iter().zip(expected).map(|(found, expected)| (found - expected).abs());
+        assert!(error.fold(0.0, f64::max) < 1e-9, "{found:?} is not {expected:?}");
     }
 }
 
@@ -248,6 +267,7 @@ fn front_point_moves_by_gamma_without_neighbors() {
     let mut guard = Guard::new(&AgentBrief { pace: Pace::Lockstep, ..brief() });
     assert!((guard.admit_velocity(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
     let gamma = Vec2::new(0.1, 0.3);
+    assert_eq!(guard.standoff_error(&sample(500_000_000, 0.7, &[]), gamma), gamma);
     let twist = guard.velocity_to_twist(0.7, gamma);
     assert_eq!(twist, exact_hold(0.7, 0.1, 0.01 * gamma, 0.01));
     assert_eq!(guard.steer(&sample(1_000_000_000, 0.7, &[]), gamma), twist);
@@ -262,35 +282,35 @@ fn front_point_moves_by_gamma_without_neighbors() {
 #[test]
 fn request_is_limited_by_braking_time_and_reach() {
     let mut guard = Guard::new(&turtlebot3_burger_brief());
-    let wanted = |angle: f64| rotate(angle, Vec2::new(0.22, 0.0));
+    let requested = |angle: f64| rotate(angle, Vec2::new(0.22, 0.0));
     // Straight ahead from rest: 2.5 m/s^2 for 0.1 s exceeds v_max.
-    let ahead = guard.steer(&sample(0, 0.0, &[]), wanted(0.0));
+    let ahead = guard.steer(&sample(0, 0.0, &[]), requested(0.0));
     assert!((ahead.v_m_s - 0.22).abs() < 1e-9 && ahead.w_rad_s.abs() < 1e-12, "{ahead:?}");
     // Sideways: ell w = 0.22 m/s corresponds to 2.2 rad/s. The braking time allows 1.12, the reachable range
     // 0.32.
-    let aside = guard.steer(&sample(1_000_000_000, 0.0, &[]), wanted(1.5));
-    assert!((aside.w_rad_s - 0.32).abs() < 1e-6, "{aside:?}");
+    let sideways = guard.steer(&sample(1_000_000_000, 0.0, &[]), requested(1.5));
+    assert!((sideways.w_rad_s - 0.32).abs() < 1e-6, "{sideways:?}");
     let turning = Twist::new(0.0, 1.0);
-    let turns = Sample { twist: turning, ..sample(2_000_000_000, 0.0, &[]) };
-    let aside = guard.steer(&turns, wanted(1.5));
-    assert!((aside.w_rad_s - 1.12).abs() < 1e-6, "{aside:?}");
+    let turning_sample = Sample { twist: turning, ..sample(2_000_000_000, 0.0, &[]) };
+    let sideways = guard.steer(&turning_sample, requested(1.5));
+    assert!((sideways.w_rad_s - 1.12).abs() < 1e-6, "{sideways:?}");
 }
 
 #[test]
 fn uncertified_approach_brakes() {
-    let away = [Vec2::new(-0.301, 0.0)];
+    let neighbor_vectors = [Vec2::new(-0.301, 0.0)];
     let now = Twist::new(0.2, 0.0);
-    let drives = Sample { twist: now, ..sample(0, 0.0, &away) };
+    let driving = Sample { twist: now, ..sample(0, 0.0, &neighbor_vectors) };
     let mut guard = Guard::new(&turtlebot3_burger_brief());
-    assert_eq!(guard.steer(&drives, Vec2::new(0.2, 0.0)), Twist::ZERO);
+    assert_eq!(guard.steer(&driving, Vec2::new(0.2, 0.0)), Twist::ZERO);
     // With an unexpired command instead of the twist in force.
     let mut guard = Guard::new(&turtlebot3_burger_brief());
     guard.unexpired_commands.push_back((0, now));
-    assert_eq!(guard.certify(&sample(0, 0.0, &away), now), Twist::ZERO);
+    assert_eq!(guard.certify(&sample(0, 0.0, &neighbor_vectors), now), Twist::ZERO);
     // Moving away there is nothing to certify against.
-    let leaves = Sample { twist: now, ..sample(0, PI, &away) };
+    let leaving = Sample { twist: now, ..sample(0, PI, &neighbor_vectors) };
     let mut guard = Guard::new(&turtlebot3_burger_brief());
-    assert!(guard.certify(&leaves, now).v_m_s > 0.19);
+    assert!(guard.certify(&leaving, now).v_m_s > 0.19);
 }
 
 /// All robots without inertia, or one such robot among robots with inertia: then with the common Lambda, and
@@ -302,17 +322,17 @@ fn robot_without_inertia_uses_its_full_share_of_the_slack() {
         let brief = AgentBrief { pace: Pace::Lockstep, ..brief };
         let (d, v_max) = (brief.avoidance.distance_min_m, brief.avoidance.speed_max_m_s);
         for slack in [0.0, 0.001, 0.005, 0.01, 0.02, 0.05, 0.1] {
-            let away = [Vec2::new(-(d + slack), 0.0)];
-            let wanted = Twist::new(v_max, 0.0);
+            let neighbor_vectors = [Vec2::new(-(d + slack), 0.0)];
+            let requested = Twist::new(v_max, 0.0);
             // For a robot that stops at once the reported twist is irrelevant.
-            let over = Sample { twist: wanted, ..sample(0, 0.0, &away) };
-            let granted = Guard::new(&brief).certify(&over, wanted);
+            let sample = Sample { twist: requested, ..sample(0, 0.0, &neighbor_vectors) };
+            let granted = Guard::new(&brief).certify(&sample, requested);
             let at_scale = |sigma: f64| {
                 let m = (1.0 + sigma) * v_max * h;
                 let b = rate * (slack * (-2.0 * rate * h).exp()).max(slack - m);
                 let half_step = 0.5 * (m / (d + slack)).asin();
-                let bounded = if b < sigma * v_max { b * half_step.cos() } else { f64::MAX };
-                (sigma * v_max).min(bounded)
+                let bound = if b < sigma * v_max { b * half_step.cos() } else { f64::MAX };
+                (sigma * v_max).min(bound)
             };
             let expected = [1.0, 0.5, 0.25].map(at_scale).into_iter().fold(0.0, f64::max);
             assert!((granted.v_m_s - expected).abs() < 1e-6, "{slack}: {granted:?}, {expected}");

@@ -88,26 +88,29 @@ fn advance_if_due(at_ns: &mut u64, now_ns: u64, every_ns: u64) -> bool {
 
 impl Bridge {
     pub(super) fn open(brief: BridgeBrief) -> Result<Bridge, Failure> {
-        let experiment = u64::from_str_radix(&brief.experiment, 16).expect("checked when read");
-        let (here, plant) = (brief.here, brief.plant);
+        let experiment_hash =
+            u64::from_str_radix(&brief.experiment, 16).expect("checked when read");
+        let (own_host, plant) = (brief.here, brief.plant);
         let (hosts, robots) = (brief.hosts.len(), brief.robots.len());
-        let name = brief.hosts[here].name.clone();
+        let name = brief.hosts[own_host].name.clone();
         let node = service::create_node(&format!("bridge-{name}"))?;
         let mut routes = topics::routes(&brief);
-        routes.retain(|route| route.sending_host == here || route.receiving_hosts.contains(&here));
-        let status = service::bridge_topic(&name).open(&node)?.publisher(hosts)?;
+        routes.retain(|route| {
+            route.sending_host == own_host || route.receiving_hosts.contains(&own_host)
+        });
+        let status_publisher = service::bridge_topic(&name).open(&node)?.publisher(hosts)?;
         let inbox = Arc::new(Inbox::new(routes.len(), hosts));
-        let (mut outs, mut sinks) = (Vec::new(), Vec::new());
-        let mut commands: Vec<Option<CommandPort>> = (0..robots).map(|_| None).collect();
-        for (place, &Route { topic, sending_host: from, .. }) in routes.iter().enumerate() {
-            let layout = ports::topic_layout_hash(topic);
-            if from == here {
+        let (mut outgoing_routes, mut sinks) = (Vec::new(), Vec::new());
+        let mut command_ports: Vec<Option<CommandPort>> = (0..robots).map(|_| None).collect();
+        for (index, &Route { topic, sending_host, .. }) in routes.iter().enumerate() {
+            let layout_hash = ports::topic_layout_hash(topic);
+            if sending_host == own_host {
                 let source = ports::open_source(&brief, &node, topic)?;
-                outs.push(OutgoingRoute {
-                    route_index: place,
+                outgoing_routes.push(OutgoingRoute {
+                    route_index: index,
                     topic,
                     source,
-                    layout_hash: layout,
+                    layout_hash,
                     sequence: 0,
                 });
                 sinks.push(None);
@@ -115,27 +118,32 @@ impl Bridge {
             }
             sinks.push(ports::open_sink(&brief, &node, topic)?);
             if let Topic::Command(robot) = topic {
-                commands[robot] = Some(CommandPort::open(&brief, &node, robot)?);
+                command_ports[robot] = Some(CommandPort::open(&brief, &node, robot)?);
             }
             let all = matches!(topic, Topic::StatusRecords(_));
-            inbox.open_route(place, from, FrameFilter::new(from, layout, experiment), all);
+            inbox.open_route(
+                index,
+                sending_host,
+                FrameFilter::new(sending_host, layout_hash, experiment_hash),
+                all,
+            );
         }
-        let wire = PeerSessions::open(&brief, &routes, &inbox)?;
+        let sessions = PeerSessions::open(&brief, &routes, &inbox)?;
         Ok(Bridge {
-            experiment_hash: experiment,
+            experiment_hash,
             routes,
-            outgoing_routes: outs,
+            outgoing_routes,
             sinks,
-            command_ports: commands,
+            command_ports,
             inbox,
             counts: BridgeHeader { boot: random_boot_id(), ..BridgeHeader::default() },
-            stamp_converter: StampConverter::new(here == plant, robots, STAMP_LIFETIME_NS),
+            stamp_converter: StampConverter::new(own_host == plant, robots, STAMP_LIFETIME_NS),
             last_message_ns: vec![None; hosts],
             forwarder: StatusForwarder::open(&brief, &node)?,
-            status_publisher: status,
+            status_publisher,
             next_times: NextTimes::default(),
             clock_request_count: 0,
-            sessions: wire,
+            sessions,
             _node: node,
             brief,
         })
@@ -154,20 +162,22 @@ impl Bridge {
     /// Delivers the frames that have arrived, and does the periodic work that is due. Waits until either is
     /// possible.
     pub(super) fn iterate(&mut self) -> Result<(), Failure> {
-        for arrived in self.inbox.wait_for_frames(self.next_times.poll_ns) {
-            self.receive_frame(&arrived)?;
+        for frame in self.inbox.wait_for_frames(self.next_times.poll_ns) {
+            self.receive_frame(&frame)?;
         }
         let now_ns = clock::now_ns();
         if advance_if_due(&mut self.next_times.poll_ns, now_ns, POLL_PERIOD_NS) {
             self.send_samples(now_ns)?;
         }
-        let asking = self.brief.here != self.brief.plant;
+        let is_measuring_clock = self.brief.here != self.brief.plant;
         let ask_every_ns = if self.clock_request_count < FIRST_CLOCK_REQUESTS {
             FIRST_CLOCK_REQUEST_PERIOD_NS
         } else {
             CLOCK_REQUEST_PERIOD_NS
         };
-        if asking && advance_if_due(&mut self.next_times.clock_request_ns, now_ns, ask_every_ns) {
+        if is_measuring_clock
+            && advance_if_due(&mut self.next_times.clock_request_ns, now_ns, ask_every_ns)
+        {
             self.clock_request_count += 1;
             self.send_bridge_message(
                 |topic| matches!(topic, Topic::ClockRequest(_)),
@@ -187,16 +197,14 @@ impl Bridge {
 
     /// Sends the newest samples of this host to other hosts.
     fn send_samples(&mut self, now_ns: u64) -> Result<(), Failure> {
-        let head = self.common_header(now_ns);
-        let Bridge {
-            outgoing_routes: outs, stamp_converter: times, counts, sessions: wire, ..
-        } = self;
-        for out in outs {
-            let Some(source) = &mut out.source else { continue };
-            match source(times, now_ns) {
-                Ok(Some(content)) => send_frame(wire, out, head, &content, counts),
+        let header_base = self.common_header(now_ns);
+        let Bridge { outgoing_routes, stamp_converter, counts, sessions, .. } = self;
+        for route in outgoing_routes {
+            let Some(source) = &mut route.source else { continue };
+            match source(stamp_converter, now_ns) {
+                Ok(Some(content)) => send_frame(sessions, route, header_base, &content, counts),
                 Ok(None) => {}
-                Err(PortError::Dropped(why)) => counts.dropped[why as usize] += 1,
+                Err(PortError::Dropped(reason)) => counts.dropped[reason as usize] += 1,
                 Err(error) => return Err(error.into()),
             }
         }
@@ -204,31 +212,33 @@ impl Bridge {
     }
 
     /// Delivers a frame of another host, or drops it and counts the reason.
-    fn receive_frame(&mut self, arrived: &ReceivedFrame) -> Result<(), Failure> {
-        match self.deliver_frame(arrived, clock::now_ns()) {
+    fn receive_frame(&mut self, frame: &ReceivedFrame) -> Result<(), Failure> {
+        match self.deliver_frame(frame, clock::now_ns()) {
             Ok(()) => self.counts.taken += 1,
-            Err(PortError::Dropped(why)) => self.counts.dropped[why as usize] += 1,
+            Err(PortError::Dropped(reason)) => self.counts.dropped[reason as usize] += 1,
             Err(error) => return Err(error.into()),
         }
         Ok(())
     }
 
-    fn deliver_frame(&mut self, arrived: &ReceivedFrame, now_ns: u64) -> Result<(), PortError> {
-        let Route { topic, sending_host: from, .. } = self.routes[arrived.route];
-        let content = arrived.content.as_slice();
-        let (brief, times) = (&self.brief, &mut self.stamp_converter);
-        let run_ns = times.run_time_ns(now_ns);
-        if run_ns.is_some_and(|t_ns| brief.are_partitioned(brief.here, from, t_ns)) {
+    fn deliver_frame(&mut self, frame: &ReceivedFrame, now_ns: u64) -> Result<(), PortError> {
+        let Route { topic, sending_host, .. } = self.routes[frame.route];
+        let content = frame.content.as_slice();
+        let (brief, stamp_converter) = (&self.brief, &mut self.stamp_converter);
+        let run_ns = stamp_converter.run_time_ns(now_ns);
+        if run_ns.is_some_and(|t_ns| brief.are_partitioned(brief.here, sending_host, t_ns)) {
             return Err(DropReason::Partition.into());
         }
-        self.last_message_ns[from] = Some(now_ns);
+        self.last_message_ns[sending_host] = Some(now_ns);
         match topic {
             Topic::Command(robot) => {
                 let port = self.command_ports[robot].as_mut().expect("it ends here");
-                port.deliver(times, content, now_ns, brief.odometry_age_ns_max)?;
+                port.deliver(stamp_converter, content, now_ns, brief.odometry_age_ns_max)?;
             }
             Topic::StatusRecords(_) => {
-                for robot in self.forwarder.receive_batch(from, arrived.header.boot_id, content)? {
+                for robot in
+                    self.forwarder.receive_batch(sending_host, frame.header.boot_id, content)?
+                {
                     // The robot has sent something, so it is running, which the plant waits for.
                     if let Some(port) = &mut self.command_ports[robot] {
                         port.open_publisher()?;
@@ -242,25 +252,25 @@ impl Bridge {
                 }
             }
             Topic::ClockRequest(host) => {
-                let [asked_ns] = decode_numbers(content)?;
-                let stamps = encode_numbers(&[asked_ns, arrived.arrival_ns, clock::now_ns()]);
+                let [sent_ns] = decode_numbers(content)?;
+                let stamps = encode_numbers(&[sent_ns, frame.arrival_ns, clock::now_ns()]);
                 self.send_bridge_message(|topic| topic == Topic::ClockResponse(host), &stamps);
             }
             Topic::ClockResponse(_) => {
-                let [sent_ns, there_taken_ns, there_sent_ns] = decode_numbers(content)?;
-                let taken_ns = arrived.arrival_ns;
-                if !times.add_measurement(&RoundTripStamps {
+                let [sent_ns, remote_received_ns, remote_sent_ns] = decode_numbers(content)?;
+                let received_ns = frame.arrival_ns;
+                if !stamp_converter.add_measurement(&RoundTripStamps {
                     sent_ns,
-                    remote_received_ns: there_taken_ns,
-                    remote_sent_ns: there_sent_ns,
-                    received_ns: taken_ns,
+                    remote_received_ns,
+                    remote_sent_ns,
+                    received_ns,
                 }) {
                     return Err(DropReason::UnconvertibleTime.into());
                 }
             }
             _ => {
-                let sink = self.sinks[arrived.route].as_mut().expect("it ends here");
-                sink(times, content, now_ns)?;
+                let sink = self.sinks[frame.route].as_mut().expect("it ends here");
+                sink(stamp_converter, content, now_ns)?;
             }
         }
         Ok(())
@@ -272,8 +282,8 @@ impl Bridge {
         if let Some(batch) = self.forwarder.next_batch(now_ns)? {
             self.send_bridge_message(|topic| matches!(topic, Topic::StatusRecords(_)), &batch);
         }
-        for why in self.forwarder.publish_records()? {
-            self.counts.dropped[why as usize] += 1;
+        for reason in self.forwarder.publish_records()? {
+            self.counts.dropped[reason as usize] += 1;
         }
         for (host, confirmed) in self.forwarder.acknowledgments() {
             self.send_bridge_message(
@@ -286,16 +296,16 @@ impl Bridge {
 
     /// Sends the bridge status to the own supervisor and to that of the plant's host.
     fn send_status(&mut self, now_ns: u64) -> Result<(), Failure> {
-        for (why, words) in refusals::take_first_refusals() {
+        for (reason, text) in refusals::take_first_refusals() {
             tracing::warn!(
-                why = why.keyword(),
-                "refused; further refusals are only counted: {words}"
+                why = reason.keyword(),
+                "refused; further refusals are only counted: {text}"
             );
         }
         let mut header = self.counts;
-        for why in DropReason::ALL {
-            header.dropped[why as usize] +=
-                self.inbox.dropped_count(why) + refusals::refusal_count(why);
+        for reason in DropReason::ALL {
+            header.dropped[reason as usize] +=
+                self.inbox.dropped_count(reason) + refusals::refusal_count(reason);
         }
         header.unconfirmed = self.forwarder.queue.unacked_count() as u64;
         header.told_dropped = self.forwarder.queue.dropped_count;
@@ -304,7 +314,7 @@ impl Bridge {
         let rows: Vec<PeerRow> = peers
             .map(|host| {
                 let of_plant = |ns: u64| if host == self.brief.plant { ns } else { 0 };
-                let silent_ns = |heard_ns| now_ns.saturating_sub(heard_ns);
+                let silent_ns = |received_ns| now_ns.saturating_sub(received_ns);
                 PeerRow {
                     host: host as u64,
                     silent_ns: self.last_message_ns[host].map_or(u64::MAX, silent_ns),
@@ -313,7 +323,7 @@ impl Bridge {
                 }
             })
             .collect();
-        send_slice(&self.status_publisher, header, rows.len(), |place| rows[place])
+        send_slice(&self.status_publisher, header, rows.len(), |index| rows[index])
             .map_err(PortError::from)?;
         let mut content = header.bytes().to_vec();
         rows.iter().for_each(|row| content.extend(row.bytes()));
@@ -323,10 +333,10 @@ impl Bridge {
 
     /// Sends a message of the bridge itself on all topics for which `is_meant` returns `true`.
     fn send_bridge_message(&mut self, is_meant: impl Fn(Topic) -> bool, content: &[u8]) {
-        let head = self.common_header(clock::now_ns());
-        let Bridge { outgoing_routes: outs, counts, sessions: wire, .. } = self;
-        for out in outs.iter_mut().filter(|out| is_meant(out.topic)) {
-            send_frame(wire, out, head, content, counts);
+        let header_base = self.common_header(clock::now_ns());
+        let Bridge { outgoing_routes, counts, sessions, .. } = self;
+        for route in outgoing_routes.iter_mut().filter(|route| is_meant(route.topic)) {
+            send_frame(sessions, route, header_base, content, counts);
         }
     }
 
@@ -346,20 +356,21 @@ impl Bridge {
 
 /// Sends one frame. If the queue is full, zenoh drops it.
 fn send_frame(
-    wire: &PeerSessions,
-    out: &mut OutgoingRoute,
-    head: FrameHeader,
+    sessions: &PeerSessions,
+    route: &mut OutgoingRoute,
+    header_base: FrameHeader,
     content: &[u8],
     counts: &mut BridgeHeader,
 ) {
-    out.sequence += 1;
-    let header = FrameHeader { layout_hash: out.layout_hash, sequence: out.sequence, ..head };
-    match wire.send(out.route_index, header.encode_frame(&[content])) {
+    route.sequence += 1;
+    let header =
+        FrameHeader { layout_hash: route.layout_hash, sequence: route.sequence, ..header_base };
+    match sessions.send(route.route_index, header.encode_frame(&[content])) {
         Ok(()) => {
             counts.sent += 1;
-            counts.samples_sent += u64::from(out.topic.is_robot_topic());
+            counts.samples_sent += u64::from(route.topic.is_robot_topic());
         }
-        Err(error) => tracing::debug!(%error, topic = ?out.topic, "not sent"),
+        Err(error) => tracing::debug!(%error, topic = ?route.topic, "not sent"),
     }
 }
 

@@ -40,15 +40,15 @@ impl SessionRole {
 }
 
 /// Returns the complete configuration of a session, as JSON.
-pub fn session_config(brief: &BridgeBrief, end: SessionRole) -> Value {
+pub fn session_config(brief: &BridgeBrief, role: SessionRole) -> Value {
     let protocol = if brief.certificates.is_some() { "tls" } else { &brief.transport };
     let endpoint = |host: usize| format!("{protocol}/{}", brief.hosts[host].address);
-    let (listen, connect) = match end {
+    let (listen, connect) = match role {
         SessionRole::Listening => (vec![endpoint(brief.here)], vec![]),
         SessionRole::Connecting(peer) => (vec![], vec![endpoint(peer)]),
     };
     let mut peers = topics::peer_hosts(brief, brief.here);
-    peers.retain(|&peer| end.is_session_with(brief.here, peer));
+    peers.retain(|&peer| role.is_session_with(brief.here, peer));
     let retry = json!({
         "period_init_ms": RECONNECT_BACKOFF_MS[0],
         "period_max_ms": RECONNECT_BACKOFF_MS[1],
@@ -117,8 +117,8 @@ pub fn session_config(brief: &BridgeBrief, end: SessionRole) -> Value {
 /// receive. Everything else is denied.
 fn access_control_config(brief: &BridgeBrief, peers: &[usize]) -> Value {
     let names: Vec<&str> = peers.iter().map(|&peer| brief.hosts[peer].name.as_str()).collect();
-    let below = |name: &str| format!("{KEY_PREFIX}/{name}/**");
-    let own = below(&brief.hosts[brief.here].name);
+    let keys_below = |name: &str| format!("{KEY_PREFIX}/{name}/**");
+    let own = keys_below(&brief.hosts[brief.here].name);
     let rule = |id: String, message: &str, flow: &str, key: &str| {
         json!({
             "id": id,
@@ -135,7 +135,7 @@ fn access_control_config(brief: &BridgeBrief, peers: &[usize]) -> Value {
     ];
     let (mut subjects, mut policies) = (Vec::new(), Vec::new());
     for name in names {
-        rules.push(rule(format!("said-by-{name}"), "put", "ingress", &below(name)));
+        rules.push(rule(format!("said-by-{name}"), "put", "ingress", &keys_below(name)));
         subjects.push(json!({ "id": name, "cert_common_names": [name] }));
         policies.push(json!({
             "rules": ["say", "be-heard", "hear", format!("said-by-{name}")],

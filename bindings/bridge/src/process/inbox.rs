@@ -66,44 +66,39 @@ impl Inbox {
         Inbox { state: Mutex::new(state), arrival: Condvar::new() }
     }
 
-    /// Opens the queue of a route for frames of host `from` that pass `gate`. `all`: keep all frames, not only
+    /// Opens the queue of a route for frames of host `from` that pass `filter`. `all`: keep all frames, not only
     /// the newest.
-    pub fn open_route(&self, route: usize, from: usize, gate: FrameFilter, all: bool) {
-        let keeps = if all { QUEUED_STATUS_FRAMES_MAX } else { 1 };
-        self.lock().route_queues[route] = Some(RouteQueue {
-            filter: gate,
-            sending_host: from,
-            capacity: keeps,
-            frames: VecDeque::new(),
-        });
+    pub fn open_route(&self, route: usize, from: usize, filter: FrameFilter, all: bool) {
+        let capacity = if all { QUEUED_STATUS_FRAMES_MAX } else { 1 };
+        self.lock().route_queues[route] =
+            Some(RouteQueue { filter, sending_host: from, capacity, frames: VecDeque::new() });
     }
 
     /// Adds a frame, or drops it and counts the reason.
     pub fn push_frame(&self, route: usize, frame: &[u8]) {
-        let at_ns = clock::now_ns();
+        let arrival_ns = clock::now_ns();
         let mut state = self.lock();
-        let InboxState { route_queues: lanes, boots, dropped_counts: dropped, has_frames: arrived } =
-            &mut *state;
-        let Some(lane) = &mut lanes[route] else { return };
-        match lane.filter.accept_frame(frame, &mut boots[lane.sending_host]) {
+        let InboxState { route_queues, boots, dropped_counts, has_frames } = &mut *state;
+        let Some(queue) = &mut route_queues[route] else { return };
+        match queue.filter.accept_frame(frame, &mut boots[queue.sending_host]) {
             Ok((header, content)) => {
-                if lane.frames.len() == lane.capacity {
-                    if lane.capacity > 1 {
+                if queue.frames.len() == queue.capacity {
+                    if queue.capacity > 1 {
                         return;
                     }
-                    lane.frames.clear();
+                    queue.frames.clear();
                 }
-                lane.frames.push_back(ReceivedFrame {
+                queue.frames.push_back(ReceivedFrame {
                     route,
                     header,
                     content: content.to_vec(),
-                    arrival_ns: at_ns,
+                    arrival_ns,
                 });
-                *arrived = true;
+                *has_frames = true;
                 drop(state);
                 self.arrival.notify_one();
             }
-            Err(why) => dropped[why as usize] += 1,
+            Err(reason) => dropped_counts[reason as usize] += 1,
         }
     }
 
@@ -119,12 +114,12 @@ impl Inbox {
             state = waited.unwrap_or_else(std::sync::PoisonError::into_inner).0;
         }
         state.has_frames = false;
-        state.route_queues.iter_mut().flatten().flat_map(|lane| lane.frames.drain(..)).collect()
+        state.route_queues.iter_mut().flatten().flat_map(|queue| queue.frames.drain(..)).collect()
     }
 
     /// Returns the number of frames dropped for this reason.
-    pub fn dropped_count(&self, why: DropReason) -> u64 {
-        self.lock().dropped_counts[why as usize]
+    pub fn dropped_count(&self, reason: DropReason) -> u64 {
+        self.lock().dropped_counts[reason as usize]
     }
 
     fn lock(&self) -> MutexGuard<'_, InboxState> {

@@ -39,7 +39,7 @@ pub fn main(brief_path: &Path, realtime_priority: bool) -> u8 {
     process::main_with_log("phalanx-bridge", realtime_priority, log, || run(brief_path))
 }
 
-/// Forwards samples as the brief says until the process is asked to stop.
+/// Forwards samples as the brief specifies until the process is asked to stop.
 fn run(brief_path: &Path) -> Result<(), Failure> {
     let brief: BridgeBrief = brief::read(brief_path)?;
     let stop = StopFlag::for_termination_signals()?;

@@ -40,8 +40,8 @@ pub enum PortError {
 }
 
 impl From<DropReason> for PortError {
-    fn from(why: DropReason) -> PortError {
-        PortError::Dropped(why)
+    fn from(reason: DropReason) -> PortError {
+        PortError::Dropped(reason)
     }
 }
 
@@ -78,29 +78,29 @@ pub fn open_source(
     node: &Node,
     topic: Topic,
 ) -> Result<Option<SampleSource>, PortError> {
-    let robot = |place: usize| brief.robots[place].name.as_str();
-    let host = |place: usize| brief.hosts[place].name.as_str();
+    let robot_name = |index: usize| brief.robots[index].name.as_str();
+    let host_name = |index: usize| brief.hosts[index].name.as_str();
     let source = match topic {
-        Topic::Beacon(place) => {
-            let from = service::beacon_topic(robot(place)).open(node)?.subscriber()?;
-            beacon_source(from)
+        Topic::Beacon(index) => {
+            let subscriber = service::beacon_topic(robot_name(index)).open(node)?.subscriber()?;
+            beacon_source(subscriber)
         }
-        Topic::Odometry(place) => {
-            let from = service::odometry_topic(robot(place)).open(node)?.subscriber()?;
-            sample_source(from, |times, odometry: Odometry, _| {
+        Topic::Odometry(index) => {
+            let subscriber = service::odometry_topic(robot_name(index)).open(node)?.subscriber()?;
+            sample_source(subscriber, |times, odometry: Odometry, _| {
                 times.set_run_start(odometry.stamp_ns.saturating_sub(odometry.t_ns));
                 Ok(odometry)
             })
         }
-        Topic::Command(place) => {
-            let from = service::command_topic(robot(place)).open(node)?.subscriber()?;
-            sample_source(from, StampConverter::convert_outgoing_command)
+        Topic::Command(index) => {
+            let subscriber = service::command_topic(robot_name(index)).open(node)?.subscriber()?;
+            sample_source(subscriber, StampConverter::convert_outgoing_command)
         }
-        Topic::Orders(to) => {
-            slice_source(service::orders_topic(host(to)).open(node)?.subscriber()?)
+        Topic::Orders(host) => {
+            slice_source(service::orders_topic(host_name(host)).open(node)?.subscriber()?)
         }
-        Topic::Report(of) => {
-            slice_source(service::host_report_topic(host(of)).open(node)?.subscriber()?)
+        Topic::Report(host) => {
+            slice_source(service::host_report_topic(host_name(host)).open(node)?.subscriber()?)
         }
         _ => return Ok(None),
     };
@@ -108,28 +108,28 @@ pub fn open_source(
 }
 
 fn sample_source<M>(
-    from: Subscriber<M>,
-    mut stamped: impl FnMut(&mut StampConverter, M, u64) -> Result<M, DropReason> + 'static,
+    subscriber: Subscriber<M>,
+    mut convert: impl FnMut(&mut StampConverter, M, u64) -> Result<M, DropReason> + 'static,
 ) -> SampleSource
 where
     M: Plain + Debug + ZeroCopySend,
 {
     Box::new(move |times, now_ns| {
         let mut newest = None;
-        while let Some(sample) = from.receive()? {
+        while let Some(sample) = subscriber.receive()? {
             newest = Some(*sample);
         }
         let Some(sample) = newest else { return Ok(None) };
-        Ok(Some(stamped(times, sample, now_ns)?.bytes().to_vec()))
+        Ok(Some(convert(times, sample, now_ns)?.bytes().to_vec()))
     })
 }
 
 /// Returns the source of beacons and their messages. If several are queued, each message is forwarded in turn, and only
 /// the newest beacon without a message.
-fn beacon_source(from: Subscriber<[u8], Beacon>) -> SampleSource {
+fn beacon_source(subscriber: Subscriber<[u8], Beacon>) -> SampleSource {
     Box::new(move |times, now_ns| {
         let mut newest = None;
-        while let Some(sample) = from.receive()? {
+        while let Some(sample) = subscriber.receive()? {
             let message = sample.payload();
             newest = Some((*sample.user_header(), message.to_vec()));
             if !message.is_empty() {
@@ -143,14 +143,14 @@ fn beacon_source(from: Subscriber<[u8], Beacon>) -> SampleSource {
     })
 }
 
-fn slice_source<P, H>(from: Subscriber<[P], H>) -> SampleSource
+fn slice_source<P, H>(subscriber: Subscriber<[P], H>) -> SampleSource
 where
     P: Plain + Debug + ZeroCopySend,
     H: Plain + Debug + ZeroCopySend,
 {
     Box::new(move |_, _| {
         let mut newest = None;
-        while let Some(content) = receive_encoded_slice(&from)? {
+        while let Some(content) = receive_encoded_slice(&subscriber)? {
             newest = Some(content);
         }
         Ok(newest)
@@ -158,12 +158,14 @@ where
 }
 
 /// Returns the next queued slice, encoded; `None` if there is none.
-pub fn receive_encoded_slice<P, H>(from: &Subscriber<[P], H>) -> Result<Option<Vec<u8>>, PortError>
+pub fn receive_encoded_slice<P, H>(
+    subscriber: &Subscriber<[P], H>,
+) -> Result<Option<Vec<u8>>, PortError>
 where
     P: Plain + Debug + ZeroCopySend,
     H: Plain + Debug + ZeroCopySend,
 {
-    let Some(sample) = from.receive()? else { return Ok(None) };
+    let Some(sample) = subscriber.receive()? else { return Ok(None) };
     let mut content = sample.user_header().bytes().to_vec();
     sample.payload().iter().for_each(|row| content.extend(row.bytes()));
     Ok(Some(content))
@@ -175,15 +177,16 @@ pub fn open_sink(
     node: &Node,
     topic: Topic,
 ) -> Result<Option<SampleSink>, PortError> {
-    let robot = |place: usize| brief.robots[place].name.as_str();
-    let host = |place: usize| brief.hosts[place].name.as_str();
+    let robot_name = |index: usize| brief.robots[index].name.as_str();
+    let host_name = |index: usize| brief.hosts[index].name.as_str();
     let (odometry_age, beacon_age) = (brief.odometry_age_ns_max, brief.beacon_age_ns_max);
     let robots = brief.robots.len();
     let sink: SampleSink = match topic {
-        Topic::Beacon(place) => {
-            let message_bytes_max = brief.robots[place].message_bytes_max;
-            let to =
-                service::beacon_topic(robot(place)).open(node)?.publisher(message_bytes_max)?;
+        Topic::Beacon(index) => {
+            let message_bytes_max = brief.robots[index].message_bytes_max;
+            let publisher = service::beacon_topic(robot_name(index))
+                .open(node)?
+                .publisher(message_bytes_max)?;
             Box::new(move |times, content, now_ns| {
                 let parts = content.split_at_checked(size_of::<Beacon>());
                 let (beacon, message) = parts.ok_or(DropReason::Garbage)?;
@@ -192,16 +195,16 @@ pub fn open_sink(
                     return Err(DropReason::Implausible.into());
                 }
                 let beacon = times.convert_incoming_beacon(beacon, now_ns, beacon_age)?;
-                send_bytes(&to, &beacon, message)?;
+                send_bytes(&publisher, &beacon, message)?;
                 Ok(())
             })
         }
-        Topic::Odometry(place) => {
-            let to = service::odometry_topic(robot(place)).open(node)?.publisher()?;
+        Topic::Odometry(index) => {
+            let publisher = service::odometry_topic(robot_name(index)).open(node)?.publisher()?;
             Box::new(move |times, content, now_ns| {
                 let odometry = decode_plausible_message(content, is_plausible_odometry)?;
-                to.send_copy(times.convert_incoming_odometry(
-                    place,
+                publisher.send_copy(times.convert_incoming_odometry(
+                    index,
                     odometry,
                     now_ns,
                     odometry_age,
@@ -209,17 +212,19 @@ pub fn open_sink(
                 Ok(())
             })
         }
-        Topic::Orders(to) => {
-            let to = service::orders_topic(host(to)).open(node)?.publisher(robots)?;
-            Box::new(move |_, content, _| deliver_slice(&to, content))
+        Topic::Orders(host) => {
+            let publisher = service::orders_topic(host_name(host)).open(node)?.publisher(robots)?;
+            Box::new(move |_, content, _| deliver_slice(&publisher, content))
         }
-        Topic::Report(of) => {
-            let to = service::host_report_topic(host(of)).open(node)?.publisher(robots)?;
-            Box::new(move |_, content, _| deliver_slice(&to, content))
+        Topic::Report(host) => {
+            let publisher =
+                service::host_report_topic(host_name(host)).open(node)?.publisher(robots)?;
+            Box::new(move |_, content, _| deliver_slice(&publisher, content))
         }
-        Topic::BridgeStatus(of) => {
-            let to = service::bridge_topic(host(of)).open(node)?.publisher(brief.hosts.len())?;
-            Box::new(move |_, content, _| deliver_slice(&to, content))
+        Topic::BridgeStatus(host) => {
+            let publisher =
+                service::bridge_topic(host_name(host)).open(node)?.publisher(brief.hosts.len())?;
+            Box::new(move |_, content, _| deliver_slice(&publisher, content))
         }
         _ => return Ok(None),
     };
@@ -258,8 +263,8 @@ impl CommandPort {
     ) -> Result<(), PortError> {
         let command = decode_plausible_message(content, Command::is_plausible)?;
         let command = times.check_incoming_command(command, now_ns, age_ns_max);
-        let to = self.open_publisher()?;
-        to.send_copy(command?)?;
+        let publisher = self.open_publisher()?;
+        publisher.send_copy(command?)?;
         Ok(())
     }
 }
@@ -267,27 +272,29 @@ impl CommandPort {
 /// Decodes a message and checks that it is plausible.
 fn decode_plausible_message<M: Plain>(
     content: &[u8],
-    is_so: impl Fn(&M) -> bool,
+    is_plausible: impl Fn(&M) -> bool,
 ) -> Result<M, DropReason> {
     let message = M::from_bytes(content).ok_or(DropReason::Garbage)?;
-    if is_so(&message) { Ok(message) } else { Err(DropReason::Implausible) }
+    if is_plausible(&message) { Ok(message) } else { Err(DropReason::Implausible) }
 }
 
 /// Returns whether a working plant could have sent this odometry sample: all its numbers are finite.
 fn is_plausible_odometry(odometry: &Odometry) -> bool {
     let Odometry { x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s, .. } = *odometry;
-    let near = odometry.near.iter().chain(&odometry.walls).flatten();
-    near.chain(&[x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s]).all(|number| number.is_finite())
+    let neighbors = odometry.near.iter().chain(&odometry.walls).flatten();
+    neighbors
+        .chain(&[x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s])
+        .all(|number| number.is_finite())
 }
 
 /// Delivers a slice from another host.
-pub fn deliver_slice<P, H>(to: &Publisher<[P], H>, content: &[u8]) -> Result<(), PortError>
+pub fn deliver_slice<P, H>(publisher: &Publisher<[P], H>, content: &[u8]) -> Result<(), PortError>
 where
     P: Plain + Debug + ZeroCopySend,
     H: Plain + Debug + Default + ZeroCopySend,
 {
     let (header, rows) = decode_slice::<P, H>(content).ok_or(DropReason::Garbage)?;
-    match send_slice(to, header, rows.len(), |place| rows[place]) {
+    match send_slice(publisher, header, rows.len(), |index| rows[index]) {
         Ok(_) => Ok(()),
         // Longer than any slice that is sent here.
         Err(SendError::Loan { .. }) => Err(DropReason::Implausible.into()),

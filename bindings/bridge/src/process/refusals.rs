@@ -39,8 +39,8 @@ thread_local! {
 }
 
 /// Returns the number of refusals for this reason.
-pub fn refusal_count(why: DropReason) -> u64 {
-    REFUSAL_COUNTS[why as usize].load(Ordering::Relaxed)
+pub fn refusal_count(reason: DropReason) -> u64 {
+    REFUSAL_COUNTS[reason as usize].load(Ordering::Relaxed)
 }
 
 /// Returns the first refusal for each reason since the last call, as zenoh's text.
@@ -50,10 +50,10 @@ pub fn take_first_refusals() -> Vec<(DropReason, String)> {
 
 /// Returns whether events of zenoh's log are counted here and need not be logged: a client can cause any number
 /// of them.
-pub fn is_counted(about: &Metadata<'_>) -> bool {
-    match about.target() {
+pub fn is_counted(metadata: &Metadata<'_>) -> bool {
+    match metadata.target() {
         ACCESS_CONTROL_TARGET => true,
-        target => target.starts_with(LISTENER_LOG_TARGET) && *about.level() == Level::WARN,
+        target => target.starts_with(LISTENER_LOG_TARGET) && *metadata.level() == Level::WARN,
     }
 }
 
@@ -67,11 +67,11 @@ impl RefusalCounter {
     where
         S: Subscriber + for<'s> LookupSpan<'s>,
     {
-        let heard = filter_fn(|about| {
-            is_counted(about)
-                || about.target() == ORCHESTRATOR_TARGET && *about.level() <= Level::DEBUG
+        let is_relevant = filter_fn(|metadata| {
+            is_counted(metadata)
+                || metadata.target() == ORCHESTRATOR_TARGET && *metadata.level() <= Level::DEBUG
         });
-        RefusalCounter.with_filter(heard.with_max_level_hint(LevelFilter::TRACE))
+        RefusalCounter.with_filter(is_relevant.with_max_level_hint(LevelFilter::TRACE))
     }
 }
 
@@ -80,11 +80,11 @@ impl<S: Subscriber> Layer<S> for RefusalCounter {
         let mut message = MessageVisitor(String::new());
         event.record(&mut message);
         let target = event.metadata().target();
-        let Some(why) = refusal_reason(target, &message.0) else { return };
-        if REFUSAL_COUNTS[why as usize].fetch_add(1, Ordering::Relaxed) == 0
+        let Some(reason) = refusal_reason(target, &message.0) else { return };
+        if REFUSAL_COUNTS[reason as usize].fetch_add(1, Ordering::Relaxed) == 0
             && let Ok(mut first) = FIRST_REFUSALS.lock()
         {
-            first.push((why, message.0));
+            first.push((reason, message.0));
         }
     }
 }
@@ -101,34 +101,34 @@ impl Visit for MessageVisitor {
 
 /// Returns the reason of a refusal that an event reports; `None` if it reports none.
 fn refusal_reason(target: &str, message: &str) -> Option<DropReason> {
-    let says = |words: &str| message.contains(words);
-    let of_certificate = || match says("invalid peer certificate") {
-        true if says("expired") || says("not valid yet") => Some(DropReason::Expired),
+    let contains = |pattern: &str| message.contains(pattern);
+    let of_certificate = || match contains("invalid peer certificate") {
+        true if contains("expired") || contains("not valid yet") => Some(DropReason::Expired),
         true => Some(DropReason::Certificate),
-        false => says("peer sent no certificates").then_some(DropReason::Certificate),
+        false => contains("peer sent no certificates").then_some(DropReason::Certificate),
     };
     match target {
         ACCESS_CONTROL_TARGET => access_list_reason(message),
         // Refusals by the other side are counted there.
         ORCHESTRATOR_TARGET => of_certificate(),
-        _ if says("Too many open files") || says("fatal alert") => None,
-        _ => of_certificate().or(says("file limit").then_some(DropReason::Handshake)),
+        _ if contains("Too many open files") || contains("fatal alert") => None,
+        _ => of_certificate().or(contains("file limit").then_some(DropReason::Handshake)),
     }
 }
 
 /// Returns the reason of a refusal that an event of the access list reports; `None` if it reports none.
 fn access_list_reason(message: &str) -> Option<DropReason> {
-    let says = |words: &str| message.contains(words);
-    if says("caching permissions") {
+    let contains = |pattern: &str| message.contains(pattern);
+    if contains("caching permissions") {
         PENDING_DECLARATIONS.set(ANSWERS_PER_DECLARATION);
-    } else if says("did not match any configured ACL subject") {
+    } else if contains("did not match any configured ACL subject") {
         return Some(DropReason::UnknownHost);
-    } else if says("authorized to") {
-        let of_message = says("cached result") || PENDING_DECLARATIONS.get() == 0;
+    } else if contains("authorized to") {
+        let of_message = contains("cached result") || PENDING_DECLARATIONS.get() == 0;
         if !of_message {
             PENDING_DECLARATIONS.set(PENDING_DECLARATIONS.get() - 1);
         }
-        let denied = of_message && says("unauthorized to Put (ingress)");
+        let denied = of_message && contains("unauthorized to Put (ingress)");
         return denied.then_some(DropReason::Denied);
     }
     None
@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn log_events_map_to_one_reason_or_none() {
         let hint = ". Hint: increase the system open file limit.";
-        for (target, message, why) in [
+        for (target, message, reason) in [
             (
                 LISTENER_LOG_TARGET,
                 "invalid peer certificate: UnknownIssuer",
@@ -173,7 +173,7 @@ mod tests {
                 LISTENER_LOG_TARGET => format!("{message}{hint}"),
                 _ => message.to_owned(),
             };
-            assert_eq!(refusal_reason(target, &message), why, "{message}");
+            assert_eq!(refusal_reason(target, &message), reason, "{message}");
         }
     }
 

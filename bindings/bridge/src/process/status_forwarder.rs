@@ -45,35 +45,35 @@ impl StatusForwarder {
     /// Opens the ports of this host.
     pub fn open(brief: &BridgeBrief, node: &Node) -> Result<StatusForwarder, PortError> {
         let has_plant = brief.here == brief.plant;
-        let (mut own, mut others) = (Vec::new(), Vec::new());
-        for (robot, told) in brief.robots.iter().enumerate() {
-            let status = service::status_topic(&told.name);
-            let latency = service::latency_topic(&told.name);
-            others.push(None);
-            if told.host == brief.here && !has_plant {
+        let (mut local_robots, mut remote_robots) = (Vec::new(), Vec::new());
+        for (robot, bridged_robot) in brief.robots.iter().enumerate() {
+            let status = service::status_topic(&bridged_robot.name);
+            let latency = service::latency_topic(&bridged_robot.name);
+            remote_robots.push(None);
+            if bridged_robot.host == brief.here && !has_plant {
                 let status = status.open(node)?.subscriber()?;
                 let latency = latency.open(node)?.subscriber()?;
-                own.push(LocalRobot { robot, status, latency });
-            } else if told.host != brief.here && has_plant {
-                let rows_max = latency::recorder_capacity(3 + 2 * told.hears);
+                local_robots.push(LocalRobot { robot, status, latency });
+            } else if bridged_robot.host != brief.here && has_plant {
+                let rows_max = latency::recorder_capacity(3 + 2 * bridged_robot.hears);
                 let message_bytes_max =
-                    if brief.records_messages { told.message_bytes_max } else { 0 };
+                    if brief.records_messages { bridged_robot.message_bytes_max } else { 0 };
                 let status_bytes_max =
-                    StatusHeader::payload_bytes_max(told.hears, message_bytes_max);
-                others[robot] = Some(RemoteRobot {
-                    host: told.host,
+                    StatusHeader::payload_bytes_max(bridged_robot.hears, message_bytes_max);
+                remote_robots[robot] = Some(RemoteRobot {
+                    host: bridged_robot.host,
                     status: status.open(node)?.publisher(status_bytes_max)?,
                     latency: latency.open(node)?.publisher(rows_max)?,
                     unpublished_records: VecDeque::new(),
                 });
             }
         }
-        let heard = brief.hosts.iter().map(|_| RecordReceiver::default()).collect();
+        let receivers = brief.hosts.iter().map(|_| RecordReceiver::default()).collect();
         Ok(StatusForwarder {
-            local_robots: own,
+            local_robots,
             queue: UnackedQueue::default(),
-            remote_robots: others,
-            receivers: heard,
+            remote_robots,
+            receivers,
         })
     }
 
@@ -98,11 +98,11 @@ impl StatusForwarder {
         batch: &[u8],
     ) -> Result<Vec<usize>, DropReason> {
         let records = self.receivers[host].receive_batch(boot, batch).ok_or(DropReason::Garbage)?;
-        let lives_there = |record: &StatusRecord| {
-            let other = self.remote_robots.get(record.robot).and_then(Option::as_ref);
-            other.is_some_and(|other| other.host == host)
+        let is_on_host = |record: &StatusRecord| {
+            let remote_robot = self.remote_robots.get(record.robot).and_then(Option::as_ref);
+            remote_robot.is_some_and(|remote_robot| remote_robot.host == host)
         };
-        if !records.iter().all(lives_there) {
+        if !records.iter().all(is_on_host) {
             return Err(DropReason::WrongSender);
         }
         let robots = records.iter().map(|record| record.robot).collect();
@@ -120,20 +120,20 @@ impl StatusForwarder {
     /// for records that were dropped.
     pub fn publish_records(&mut self) -> Result<Vec<DropReason>, PortError> {
         let mut dropped = Vec::new();
-        for other in self.remote_robots.iter_mut().flatten() {
+        for remote_robot in self.remote_robots.iter_mut().flatten() {
             for _ in 0..PUBLISHED_RECORDS_MAX {
                 let Some(StatusRecord { kind, content, .. }) =
-                    other.unpublished_records.pop_front()
+                    remote_robot.unpublished_records.pop_front()
                 else {
                     break;
                 };
                 let delivered = match kind {
-                    RecordKind::Status => deliver_slice(&other.status, &content),
-                    RecordKind::Latency => deliver_slice(&other.latency, &content),
+                    RecordKind::Status => deliver_slice(&remote_robot.status, &content),
+                    RecordKind::Latency => deliver_slice(&remote_robot.latency, &content),
                 };
                 match delivered {
-                    Err(PortError::Dropped(why)) => dropped.push(why),
-                    other => other?,
+                    Err(PortError::Dropped(reason)) => dropped.push(reason),
+                    remote_robot => remote_robot?,
                 }
             }
         }
@@ -143,11 +143,14 @@ impl StatusForwarder {
     /// Returns, for each host, the acknowledgment of its records: all of them have been received and published. A
     /// host whose records are acknowledged may end, and with it the run.
     pub fn acknowledgments(&self) -> Vec<(usize, [u64; 2])> {
-        let waits = |host| {
-            let mut others = self.remote_robots.iter().flatten();
-            others.any(|other| other.host == host && !other.unpublished_records.is_empty())
+        let has_unpublished = |host| {
+            let mut remote_robots = self.remote_robots.iter().flatten();
+            remote_robots.any(|remote_robot| {
+                remote_robot.host == host && !remote_robot.unpublished_records.is_empty()
+            })
         };
-        let heard = self.receivers.iter().enumerate().filter(|&(host, _)| !waits(host));
-        heard.filter_map(|(host, heard)| Some((host, heard.acknowledgment()?))).collect()
+        let receivers =
+            self.receivers.iter().enumerate().filter(|&(host, _)| !has_unpublished(host));
+        receivers.filter_map(|(host, receiver)| Some((host, receiver.acknowledgment()?))).collect()
     }
 }

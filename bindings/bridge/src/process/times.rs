@@ -30,13 +30,13 @@ pub struct StampConverter {
 }
 
 impl StampConverter {
-    /// Creates the times of a host. `kept_ns`: time for which a stamp delivered here may be answered, ns.
-    pub fn new(is_plants: bool, robots: usize, kept_ns: u64) -> StampConverter {
+    /// Creates the times of a host. `stamp_lifetime_ns`: time for which a stamp delivered here may be answered, ns.
+    pub fn new(is_plant_host: bool, robots: usize, stamp_lifetime_ns: u64) -> StampConverter {
         StampConverter {
-            is_plant_host: is_plants,
+            is_plant_host,
             offset_estimator: ClockOffsetEstimator::default(),
             plant_stamps_ns: BTreeMap::new(),
-            stamp_lifetime_ns: kept_ns,
+            stamp_lifetime_ns,
             newest_odometry_ns: vec![0; robots],
             run_start_ns: None,
             round_trip_ns: 0,
@@ -77,21 +77,22 @@ impl StampConverter {
 
     /// Returns the time since the start of the run, ns; `None` before it.
     pub fn run_time_ns(&mut self, now_ns: u64) -> Option<u64> {
-        let began_ns = self.run_start_ns?;
-        Some(self.plant_time_ns(now_ns)?.saturating_sub(began_ns))
+        let run_start_ns = self.run_start_ns?;
+        Some(self.plant_time_ns(now_ns)?.saturating_sub(run_start_ns))
     }
 
     /// Removes stamps that are too old to be answered.
     pub fn remove_old_stamps(&mut self, now_ns: u64) {
-        let kept = self.plant_stamps_ns.split_off(&now_ns.saturating_sub(self.stamp_lifetime_ns));
-        self.plant_stamps_ns = kept;
+        let fresh_stamps =
+            self.plant_stamps_ns.split_off(&now_ns.saturating_sub(self.stamp_lifetime_ns));
+        self.plant_stamps_ns = fresh_stamps;
     }
 
-    /// Returns the plant's original stamp of a sample delivered here with stamp `here_ns`.
-    fn find_plant_stamp(&self, here_ns: u64) -> Result<u64, DropReason> {
+    /// Returns the plant's original stamp of a sample delivered here with stamp `local_ns`.
+    fn find_plant_stamp(&self, local_ns: u64) -> Result<u64, DropReason> {
         match self.is_plant_host {
-            true => Ok(here_ns),
-            false => self.plant_stamps_ns.get(&here_ns).copied().ok_or(DropReason::Unmatched),
+            true => Ok(local_ns),
+            false => self.plant_stamps_ns.get(&local_ns).copied().ok_or(DropReason::Unmatched),
         }
     }
 
@@ -184,17 +185,17 @@ impl StampConverter {
         now_ns: u64,
         age_ns_max: u64,
     ) -> Result<u64, DropReason> {
-        let here_ns = bounds.earliest_local_ns(plant_ns);
-        match now_ns.checked_sub(here_ns) {
+        let local_ns = bounds.earliest_local_ns(plant_ns);
+        match now_ns.checked_sub(local_ns) {
             Some(age_ns) if age_ns > age_ns_max => Err(DropReason::Old),
-            Some(_) => Ok(here_ns),
+            Some(_) => Ok(local_ns),
             None => Err(DropReason::Implausible),
         }
     }
 
-    fn store_plant_stamp(&mut self, here_ns: u64, plant_ns: u64) {
+    fn store_plant_stamp(&mut self, local_ns: u64, plant_ns: u64) {
         if !self.is_plant_host {
-            self.plant_stamps_ns.insert(here_ns, plant_ns);
+            self.plant_stamps_ns.insert(local_ns, plant_ns);
         }
     }
 }
@@ -224,20 +225,24 @@ mod tests {
     #[test]
     fn command_carries_the_exact_stamp_of_the_plant() {
         let mut times = example_converter();
-        let own_ns = 6_000_987_654;
-        let sample =
-            times.convert_incoming_odometry(0, odometry(own_ns), NOW_NS, 10_000_000).unwrap();
-        assert!(sample.stamp_ns < own_ns - 1_000_000_000, "read as older than it may be");
+        let plant_stamp_ns = 6_000_987_654;
+        let sample = times
+            .convert_incoming_odometry(0, odometry(plant_stamp_ns), NOW_NS, 10_000_000)
+            .unwrap();
+        assert!(sample.stamp_ns < plant_stamp_ns - 1_000_000_000, "read as older than it may be");
         let command = Command { stamp_ns: sample.stamp_ns, ..Command::default() };
-        assert_eq!(times.convert_outgoing_command(command, NOW_NS).unwrap().stamp_ns, own_ns);
+        assert_eq!(
+            times.convert_outgoing_command(command, NOW_NS).unwrap().stamp_ns,
+            plant_stamp_ns
+        );
         let beacon = Beacon { stamp_ns: sample.stamp_ns, ..Beacon::default() };
-        assert_eq!(times.convert_outgoing_beacon(beacon, NOW_NS).unwrap().stamp_ns, own_ns);
+        assert_eq!(times.convert_outgoing_beacon(beacon, NOW_NS).unwrap().stamp_ns, plant_stamp_ns);
         let other = Command { stamp_ns: sample.stamp_ns + 1, ..Command::default() };
         assert_eq!(times.convert_outgoing_command(other, NOW_NS), Err(DropReason::Unmatched));
         times.remove_old_stamps(sample.stamp_ns + times.stamp_lifetime_ns);
         assert_eq!(
             times.convert_outgoing_command(command, NOW_NS).unwrap().stamp_ns,
-            own_ns,
+            plant_stamp_ns,
             "it is kept"
         );
         times.remove_old_stamps(sample.stamp_ns + times.stamp_lifetime_ns + 1);
@@ -252,13 +257,13 @@ mod tests {
     #[test]
     fn old_or_backward_sample_is_dropped_with_its_reason() {
         let mut times = example_converter();
-        let mut take = |ns: u64| {
+        let mut convert = |ns: u64| {
             times.convert_incoming_odometry(0, odometry(ns), NOW_NS, 10_000_000).map(drop)
         };
-        assert_eq!(take(6_000_900_000), Ok(()));
-        assert_eq!(take(6_000_900_000), Err(DropReason::UnconvertibleTime));
-        assert_eq!(take(5_990_000_000), Err(DropReason::Old));
-        assert_eq!(take(6_002_000_000), Err(DropReason::Implausible));
+        assert_eq!(convert(6_000_900_000), Ok(()));
+        assert_eq!(convert(6_000_900_000), Err(DropReason::UnconvertibleTime));
+        assert_eq!(convert(5_990_000_000), Err(DropReason::Old));
+        assert_eq!(convert(6_002_000_000), Err(DropReason::Implausible));
         let mut unmeasured = StampConverter::new(false, 1, 1);
         let early = unmeasured.convert_incoming_odometry(0, odometry(1), NOW_NS, 10_000_000);
         assert_eq!(early, Err(DropReason::UnconvertibleTime));

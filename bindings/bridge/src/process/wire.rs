@@ -58,25 +58,28 @@ impl PeerSessions {
         let listens =
             peers.iter().any(|&peer| SessionRole::Listening.is_session_with(brief.here, peer));
         let listens = listens.then_some(SessionRole::Listening);
-        let link = |end| PeerSession { role: end, open_session: None, was_connected: false };
-        let mut wire = PeerSessions {
+        let open_peer = |role| PeerSession { role, open_session: None, was_connected: false };
+        let mut peer_sessions = PeerSessions {
             brief: brief.clone(),
             routes: routes.to_vec(),
             inbox: inbox.clone(),
-            sessions: listens.into_iter().chain(connects).map(link).collect(),
+            sessions: listens.into_iter().chain(connects).map(open_peer).collect(),
         };
-        for place in 0..wire.sessions.len() {
-            wire.sessions[place].open_session = Some(wire.open_session(wire.sessions[place].role)?);
+        for index in 0..peer_sessions.sessions.len() {
+            peer_sessions.sessions[index].open_session =
+                Some(peer_sessions.open_session(peer_sessions.sessions[index].role)?);
         }
-        Ok(wire)
+        Ok(peer_sessions)
     }
 
     /// Sends a frame of a route. It never blocks: if the queue is full, zenoh drops the frame.
     pub fn send(&self, route: usize, frame: Vec<u8>) -> Result<(), zenoh::Error> {
         let frame = ZBytes::from(frame);
         let mut sent = Ok(());
-        for open in self.sessions.iter().filter_map(|link| link.open_session.as_ref()) {
-            if let Some(sender) = &open.senders[route] {
+        for open_session in
+            self.sessions.iter().filter_map(|peer_session| peer_session.open_session.as_ref())
+        {
+            if let Some(sender) = &open_session.senders[route] {
                 sent = sent.and(sender.put(frame.clone()).wait());
             }
         }
@@ -86,44 +89,43 @@ impl PeerSessions {
     /// Opens a new session in place of each one that has lost its peer. Call it more often than zenoh tries to
     /// reconnect.
     pub fn reopen_lost_sessions(&mut self) {
-        for place in 0..self.sessions.len() {
-            let PeerSession { role: end, open_session: open, was_connected: connected } =
-                &mut self.sessions[place];
-            if *end == SessionRole::Listening {
+        for index in 0..self.sessions.len() {
+            let PeerSession { role, open_session: open, was_connected } = &mut self.sessions[index];
+            if *role == SessionRole::Listening {
                 continue;
             }
             if let Some(open) = open {
-                let is_there = open.session.info().peers_zid().wait().next().is_some();
-                if is_there || !*connected {
-                    *connected = is_there;
+                let has_peer = open.session.info().peers_zid().wait().next().is_some();
+                if has_peer || !*was_connected {
+                    *was_connected = has_peer;
                     continue;
                 }
             }
-            *connected = false;
+            *was_connected = false;
             if let Some(lost) = open.take() {
                 // Closing may block.
                 std::thread::spawn(move || lost.close());
             }
-            match self.open_session(self.sessions[place].role) {
-                Ok(open) => self.sessions[place].open_session = Some(open),
+            match self.open_session(self.sessions[index].role) {
+                Ok(open) => self.sessions[index].open_session = Some(open),
                 Err(error) => tracing::debug!(%error, "not connected again"),
             }
         }
     }
 
-    fn open_session(&self, end: SessionRole) -> Result<OpenSession, WireError> {
-        let here = self.brief.here;
-        let ends_at = |host: usize| end.is_session_with(here, host);
-        let address = || self.brief.hosts[here].address.clone();
-        let session = wire::open(&config::session_config(&self.brief, end))
+    fn open_session(&self, role: SessionRole) -> Result<OpenSession, WireError> {
+        let own_host = self.brief.here;
+        let is_session_with = |host: usize| role.is_session_with(own_host, host);
+        let address = || self.brief.hosts[own_host].address.clone();
+        let session = wire::open(&config::session_config(&self.brief, role))
             .map_err(|why| WireError::Open(address(), why))?;
         let mut senders = Vec::new();
-        for (place, route) in self.routes.iter().enumerate() {
-            let sends =
-                route.sending_host == here && route.receiving_hosts.iter().any(|&to| ends_at(to));
+        for (index, route) in self.routes.iter().enumerate() {
+            let sends = route.sending_host == own_host
+                && route.receiving_hosts.iter().any(|&to| is_session_with(to));
             senders.push(sends.then(|| declare_sender(&session, route)).transpose()?);
-            if route.receiving_hosts.contains(&here) && ends_at(route.sending_host) {
-                declare_receiver(&session, place, route, &self.inbox)?;
+            if route.receiving_hosts.contains(&own_host) && is_session_with(route.sending_host) {
+                declare_receiver(&session, index, route, &self.inbox)?;
             }
         }
         Ok(OpenSession { session, senders })
@@ -131,7 +133,10 @@ impl PeerSessions {
 
     /// Closes all sessions.
     pub fn close(self) {
-        self.sessions.into_iter().filter_map(|link| link.open_session).for_each(OpenSession::close);
+        self.sessions
+            .into_iter()
+            .filter_map(|peer_session| peer_session.open_session)
+            .for_each(OpenSession::close);
     }
 }
 
@@ -165,14 +170,14 @@ fn declare_sender(
 
 fn declare_receiver(
     session: &zenoh::Session,
-    place: usize,
+    index: usize,
     route: &Route,
     inbox: &Arc<Inbox>,
 ) -> Result<(), WireError> {
     let inbox = inbox.clone();
     let declared = session
         .declare_subscriber(route.key.clone())
-        .callback(move |sample| inbox.push_frame(place, &sample.payload().to_bytes()))
+        .callback(move |sample| inbox.push_frame(index, &sample.payload().to_bytes()))
         .background()
         .wait();
     declared.map_err(WireError::declare_error(&route.key))

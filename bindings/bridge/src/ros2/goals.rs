@@ -43,29 +43,29 @@ impl GoalArea {
         if !(Goal { stamp_ns: 0, x_m, y_m }).is_plausible() {
             return Err(RefusalReason::Far);
         }
-        let place = Vec2::new(x_m, y_m);
+        let position = Vec2::new(x_m, y_m);
         if self
             .closed_walls
             .iter()
-            .any(|wall| polygon_contains(wall, place) != polygon_contains(wall, start))
+            .any(|wall| polygon_contains(wall, position) != polygon_contains(wall, start))
         {
             return Err(RefusalReason::BehindWall);
         }
-        if self.obstacles.obstacles_within(place, self.clearance_m).next().is_some() {
+        if self.obstacles.obstacles_within(position, self.clearance_m).next().is_some() {
             return Err(RefusalReason::TooCloseToWall);
         }
-        Ok(place)
+        Ok(position)
     }
 }
 
 /// Returns whether a point lies within a closed polygon: a ray from it crosses an odd number of sides.
 fn polygon_contains(corners: &[Vec2], point: Vec2) -> bool {
-    let ends = corners.iter().zip(corners.iter().cycle().skip(1));
+    let sides = corners.iter().zip(corners.iter().cycle().skip(1));
     let crosses = |(a, b): &(&Vec2, &Vec2)| {
         (a.y > point.y) != (b.y > point.y)
             && point.x < a.x + (point.y - a.y) / (b.y - a.y) * (b.x - a.x)
     };
-    ends.filter(crosses).count() % 2 == 1
+    sides.filter(crosses).count() % 2 == 1
 }
 
 /// Queue of goals from zenoh's threads until the main loop forwards them.
@@ -77,21 +77,22 @@ pub struct GoalInbox {
 }
 
 impl GoalInbox {
-    /// Creates a queue for this number of robots, in a process that started at `began_ns`.
-    pub fn new(robots: usize, began_ns: u64) -> GoalInbox {
-        let counts = GoalCounts { began_ns, ..GoalCounts::default() };
+    /// Creates a queue for this number of robots, in a process that started at `start_ns`.
+    pub fn new(robots: usize, start_ns: u64) -> GoalInbox {
+        let counts = GoalCounts { began_ns: start_ns, ..GoalCounts::default() };
         GoalInbox { newest_goals: vec![None; robots], counts }
     }
 
     /// Stores the target of a robot, m, received at `now_ns`, or counts the reason for refusing it.
-    pub fn store_goal(&mut self, robot: usize, place: Result<Vec2, RefusalReason>, now_ns: u64) {
-        match place {
-            Ok(place) => {
+    pub fn store_goal(&mut self, robot: usize, position: Result<Vec2, RefusalReason>, now_ns: u64) {
+        match position {
+            Ok(position) => {
                 self.counts.taken += 1;
                 // Each stamp is newer than the one before.
                 let before_ns = self.newest_goals[robot].map_or(0, |goal| goal.stamp_ns);
                 let stamp_ns = now_ns.max(before_ns + 1);
-                self.newest_goals[robot] = Some(Goal { stamp_ns, x_m: place.x, y_m: place.y });
+                self.newest_goals[robot] =
+                    Some(Goal { stamp_ns, x_m: position.x, y_m: position.y });
             }
             Err(why) => self.counts.count_refusal(why),
         }
@@ -143,35 +144,35 @@ mod tests {
 
     #[test]
     fn goal_is_refused_for_the_first_applicable_reason() {
-        let arena = example_area();
-        let place =
-            |frame, numbers| arena.parse_goal_position(&encode_goal_message(frame, numbers), START);
+        let area = example_area();
+        let parse =
+            |frame, numbers| area.parse_goal_position(&encode_goal_message(frame, numbers), START);
         for frame in ["map", ""] {
-            assert_eq!(place(frame, pose_values(-1.0, 0.5)), Ok(Vec2::new(-1.0, 0.5)));
+            assert_eq!(parse(frame, pose_values(-1.0, 0.5)), Ok(Vec2::new(-1.0, 0.5)));
         }
         // Height and orientation, of any length, are ignored.
-        let turned = [-1.0, 0.5, 7.0, 0.0, 0.0, 0.0, 0.0];
-        assert_eq!(place("map", turned), Ok(Vec2::new(-1.0, 0.5)));
-        assert_eq!(arena.parse_goal_position(b"nonsense", START), Err(RefusalReason::Layout));
-        for nan in 0..7 {
+        let any_orientation = [-1.0, 0.5, 7.0, 0.0, 0.0, 0.0, 0.0];
+        assert_eq!(parse("map", any_orientation), Ok(Vec2::new(-1.0, 0.5)));
+        assert_eq!(area.parse_goal_position(b"nonsense", START), Err(RefusalReason::Layout));
+        for index in 0..7 {
             for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
                 let mut numbers = pose_values(-1.0, 0.5);
-                numbers[nan] = wrong;
-                assert_eq!(place("odom", numbers), Err(RefusalReason::NotFinite));
+                numbers[index] = wrong;
+                assert_eq!(parse("odom", numbers), Err(RefusalReason::NotFinite));
             }
         }
         for frame in ["odom", "/map", "r1/base_link"] {
             assert_eq!(
-                place(frame, pose_values(-1.0, 0.5)),
+                parse(frame, pose_values(-1.0, 0.5)),
                 Err(RefusalReason::WrongFrame),
                 "{frame}"
             );
         }
-        assert_eq!(place("map", pose_values(1e300, 0.0)), Err(RefusalReason::Far));
-        assert_eq!(place("map", pose_values(3.0, 0.5)), Err(RefusalReason::BehindWall));
-        assert_eq!(place("map", pose_values(1.0, 1.0)), Err(RefusalReason::TooCloseToWall));
+        assert_eq!(parse("map", pose_values(1e300, 0.0)), Err(RefusalReason::Far));
+        assert_eq!(parse("map", pose_values(3.0, 0.5)), Err(RefusalReason::BehindWall));
+        assert_eq!(parse("map", pose_values(1.0, 1.0)), Err(RefusalReason::TooCloseToWall));
         assert_eq!(
-            place("map", pose_values(-1.95, 0.0)),
+            parse("map", pose_values(-1.95, 0.0)),
             Err(RefusalReason::TooCloseToWall),
             "too near to a wall"
         );
@@ -179,20 +180,20 @@ mod tests {
 
     #[test]
     fn goal_inside_wall_is_refused_for_robot_outside() {
-        let arena = example_area();
+        let area = example_area();
         let start = Vec2::new(5.0, 5.0);
-        let place =
-            |numbers| arena.parse_goal_position(&encode_goal_message("map", numbers), start);
-        assert_eq!(place(pose_values(3.0, 0.5)), Ok(Vec2::new(3.0, 0.5)));
-        assert_eq!(place(pose_values(-1.0, 0.5)), Err(RefusalReason::BehindWall));
+        let parse = |numbers| area.parse_goal_position(&encode_goal_message("map", numbers), start);
+        assert_eq!(parse(pose_values(3.0, 0.5)), Ok(Vec2::new(3.0, 0.5)));
+        assert_eq!(parse(pose_values(-1.0, 0.5)), Err(RefusalReason::BehindWall));
     }
 
     #[test]
     fn without_walls_any_plausible_goal_is_accepted() {
-        let open =
+        let open_area =
             GoalArea { obstacles: Obstacles::new(&[]), clearance_m: 0.1, closed_walls: Vec::new() };
         assert!(
-            open.parse_goal_position(&encode_goal_message("", pose_values(1e6, -1e6)), START)
+            open_area
+                .parse_goal_position(&encode_goal_message("", pose_values(1e6, -1e6)), START)
                 .is_ok()
         );
     }
@@ -200,9 +201,9 @@ mod tests {
     #[test]
     fn newest_goal_per_robot_wins_with_a_unique_stamp() {
         let mut inbox = GoalInbox::new(2, 5);
-        let place = |x_m| Ok(Vec2::new(x_m, 0.0));
+        let position_at = |x_m| Ok(Vec2::new(x_m, 0.0));
         for (x_m, now_ns) in [(1.0, 10), (2.0, 10), (3.0, 9)] {
-            inbox.store_goal(1, place(x_m), now_ns);
+            inbox.store_goal(1, position_at(x_m), now_ns);
         }
         inbox.store_goal(1, Err(RefusalReason::WrongFrame), 20);
         assert_eq!(inbox.newest_goal(0), None);
@@ -216,15 +217,15 @@ mod tests {
         /// Varies the direction and first corner of a square.
         #[test]
         fn square_surrounds_exactly_its_inner_points(
-            x in -3.0..3.0f64, y in -3.0..3.0f64, first in 0..4usize, back in proptest::bool::ANY,
+            x in -3.0..3.0f64, y in -3.0..3.0f64, first in 0..4usize, is_reversed in proptest::bool::ANY,
         ) {
             let mut corners = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]].map(Vec2::from);
             corners.rotate_left(first);
-            if back {
+            if is_reversed {
                 corners.reverse();
             }
-            let within = x.abs() < 2.0 && y.abs() < 2.0;
-            proptest::prop_assert_eq!(polygon_contains(&corners, Vec2::new(x, y)), within);
+            let is_inside = x.abs() < 2.0 && y.abs() < 2.0;
+            proptest::prop_assert_eq!(polygon_contains(&corners, Vec2::new(x, y)), is_inside);
         }
     }
 }

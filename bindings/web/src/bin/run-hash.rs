@@ -7,13 +7,17 @@ use std::process::ExitCode;
 use phalanx_web::engine::Engine;
 
 fn main() -> ExitCode {
-    let mut words: Vec<String> = std::env::args().skip(1).collect();
-    let text = words.iter().position(|word| word == "--text").map(|at| words.remove(at)).is_some();
-    if words.is_empty() {
+    let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+    let text = arguments
+        .iter()
+        .position(|argument| argument == "--text")
+        .map(|position| arguments.remove(position))
+        .is_some();
+    if arguments.is_empty() {
         eprintln!("usage: run-hash [--text] SCENARIO...");
         return ExitCode::from(2);
     }
-    for path in words.iter().map(Path::new) {
+    for path in arguments.iter().map(Path::new) {
         let mut engine = match Engine::from_file(path) {
             Ok(engine) => engine,
             Err(why) => {
@@ -26,8 +30,8 @@ fn main() -> ExitCode {
             continue;
         }
         engine.advance(u64::MAX);
-        let left = engine.left().expect("it was left nowhere yet");
-        println!("{} {}", path.file_stem().unwrap_or_default().display(), left.digest());
+        let results = engine.left().expect("it was left nowhere yet");
+        println!("{} {}", path.file_stem().unwrap_or_default().display(), results.digest());
     }
     ExitCode::SUCCESS
 }

@@ -23,7 +23,7 @@ pub(super) fn decode(bytes: Vec<u8>) -> Result<String, FileError> {
         }
         [0xff, 0xfe, ref text @ ..] => decode_utf_16(text, u16::from_le_bytes),
         [0xfe, 0xff, ref text @ ..] => decode_utf_16(text, u16::from_be_bytes),
-        // Without a byte order mark, the first character tells: it is ASCII in every format.
+        // Without a byte order mark, the first character decides: it is ASCII in every format.
         [first, 0, ..] if first != 0 => decode_utf_16(&bytes, u16::from_le_bytes),
         [0, second, ..] if second != 0 => decode_utf_16(&bytes, u16::from_be_bytes),
         _ => decode_declared_encoding(bytes),
@@ -49,7 +49,7 @@ fn decode_utf_16(bytes: &[u8], unit: impl Fn([u8; 2]) -> u16) -> Result<String, 
     Ok(text)
 }
 
-/// Decodes text of one byte or more for a character, as the XML declaration says or else as UTF-8.
+/// Decodes text of one byte or more for a character, as declared in XML or else as UTF-8.
 fn decode_declared_encoding(bytes: Vec<u8>) -> Result<String, FileError> {
     let declared = declared_encoding(&bytes);
     let is_ascii = bytes.iter().all(|byte| byte.is_ascii() && *byte != 0x1b);

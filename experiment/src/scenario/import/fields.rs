@@ -98,16 +98,16 @@ fn declared_separator(line: &str) -> Option<Separator> {
 /// decimal comma.
 fn detect_separator(lines: &[(usize, &str)]) -> Separator {
     let is_in_most = |separator: Separator| {
-        let has =
+        let has_separator =
             |line: &str| unquoted_characters(line.trim()).any(|(_, c)| separator.is_separator(c));
-        let with = lines.iter().filter(|(_, line)| has(line)).count();
-        with > 0 && 2 * with >= lines.len()
+        let count = lines.iter().filter(|(_, line)| has_separator(line)).count();
+        count > 0 && 2 * count >= lines.len()
     };
-    let holds_fields = |field: &str| {
+    let is_list_of_numbers = |field: &str| {
         let mut parts = field.split_whitespace().map(|part| parse_number(part, Separator::Comma));
         field.trim().contains(char::is_whitespace) && parts.all(|part| part.is_some())
     };
-    let commas_separate = || !lines.iter().any(|(_, line)| line.split(',').any(holds_fields));
+    let commas_separate = || !lines.iter().any(|(_, line)| line.split(',').any(is_list_of_numbers));
     if is_in_most(Separator::Semicolon) {
         Separator::Semicolon
     } else if is_in_most(Separator::Comma) && commas_separate() {
@@ -130,29 +130,29 @@ fn unquoted_characters(line: &str) -> impl Iterator<Item = (usize, char)> {
     })
 }
 
-/// Splits the line that begins at byte `at` of the text.
+/// Splits the line that begins at byte `line_start` of the text.
 fn split_line<'t>(
     source: &SourceText,
     line: &'t str,
-    at: usize,
+    line_start: usize,
     separator: Separator,
 ) -> Result<FieldRow<'t>, Diagnostic> {
     let mut row = Vec::new();
     let mut start = 0;
-    let ends = unquoted_characters(line).filter(|(_, c)| separator.is_separator(*c));
-    let ends: Vec<_> = ends.chain([(line.len(), ' ')]).collect();
-    for (end, c) in ends {
+    let separators = unquoted_characters(line).filter(|(_, c)| separator.is_separator(*c));
+    let separators: Vec<_> = separators.chain([(line.len(), ' ')]).collect();
+    for (end, c) in separators {
         let field = &line[start..end];
         let trimmed = field.trim();
-        let from = at + start + (field.len() - field.trim_start().len());
+        let field_start = line_start + start + (field.len() - field.trim_start().len());
         start = end + c.len_utf8();
         if trimmed.is_empty() && separator == Separator::Space {
             continue;
         }
         let inner = trimmed.strip_prefix('"').and_then(|text| text.strip_suffix('"'));
-        let from = from + usize::from(inner.is_some());
+        let field_start = field_start + usize::from(inner.is_some());
         let text = inner.unwrap_or(trimmed);
-        let span = from..from + text.len();
+        let span = field_start..field_start + text.len();
         if text.contains('"') {
             return Err(source.error_at(
                 &span,

@@ -36,25 +36,25 @@ fn edges(scenario: &Scenario) -> Vec<(usize, usize)> {
 
 /// Returns the edges of a graph and the warnings about its file.
 fn import_edges(name: &str, bytes: impl AsRef<[u8]>) -> (Vec<(usize, usize)>, Vec<Diagnostic>) {
-    let shown = String::from_utf8_lossy(bytes.as_ref()).into_owned();
+    let text = String::from_utf8_lossy(bytes.as_ref()).into_owned();
     let (scenario, _, mut warnings) = read_scenario_with_graph(name, bytes)
-        .unwrap_or_else(|error| panic!("{}\n{shown}", error.render(false)));
+        .unwrap_or_else(|error| panic!("{}\n{text}", error.render(false)));
     warnings.retain(|warning| warning.message.contains("no meaning"));
     (edges(&scenario), warnings)
 }
 
 /// Checks that a graph is read without a warning about its file.
 fn assert_edges(name: &str, bytes: impl AsRef<[u8]>, expected: &[(usize, usize)]) {
-    let shown = String::from_utf8_lossy(bytes.as_ref()).into_owned();
-    assert_eq!(import_edges(name, bytes), (expected.to_vec(), vec![]), "{shown}");
+    let text = String::from_utf8_lossy(bytes.as_ref()).into_owned();
+    assert_eq!(import_edges(name, bytes), (expected.to_vec(), vec![]), "{text}");
 }
 
-/// Checks that an error has all of these words; returns it as it is shown.
-fn assert_refused(name: &str, bytes: impl AsRef<[u8]>, words: &[&str]) -> String {
-    let error = read_scenario_with_graph(name, bytes).expect_err(words[0]);
-    let shown = error.render(false);
-    assert!(words.iter().all(|word| shown.contains(word)), "{words:?}:\n{shown}");
-    shown
+/// Checks that an error has all of these parts; returns its text.
+fn assert_refused(name: &str, bytes: impl AsRef<[u8]>, parts: &[&str]) -> String {
+    let error = read_scenario_with_graph(name, bytes).expect_err(parts[0]);
+    let rendered = error.render(false);
+    assert!(parts.iter().all(|part| rendered.contains(part)), "{parts:?}:\n{rendered}");
+    rendered
 }
 
 /// Returns node-link JSON of the ring with these members in each node and edge.
@@ -271,7 +271,7 @@ fn undirected_edge_may_be_given_from_both_ends() {
     let node = |id| format!("<node id=\"r{id}\"/>");
     let edge = |[from, to]: [u32; 2]| format!("<edge source=\"r{from}\" target=\"r{to}\"/>\n");
     let graph = |edges: &[[u32; 2]]| {
-        let edges: String = edges.iter().map(|ends| edge(*ends)).collect();
+        let edges: String = edges.iter().map(|endpoints| edge(*endpoints)).collect();
         let nodes = [1, 2, 3].map(node).concat();
         format!("<graphml><graph edgedefault=\"undirected\">{nodes}\n{edges}</graph></graphml>")
     };
@@ -307,12 +307,12 @@ fn multigraph_without_parallel_edges_is_read() {
 fn edge_of_graph_and_scenario_names_both_places() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("g.json"), ring_as_json("", "")).unwrap();
-    let own = "graph = \"g.json\"\nedge = [{ from = \"r1\", to = \"r3\" }]\n";
+    let keys = "graph = \"g.json\"\nedge = [{ from = \"r1\", to = \"r3\" }]\n";
     let path = folder.path().join("s.toml");
     let read =
-        read_text(&path, &format!("{SCENARIO}{own}"), &Overrides::default(), &test_catalog());
-    let shown = read.unwrap_err().render(false);
-    assert!(shown.contains("g.json:6:1") && shown.contains("s.toml:12:29"), "{shown}");
+        read_text(&path, &format!("{SCENARIO}{keys}"), &Overrides::default(), &test_catalog());
+    let rendered = read.unwrap_err().render(false);
+    assert!(rendered.contains("g.json:6:1") && rendered.contains("s.toml:12:29"), "{rendered}");
 }
 
 #[test]
@@ -329,8 +329,8 @@ fn document_type_is_ignored_and_entities_are_refused() {
 
 #[test]
 fn declared_encoding_is_read_or_named() {
-    let utf_16 = |text: &str, unit: fn(u16) -> [u8; 2], mark: bool| -> Vec<u8> {
-        let mark = mark.then_some(0xfeff);
+    let utf_16 = |text: &str, unit: fn(u16) -> [u8; 2], has_mark: bool| -> Vec<u8> {
+        let mark = has_mark.then_some(0xfeff);
         mark.into_iter().chain(text.encode_utf16()).flat_map(unit).collect()
     };
     let latin = |text: &str| -> Vec<u8> { text.chars().map(|c| c as u32 as u8).collect() };
@@ -339,15 +339,15 @@ fn declared_encoding_is_read_or_named() {
     };
     let xml = ring_as_graphml("label", "string", "größer");
     for unit in [u16::to_le_bytes, u16::to_be_bytes] {
-        for mark in [false, true] {
-            let bytes = utf_16(&declare("UTF-16", &xml), unit, mark);
+        for has_mark in [false, true] {
+            let bytes = utf_16(&declare("UTF-16", &xml), unit, has_mark);
             assert_eq!(import_edges("g.graphml", bytes).0, RING_EDGES);
             assert_edges(
                 "g.csv",
-                utf_16("0\t1\t0\r\n0\t0\t1\r\n1\t0\t0\r\n", unit, mark),
+                utf_16("0\t1\t0\r\n0\t0\t1\r\n1\t0\t0\r\n", unit, has_mark),
                 &RING_EDGES,
             );
-            assert_edges("g.json", utf_16(&ring_as_json("", ""), unit, mark), &RING_EDGES);
+            assert_edges("g.json", utf_16(&ring_as_json("", ""), unit, has_mark), &RING_EDGES);
         }
     }
     for encoding in ["ISO-8859-1", "iso-8859-1", "latin1", "windows-1252"] {
@@ -377,9 +377,9 @@ fn ending_in_capitals_is_that_format() {
 #[test]
 fn value_in_a_message_is_on_one_line_and_short() {
     let grid = ring_as_json("", "").replacen("\"r1\"", "[\n0,\n   0\n]", 1);
-    let shown =
+    let rendered =
         assert_refused("g.json", grid, &["`id` is [ 0, 0 ]", "convert_node_labels_to_integers"]);
-    assert!(!shown.contains("\\n"), "{shown}");
+    assert!(!rendered.contains("\\n"), "{rendered}");
     let long =
         ring_as_json("", "").replacen("\"r1\"", &format!("[{}]", "7, ".repeat(500) + "7"), 1);
     let error = read_scenario_with_graph("g.json", long).unwrap_err();
@@ -450,14 +450,14 @@ proptest! {
     fn no_bytes_make_the_reader_panic(
         bytes in proptest::collection::vec(any::<u8>(), 0..200),
         pieces in proptest::collection::vec(proptest::sample::select(&TOKENS[..]), 0..40),
-        cut in 0.0..1.0,
+        fraction in 0.0..1.0,
     ) {
         let pieces = pieces.concat();
-        let sound = [ring_as_json(", 'x': NaN", ""), ring_as_graphml("x", "double", "1"), "0;1,0;0\n0;0;1\n1;0;0\n".to_owned()];
-        for (name, sound) in ["g.json", "g.graphml", "g.csv"].into_iter().zip(sound) {
-            let mut at = (sound.len() as f64 * cut) as usize;
-            while !sound.is_char_boundary(at) { at -= 1; }
-            let changed = format!("{}{pieces}{}", &sound[..at], &sound[at..]);
+        let valid = [ring_as_json(", 'x': NaN", ""), ring_as_graphml("x", "double", "1"), "0;1,0;0\n0;0;1\n1;0;0\n".to_owned()];
+        for (name, valid) in ["g.json", "g.graphml", "g.csv"].into_iter().zip(valid) {
+            let mut position = (valid.len() as f64 * fraction) as usize;
+            while !valid.is_char_boundary(position) { position -= 1; }
+            let changed = format!("{}{pieces}{}", &valid[..position], &valid[position..]);
             for bytes in [&bytes[..], pieces.as_bytes(), changed.as_bytes()] {
                 if let Err(error) = read_scenario_with_graph(name, bytes) {
                     prop_assert!(error.render(false).starts_with("error: "));

@@ -26,8 +26,8 @@ pub(super) fn read(
     let graphs: Vec<Element<'_, '_>> = child_elements(root, "graph").collect();
     let &[graph] = &graphs[..] else {
         let message = format!("the file has {} graphs", graphs.len());
-        let at = graphs.last().copied().unwrap_or(root);
-        return Err(xml.error_at(at, message, "expected one element `graph`"));
+        let location = graphs.last().copied().unwrap_or(root);
+        return Err(xml.error_at(location, message, "expected one element `graph`"));
     };
     let mut keys = BTreeMap::new();
     for key in child_elements(root, "key") {
@@ -59,14 +59,14 @@ pub(super) fn read(
         builder.add_node(name, node.range(), attributes)?;
     }
     for edge in child_elements(graph, "edge") {
-        let mut ends = Vec::new();
+        let mut endpoints = Vec::new();
         for key in ["source", "target"] {
-            ends.push((
+            endpoints.push((
                 NodeId::from_text(xml.required_attribute(edge, key)?),
                 xml.attribute_span(edge, key),
             ));
         }
-        let ends = <[_; 2]>::try_from(ends).expect("there are two ends");
+        let endpoints = <[_; 2]>::try_from(endpoints).expect("there are two ends");
         let directed = match edge.attribute("directed") {
             None => directed,
             Some("true") => true,
@@ -77,7 +77,7 @@ pub(super) fn read(
             }
         };
         let attributes = xml.parse_attributes(edge, &keys, EDGE_KEYS)?;
-        builder.add_edge(ends, directed, edge.range(), attributes)?;
+        builder.add_edge(endpoints, directed, edge.range(), attributes)?;
     }
     Ok(builder.network)
 }
@@ -85,10 +85,10 @@ pub(super) fn read(
 /// Parses XML. A document type declaration is ignored. One that declares entities is refused, because a few nested
 /// entities can expand to gigabytes.
 fn parse_xml<'t>(source: &SourceText, text: &'t str) -> Result<Document<'t>, Diagnostic> {
-    let failed = |error| xml_syntax_error(source, text, &error);
+    let to_diagnostic = |error| xml_syntax_error(source, text, &error);
     match Document::parse(text) {
         Err(Error::DtdDetected) => (),
-        parsed => return parsed.map_err(failed),
+        parsed => return parsed.map_err(to_diagnostic),
     }
     if let Some(at) = text.find("<!ENTITY") {
         return Err(source.error_at(
@@ -98,7 +98,7 @@ fn parse_xml<'t>(source: &SourceText, text: &'t str) -> Result<Document<'t>, Dia
         ));
     }
     let options = ParsingOptions { allow_dtd: true, ..ParsingOptions::default() };
-    Document::parse_with_options(text, options).map_err(failed)
+    Document::parse_with_options(text, options).map_err(to_diagnostic)
 }
 
 /// Returns the diagnostic of an XML syntax error.
@@ -108,8 +108,8 @@ fn xml_syntax_error(source: &SourceText, text: &str, error: &roxmltree::Error) -
     let line_start: usize =
         text.split_inclusive('\n').take(row.saturating_sub(1)).map(str::len).sum();
     let line = &text[line_start..];
-    let within = line.char_indices().nth(column.saturating_sub(1)).map_or(line.len(), |(at, _)| at);
-    let at = line_start + within;
+    let offset = line.char_indices().nth(column.saturating_sub(1)).map_or(line.len(), |(at, _)| at);
+    let at = line_start + offset;
     let message = error.to_string();
     let message = message.rsplit_once(" at ").map_or(message.as_str(), |(what, _)| what);
     source.error_at(&(at..at + 1), format!("this is no GraphML: {message}"), "expected XML here")
@@ -218,11 +218,11 @@ fn parse_data_attribute(key: Element<'_, '_>, holder: Element<'_, '_>) -> Attrib
         },
         _ => return (name.to_owned(), LocatedValue::from_text(text, span)),
     };
-    let given = match value {
+    let located = match value {
         Ok(value) => LocatedValue { value: AttributeValue::Plain(value), span },
         Err(expected) => {
             LocatedValue::unreadable_value(format!("`{name}` is {text:?}"), expected, span)
         }
     };
-    (name.to_owned(), given)
+    (name.to_owned(), located)
 }

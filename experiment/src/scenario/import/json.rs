@@ -54,7 +54,7 @@ pub(super) fn read(
         let message = format!("`multigraph` is {}", json.excerpt(value));
         return Err(json.error_at(value, message, "expected true or false"));
     }
-    // networkx tells parallel edges apart by `key`; without parallel edges it says nothing.
+    // networkx distinguishes parallel edges by `key`; without parallel edges it has no meaning.
     let edge_members: &[&str] = match multigraph {
         Some(_) => &["source", "target", "key"],
         None => &["source", "target"],
@@ -89,12 +89,12 @@ pub(super) fn read(
     for edge in json.parse_list(edges, "the list of edges")? {
         let members = json.parse_object(edge, "an edge")?;
         json.reject_duplicate_members(&members, &["source", "target"], "an edge")?;
-        let ends = [
+        let endpoints = [
             json.parse_node_id(edge, &members, "source", "an edge")?,
             json.parse_node_id(edge, &members, "target", "an edge")?,
         ];
         let attributes = json.convert_attributes(members, edge_members);
-        builder.add_edge(ends, directed, json.span(edge), attributes)?;
+        builder.add_edge(endpoints, directed, json.span(edge), attributes)?;
     }
     Ok(builder.network)
 }
@@ -234,14 +234,14 @@ impl<'a> JsonSource<'a> {
     /// Parses the id of a node in a node or an edge.
     fn parse_node_id(
         &self,
-        around: &RawValue,
+        parent: &RawValue,
         members: &Members<'a>,
         key: &str,
         what: &str,
     ) -> Result<(NodeId, Range<usize>), Diagnostic> {
         let Some((_, value)) = members.iter().find(|(name, _)| name == key) else {
             let expected = format!("expected `{key}`: the name of a robot, or its number");
-            return Err(self.error_at(around, format!("{what} has no `{key}`"), expected));
+            return Err(self.error_at(parent, format!("{what} has no `{key}`"), expected));
         };
         let name = if let Ok(number) = value.get().parse() {
             NodeId::Number(number)
@@ -276,31 +276,34 @@ impl<'a> JsonSource<'a> {
     }
 
     fn convert_attribute(&self, (key, value): (String, &'a RawValue), depth: usize) -> Attribute {
-        let given = self.convert_to_toml(&key, value, depth);
-        (key, given)
+        let converted = self.convert_to_toml(&key, value, depth);
+        (key, converted)
     }
 
     /// Converts a JSON value to the TOML value, or to an error message if TOML has no such value.
     fn convert_to_toml(&self, key: &str, value: &'a RawValue, depth: usize) -> LocatedValue {
         let (text, span) = (value.get(), self.span(value));
-        let wrong = |what: &str, expected| {
+        let unreadable = |what: &str, expected| {
             LocatedValue::unreadable_value(format!("`{key}` {what}"), expected, span.clone())
         };
         if let Some(number) = self.non_finite_numbers.get(&span.start) {
-            return wrong(&format!("is {number}"), "expected a finite number");
+            return unreadable(&format!("is {number}"), "expected a finite number");
         }
         if depth == 0 {
-            return wrong("nests too deep", "expected a plain value");
+            return unreadable("nests too deep", "expected a plain value");
         }
         let value = match text.as_bytes().first() {
             Some(b'{') => {
                 let Ok(JsonObject(members)) = serde_json::from_str(text) else {
-                    return wrong("is no object", "expected an object: { ... }");
+                    return unreadable("is no object", "expected an object: { ... }");
                 };
                 let mut names: Vec<&str> = members.iter().map(|(name, _)| name.as_str()).collect();
                 names.sort_unstable();
-                if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-                    return wrong(&format!("has `{}` twice", twice[0]), "expected it once");
+                if let Some(duplicate) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+                    return unreadable(
+                        &format!("has `{}` twice", duplicate[0]),
+                        "expected it once",
+                    );
                 }
                 let members =
                     members.into_iter().map(|member| self.convert_attribute(member, depth - 1));
@@ -308,7 +311,7 @@ impl<'a> JsonSource<'a> {
             }
             Some(b'[') => {
                 let Ok(elements) = serde_json::from_str::<Vec<&RawValue>>(text) else {
-                    return wrong("is no list", "expected a list: [...]");
+                    return unreadable("is no list", "expected a list: [...]");
                 };
                 let elements = elements.into_iter();
                 AttributeValue::List(
@@ -319,10 +322,10 @@ impl<'a> JsonSource<'a> {
                 Ok(text) => return LocatedValue::from_text(&text, span),
                 Err(error) => {
                     let what = format!("is no text: {}", message_without_location(&error));
-                    return wrong(&what, "expected a string");
+                    return unreadable(&what, "expected a string");
                 }
             },
-            Some(b'n') => return wrong("is null", "expected a value, or no such attribute"),
+            Some(b'n') => return unreadable("is null", "expected a value, or no such attribute"),
             // Numbers, true and false are written alike in both.
             _ => AttributeValue::Plain(text.to_owned()),
         };

@@ -1,7 +1,7 @@
 //! An adjacency matrix in CSV: row i, column j is not 0 where robot i receives from robot j. (6)
 //!
 //! Names or numbers of robots may precede the matrix in a row, a column, or both. Without them, rows and columns are
-//! in the order of the robots. A Laplacian or an edge list is rejected with a message that says what it is.
+//! in the order of the robots. A Laplacian or an edge list is rejected with a message that names it.
 
 use std::ops::Range;
 
@@ -35,8 +35,8 @@ pub(super) fn read(
         let expected = "expected a row for each robot";
         return Err(source.error_at(&(0..0), "the matrix has no rows", expected));
     }
-    let sheet = MatrixText { source, fields };
-    sheet.build_graph(robot_keys).map_err(|error| sheet.edge_list_error().unwrap_or(error))
+    let matrix = MatrixText { source, fields };
+    matrix.build_graph(robot_keys).map_err(|error| matrix.edge_list_error().unwrap_or(error))
 }
 
 /// The fields of a file.
@@ -65,10 +65,10 @@ impl<'t> MatrixText<'_, 't> {
         for (i, row) in values.iter().enumerate() {
             for (j, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
                 let cell = &labeled.body[i][j];
-                let end =
+                let endpoint =
                     |node: usize| (builder.network.nodes[node].name.clone(), cell.span.clone());
-                let ends = [end(j), end(i)];
-                builder.add_edge(ends, true, cell.span.clone(), Vec::new())?;
+                let endpoints = [endpoint(j), endpoint(i)];
+                builder.add_edge(endpoints, true, cell.span.clone(), Vec::new())?;
                 if *value != 1.0 && builder.network.first_weight.is_none() {
                     builder.network.first_weight = Some((cell.text.to_owned(), cell.span.clone()));
                 }
@@ -88,7 +88,7 @@ impl<'t> MatrixText<'_, 't> {
         }
         let first = &rows[0];
         let column: FieldRow<'_> = rows[1..].iter().map(|row| row[0].clone()).collect();
-        let (above, left) = if width == height && first.len() == width {
+        let (column_labels, row_labels) = if width == height && first.len() == width {
             let both = self.has_both_labels(first, &column);
             (both, both)
         } else if width == height && first.len() + 1 == width {
@@ -110,32 +110,36 @@ impl<'t> MatrixText<'_, 't> {
         } else {
             return Err(self.not_square_error(height, width));
         };
-        let above = above.then(|| rows.remove(0));
-        let above = above.map(|mut row| row.split_off(row.len() + usize::from(left) - width));
-        let left = left.then(|| rows.iter_mut().map(|row| row.remove(0)).collect());
-        Ok(LabeledMatrix { column_labels: above, row_labels: left, body: rows })
+        let column_labels = column_labels.then(|| rows.remove(0));
+        let column_labels =
+            column_labels.map(|mut row| row.split_off(row.len() + usize::from(row_labels) - width));
+        let row_labels = row_labels.then(|| rows.iter_mut().map(|row| row.remove(0)).collect());
+        Ok(LabeledMatrix { column_labels, row_labels, body: rows })
     }
 
     /// Returns whether a square of fields has both a row and a column of labels. `first` is the first row, and `column`
     /// the first column below the corner.
     fn has_both_labels(&self, first: &FieldRow<'_>, column: &FieldRow<'_>) -> bool {
-        let above = &first[1..];
-        let same = above.iter().map(|cell| cell.text).eq(column.iter().map(|cell| cell.text));
+        let column_labels = &first[1..];
+        let labels_agree =
+            column_labels.iter().map(|cell| cell.text).eq(column.iter().map(|cell| cell.text));
         let is_label = |cell: &TextField<'_>| self.is_label(cell);
         let corner = self.fields.parse_number(first[0].text).is_none();
-        let labels = above.iter().any(is_label) || first_if_consecutive(above).is_some() || same;
-        !above.is_empty() && (above.iter().all(is_label) || (corner && labels))
+        let labels = column_labels.iter().any(is_label)
+            || first_if_consecutive(column_labels).is_some()
+            || labels_agree;
+        !column_labels.is_empty() && (column_labels.iter().all(is_label) || (corner && labels))
     }
 
     /// Returns whether a row or column of fields consists of names, or of consecutive robot numbers. Two fields 0 and 1
     /// do not count as numbers, because they may be part of the matrix.
     fn are_labels(&self, cells: &[TextField<'_>]) -> bool {
-        let counts = match first_if_consecutive(cells) {
+        let are_numbers = match first_if_consecutive(cells) {
             Some(0) => cells.len() > 2,
             Some(_) => cells.len() > 1,
             None => false,
         };
-        counts || cells.iter().any(|cell| self.is_label(cell))
+        are_numbers || cells.iter().any(|cell| self.is_label(cell))
     }
 
     fn is_label(&self, cell: &TextField<'_>) -> bool {
@@ -148,23 +152,29 @@ impl<'t> MatrixText<'_, 't> {
         labeled: &LabeledMatrix<'t>,
         i: usize,
     ) -> Result<(NodeId, Range<usize>), Diagnostic> {
-        let LabeledMatrix { column_labels: above, row_labels: left, body } = labeled;
-        let cell = match (left, above) {
-            (Some(left), Some(above)) if left[i].text == above[i].text => &left[i],
-            (Some(left), Some(above)) => {
-                match (first_if_consecutive(left).is_some(), first_if_consecutive(above).is_some())
-                {
-                    (true, false) => &above[i],
-                    (false, true) => &left[i],
+        let LabeledMatrix { column_labels, row_labels, body } = labeled;
+        let cell = match (row_labels, column_labels) {
+            (Some(row_labels), Some(column_labels))
+                if row_labels[i].text == column_labels[i].text =>
+            {
+                &row_labels[i]
+            }
+            (Some(row_labels), Some(column_labels)) => {
+                match (
+                    first_if_consecutive(row_labels).is_some(),
+                    first_if_consecutive(column_labels).is_some(),
+                ) {
+                    (true, false) => &column_labels[i],
+                    (false, true) => &row_labels[i],
                     _ => {
-                        let (left, above) = (&left[i], &above[i]);
+                        let (row_label, column_label) = (&row_labels[i], &column_labels[i]);
                         return Err(self.source.error_at(
-                            &left.span,
+                            &row_label.span,
                             format!(
                                 "the row in line {} is called {:?}, but the column with the same index {:?}",
-                                self.source.line_number_at(left.span.start),
-                                left.text,
-                                above.text
+                                self.source.line_number_at(row_label.span.start),
+                                row_label.text,
+                                column_label.text
                             ),
                             "expected the same names in the same order above and on the left",
                         ));
@@ -274,9 +284,9 @@ impl<'t> MatrixText<'_, 't> {
         let is_id = |cell: &TextField<'_>| cell.text.parse::<u32>().is_ok();
         let titles: Vec<String> =
             rows[0].iter().take(2).map(|cell| cell.text.to_ascii_lowercase()).collect();
-        let titled = EDGE_LIST_TITLES.iter().any(|(a, b)| titles == [*a, *b]);
+        let has_titles = EDGE_LIST_TITLES.iter().any(|(a, b)| titles == [*a, *b]);
         // The third field, if there is one, is a weight, or networkx's table of attributes.
-        let pairs = |is: &dyn Fn(&TextField<'_>) -> bool| {
+        let all_pairs = |is: &dyn Fn(&TextField<'_>) -> bool| {
             let row = |row: &FieldRow<'_>| match &row[..] {
                 [from, to] => is(from) && is(to),
                 [from, to, third, ..] => {
@@ -287,7 +297,7 @@ impl<'t> MatrixText<'_, 't> {
             rows.iter().all(row)
         };
         let width = rows[0].len();
-        let ids = pairs(&is_id) && rows.len() != width && width <= 3;
+        let are_ids = all_pairs(&is_id) && rows.len() != width && width <= 3;
         let separator = match self.fields.separator {
             Separator::Comma => ", delimiter=\",\"",
             Separator::Semicolon => ", delimiter=\";\"",
@@ -295,11 +305,11 @@ impl<'t> MatrixText<'_, 't> {
             Separator::Space => "",
         };
         let create = "create_using=nx.DiGraph";
-        let (what, read) = if titled {
+        let (what, read) = if has_titles {
             let [from, to] = [rows[0][0].text, rows[0][1].text];
             let table = format!("pd.read_csv(file{})", separator.replace("delimiter", "sep"));
             ("an edge list", format!("from_pandas_edgelist({table}, {from:?}, {to:?}, {create})"))
-        } else if ids || pairs(&is_name) {
+        } else if are_ids || all_pairs(&is_name) {
             ("an edge list", format!("read_edgelist(file{separator}, {create})"))
         } else if rows.iter().any(|row| row.len() > 1) && rows.iter().flatten().all(is_name) {
             ("a list of neighbors", format!("read_adjlist(file{separator}, {create})"))
@@ -310,7 +320,7 @@ impl<'t> MatrixText<'_, 't> {
             "{SQUARE_MATRIX_REMEDY}; networkx turns it into GraphML: nx.write_graphml(nx.{read}, \"graph.graphml\"), where a \
              target hears its source"
         );
-        let message = match ids && !titled {
+        let message = match are_ids && !has_titles {
             true => format!("this is no square matrix; perhaps it is {what}"),
             false => format!("this is {what}, not an adjacency matrix"),
         };
@@ -321,26 +331,26 @@ impl<'t> MatrixText<'_, 't> {
 /// Returns the first number if the fields are consecutive integers that start at 0 or 1.
 fn first_if_consecutive(cells: &[TextField<'_>]) -> Option<usize> {
     let first = cells.first()?.text.parse().ok().filter(|first| *first <= 1)?;
-    let counts = |(i, cell): (usize, &TextField<'_>)| cell.text.parse() == Ok(first + i);
-    cells.iter().enumerate().all(counts).then_some(first)
+    let is_next = |(i, cell): (usize, &TextField<'_>)| cell.text.parse() == Ok(first + i);
+    cells.iter().enumerate().all(is_next).then_some(first)
 }
 
 /// Removes the empty last fields of all lines, as long as all lines after the first end with one.
 fn drop_trailing_separators(rows: &mut [FieldRow<'_>]) {
     let ends_empty = |row: &FieldRow<'_>| row.len() > 1 && row[row.len() - 1].text.is_empty();
     loop {
-        let (first, below) = rows.split_first_mut().expect("there is a row");
-        let Some(last) = below.last() else {
+        let (first, other_rows) = rows.split_first_mut().expect("there is a row");
+        let Some(last) = other_rows.last() else {
             while ends_empty(first) {
                 first.pop();
             }
             return;
         };
         let width = last.len();
-        let is_behind = first.len() < width || ends_empty(first);
-        if is_behind && below.iter().all(|row| row.len() == width && ends_empty(row)) {
-            let behind = rows.iter_mut().filter(|row| ends_empty(row) && row.len() == width);
-            behind.for_each(|row| row.truncate(width - 1));
+        let has_trailing = first.len() < width || ends_empty(first);
+        if has_trailing && other_rows.iter().all(|row| row.len() == width && ends_empty(row)) {
+            let trailing = rows.iter_mut().filter(|row| ends_empty(row) && row.len() == width);
+            trailing.for_each(|row| row.truncate(width - 1));
             continue;
         }
         while first.len() > width && ends_empty(first) {

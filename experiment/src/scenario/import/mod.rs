@@ -1,8 +1,8 @@
 //! Import of graphs that other tools wrote: `graph = "file"`.
 //!
-//! A file of any format is parsed to a [`Network`]; `splice` inserts it into the text of the scenario. In all formats
-//! an edge points in the direction of the information flow: the target hears the source. A matrix is that of (6):
-//! a_ij is not 0 if i hears j.
+//! A file of any format is parsed to an [`ImportedGraph`]; `splice` inserts it into the text of the scenario. In all
+//! formats an edge points in the direction of the information flow: the target receives from the source. A matrix is
+//! that of (6): a_ij is not 0 if i receives from j.
 //!
 //! | file | question it answers |
 //! |---|---|
@@ -29,7 +29,7 @@ use std::path::Path;
 
 use crate::scenario::diagnostic::{Diagnostic, SourceText, most_similar_word};
 
-/// Keys of an edge other than its ends.
+/// Keys of an edge other than its sender and receiver.
 const EDGE_KEYS: &[&str] = &["offset_m"];
 /// Keys of robots and edges with lists and tables, which tools without these write as one attribute for each component.
 const COMPONENT_KEYS: &[(&str, &[&str])] = &[
@@ -179,8 +179,9 @@ fn parse_network(
 
 /// Returns whether `key` is one of these keys or a component of one.
 fn is_known_key(key: &str, known: &[&str]) -> bool {
-    let parts = COMPONENT_KEYS.iter().filter(|(whole, _)| known.contains(whole));
-    known.contains(&key) || parts.flat_map(|(_, names)| names.iter()).any(|name| *name == key)
+    let components =
+        COMPONENT_KEYS.iter().filter(|(key_of_components, _)| known.contains(key_of_components));
+    known.contains(&key) || components.flat_map(|(_, names)| names.iter()).any(|name| *name == key)
 }
 
 /// A graph under construction.
@@ -196,19 +197,19 @@ struct ImportedGraphBuilder<'a> {
 /// An edge of the file.
 struct SeenEdge {
     span: Range<usize>,
-    /// Ends of an undirected edge in file order; `None` for a directed edge.
-    undirected_ends: Option<[usize; 2]>,
+    /// Nodes of an undirected edge in file order; `None` for a directed edge.
+    undirected_endpoints: Option<[usize; 2]>,
 }
 
 impl<'a> ImportedGraphBuilder<'a> {
     fn new(source: &'a SourceText, robot_keys: &'a [&'a str]) -> ImportedGraphBuilder<'a> {
-        let (places, seen) = (BTreeMap::new(), BTreeMap::new());
+        let (node_indices, seen_edges) = (BTreeMap::new(), BTreeMap::new());
         ImportedGraphBuilder {
             source,
             robot_keys,
             network: ImportedGraph::default(),
-            node_indices: places,
-            seen_edges: seen,
+            node_indices,
+            seen_edges,
         }
     }
 
@@ -237,15 +238,15 @@ impl<'a> ImportedGraphBuilder<'a> {
     /// given from both ends.
     fn add_edge(
         &mut self,
-        ends: [(NodeId, Range<usize>); 2],
+        endpoints: [(NodeId, Range<usize>); 2],
         directed: bool,
         span: Range<usize>,
         attributes: Vec<Attribute>,
     ) -> Result<(), Diagnostic> {
-        let title = format!("edge {} - {}", ends[0].0, ends[1].0);
-        let mut places = [0; 2];
-        for (place, (name, span)) in places.iter_mut().zip(&ends) {
-            *place = *self.node_indices.get(name).ok_or_else(|| {
+        let title = format!("edge {} - {}", endpoints[0].0, endpoints[1].0);
+        let mut indices = [0; 2];
+        for (index, (name, span)) in indices.iter_mut().zip(&endpoints) {
+            *index = *self.node_indices.get(name).ok_or_else(|| {
                 let message = format!("an edge ends at {name}, but there is no such node");
                 self.source.error_at(span, message, self.known_nodes_remedy())
             })?;
@@ -258,28 +259,30 @@ impl<'a> ImportedGraphBuilder<'a> {
                 "expected a directed graph, or `place_m` = [x, y] in the nodes",
             ));
         }
-        let [from, to] = places;
-        let before = self
+        let [from, to] = indices;
+        let earlier = self
             .seen_edges
-            .get(&places)
+            .get(&indices)
             .or_else(|| self.seen_edges.get(&[to, from]).filter(|_| !directed));
-        if let Some(before) = before {
-            if !directed && from != to && before.undirected_ends == Some([to, from]) {
+        if let Some(earlier) = earlier {
+            if !directed && from != to && earlier.undirected_endpoints == Some([to, from]) {
                 return Ok(());
             }
-            let line = self.source.line_number_at(before.span.start);
+            let line = self.source.line_number_at(earlier.span.start);
             return Err(self.source.error_at(
                 &span,
                 format!("{title} occurs twice, first in line {line}"),
                 "expected one edge for a pair and direction: parallel edges have no meaning here",
             ));
         }
-        let undirected = (!directed).then_some(places);
+        let undirected = (!directed).then_some(indices);
         self.seen_edges
-            .insert(places, SeenEdge { span: span.clone(), undirected_ends: undirected });
+            .insert(indices, SeenEdge { span: span.clone(), undirected_endpoints: undirected });
         if !directed {
-            self.seen_edges
-                .insert([to, from], SeenEdge { span: span.clone(), undirected_ends: undirected });
+            self.seen_edges.insert(
+                [to, from],
+                SeenEdge { span: span.clone(), undirected_endpoints: undirected },
+            );
             let (span, attributes) = (span.clone(), Vec::new());
             self.network.links.push(ImportedEdge { from: to, to: from, span, attributes });
         }
@@ -302,55 +305,57 @@ impl<'a> ImportedGraphBuilder<'a> {
         attributes: Vec<Attribute>,
         known: &[&str],
     ) -> Result<Vec<Attribute>, Diagnostic> {
-        let spelled_out: Vec<_> =
-            COMPONENT_KEYS.iter().filter(|(whole, _)| known.contains(whole)).collect();
+        let spelled_out: Vec<_> = COMPONENT_KEYS
+            .iter()
+            .filter(|(combined_key, _)| known.contains(combined_key))
+            .collect();
         let mut keys: Vec<Attribute> = Vec::new();
         let mut parts: BTreeMap<String, LocatedValue> = BTreeMap::new();
-        for (key, given) in attributes {
+        for (key, value_of_key) in attributes {
             let names = spelled_out.iter().flat_map(|(_, names)| names.iter()).copied();
             let is_part = names.clone().any(|name| name == key);
             if !is_part && !known.contains(&key.as_str()) {
                 self.network.ignored_attributes.entry(key).or_insert_with_key(|key| {
                     let close = most_similar_word(key, names.chain(known.iter().copied()));
                     let close = close.filter(|_| key != DRAWING_POSITION_KEY).map(str::to_owned);
-                    IgnoredAttribute { span: given.span, similar_key: close }
+                    IgnoredAttribute { span: value_of_key.span, similar_key: close }
                 });
                 continue;
             }
-            if let Some(error) = given.first_error(self.source) {
+            if let Some(error) = value_of_key.first_error(self.source) {
                 return Err(error);
             }
             if parts.contains_key(&key) || keys.iter().any(|(other, _)| *other == key) {
                 let message = format!("{title} has `{key}` twice");
-                return Err(self.source.error_at(&given.span, message, "expected it once"));
+                return Err(self.source.error_at(&value_of_key.span, message, "expected it once"));
             }
             if is_part {
-                parts.insert(key, given);
+                parts.insert(key, value_of_key);
             } else {
-                keys.push((key, given));
+                keys.push((key, value_of_key));
             }
         }
-        for (whole, names) in spelled_out {
+        for (combined_key, names) in spelled_out {
             let found = names.iter().filter_map(|name| Some((*name, parts.get(*name)?.clone())));
             let found: Vec<(&str, LocatedValue)> = found.collect();
             let Some((first, LocatedValue { span, .. })) = found.first() else { continue };
-            let wrong = |message, expected| Err(self.source.error_at(span, message, expected));
-            if keys.iter().any(|(key, _)| key == whole) {
-                let message = format!("{title} has `{first}` and `{whole}`");
-                return wrong(message, "expected one of them".to_owned());
+            let error = |message, expected| Err(self.source.error_at(span, message, expected));
+            if keys.iter().any(|(key, _)| key == combined_key) {
+                let message = format!("{title} has `{first}` and `{combined_key}`");
+                return error(message, "expected one of them".to_owned());
             }
             if let Some(missing) = names.iter().find(|name| !parts.contains_key(**name)) {
                 let message = format!("{title} has `{first}`, but no `{missing}`");
-                return wrong(message, format!("expected all of {}", names.join(", ")));
+                return error(message, format!("expected all of {}", names.join(", ")));
             }
             let span = span.clone();
-            let value = match *whole {
+            let value = match *combined_key {
                 "pose" => AttributeValue::Table(
                     found.into_iter().map(|(key, part)| (key.into(), part)).collect(),
                 ),
                 _ => AttributeValue::List(found.into_iter().map(|(_, part)| part).collect()),
             };
-            keys.push(((*whole).to_owned(), LocatedValue { value, span }));
+            keys.push(((*combined_key).to_owned(), LocatedValue { value, span }));
         }
         Ok(keys)
     }

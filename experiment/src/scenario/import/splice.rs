@@ -36,10 +36,11 @@ pub(in crate::scenario) fn splice_graph(
     entries: &DeTable<'_>,
     format: &FileFormat,
 ) -> Result<SplicedText, Diagnostic> {
-    let named = entries.get_key_value("graph");
+    let graph_entry = entries.get_key_value("graph");
     // A table is a graph that the scenario itself describes.
-    let named = named.filter(|(_, value)| !matches!(value.get_ref(), DeValue::Table(_)));
-    let Some((key, _)) = named else {
+    let graph_entry =
+        graph_entry.filter(|(_, value)| !matches!(value.get_ref(), DeValue::Table(_)));
+    let Some((key, _)) = graph_entry else {
         return Ok(SplicedText { text: text.to_owned(), source, warnings: Vec::new() });
     };
     let document = Document::new(source, format);
@@ -48,7 +49,7 @@ pub(in crate::scenario) fn splice_graph(
     let expected = "expected a file that ends in .json (node-link), .csv (matrix) or .graphml";
     let name = value.text(expected)?;
     let file = path.parent().unwrap_or(Path::new("")).join(name);
-    let shown = file.display();
+    let file_name = file.display();
     let folder = file.parent().unwrap_or(Path::new(""));
     let is_in_its_folder = match check_inside_folder(folder, &file) {
         Err(error) if file.exists() => Err(FileError {
@@ -58,8 +59,8 @@ pub(in crate::scenario) fn splice_graph(
         _ => Ok(()),
     };
     let graph_text = is_in_its_folder.and_then(|()| decode(load_bytes(&file, expected)?));
-    let graph_text = graph_text.map_err(|trouble| {
-        value.error_about_key(format!("names `{shown}`, which {}", trouble.problem), trouble.remedy)
+    let graph_text = graph_text.map_err(|error| {
+        value.error_about_key(format!("names `{file_name}`, which {}", error.problem), error.remedy)
     })?;
     let graph_text = graph_text.strip_prefix('\u{feff}').unwrap_or(&graph_text);
     let graph = SourceText::new(&file, graph_text, false);
@@ -73,7 +74,7 @@ pub(in crate::scenario) fn splice_graph(
     let robots = RobotsInText::read(&root, text)?;
     let names = robots.robot_names(&network, &graph)?;
     let mut edits = robots.robot_attribute_edits(&network, &names);
-    let here = value.span();
+    let value_span = value.span();
     let mut lists = ComposedText::default();
     lists.push_generated(&format!("# {name:?}, written out:"), &EMPTY_SPAN);
     robots.list.add_tables(
@@ -88,11 +89,11 @@ pub(in crate::scenario) fn splice_graph(
     if lists.origins.len() == 1 {
         lists = ComposedText::default();
     }
-    edits.push((key.span().start..here.end, lists));
+    edits.push((key.span().start..value_span.end, lists));
     let ComposedText { text: spliced, origins } = apply_edits(text, edits);
     if spliced.len() as u64 > FILE_BYTES_MAX {
         return Err(value.error_about_key(
-            format!("names `{shown}`: written out, the scenario has {} bytes", spliced.len()),
+            format!("names `{file_name}`: written out, the scenario has {} bytes", spliced.len()),
             "expected a smaller graph",
         ));
     }
@@ -100,7 +101,7 @@ pub(in crate::scenario) fn splice_graph(
     Ok(SplicedText { text: spliced, source, warnings })
 }
 
-/// Warnings about the imported graph.
+/// Origin of generated text that has no location in the graph file.
 const EMPTY_SPAN: Range<usize> = 0..0;
 
 /// An edit: a range of the text and its replacement.
@@ -115,9 +116,9 @@ struct ComposedText {
 
 impl ComposedText {
     /// Appends generated text whose origin is `span` in the graph file.
-    fn push_generated(&mut self, words: &str, span: &Range<usize>) {
+    fn push_generated(&mut self, text: &str, span: &Range<usize>) {
         self.origins.push((self.text.len(), TextOrigin::Graph(span.clone())));
-        self.text += words;
+        self.text += text;
     }
 
     fn push_value(&mut self, LocatedValue { value, span }: &LocatedValue) {
@@ -141,8 +142,8 @@ impl ComposedText {
         }
     }
 
-    fn push_entry(&mut self, before: &str, key: &str, value: &LocatedValue) {
-        self.push_generated(&format!("{before}{} = ", toml_edit::Key::new(key)), &value.span);
+    fn push_entry(&mut self, prefix: &str, key: &str, value: &LocatedValue) {
+        self.push_generated(&format!("{prefix}{} = ", toml_edit::Key::new(key)), &value.span);
         self.push_value(value);
     }
 
@@ -155,15 +156,15 @@ impl ComposedText {
 
 /// Returns the text after all edits.
 fn apply_edits(text: &str, mut edits: Vec<TextEdit>) -> ComposedText {
-    edits.sort_by_key(|(at, _)| at.start);
+    edits.sort_by_key(|(range, _)| range.start);
     let mut result = ComposedText::default();
     let mut copied = 0;
-    for (at, written) in edits {
-        result.push_copy(&text[copied..at.start], copied);
-        copied = at.end;
+    for (range, replacement) in edits {
+        result.push_copy(&text[copied..range.start], copied);
+        copied = range.end;
         let start = result.text.len();
-        result.text += &written.text;
-        result.origins.extend(written.origins.into_iter().map(|(at, from)| (start + at, from)));
+        result.text += &replacement.text;
+        result.origins.extend(replacement.origins.into_iter().map(|(at, from)| (start + at, from)));
     }
     result.push_copy(&text[copied..], copied);
     result
@@ -196,12 +197,12 @@ impl ListNotation {
         })
     }
 
-    /// Adds tables to the list, or at `here`, where the graph is named, if there is no list yet.
+    /// Adds tables to the list, or to `insertion`, which replaces the key `graph`, if there is no list yet.
     fn add_tables(
         &self,
         key: &str,
         tables: Vec<LocatedValue>,
-        here: &mut ComposedText,
+        insertion: &mut ComposedText,
         edits: &mut Vec<TextEdit>,
         text: &str,
     ) {
@@ -211,13 +212,13 @@ impl ListNotation {
         let mut added = ComposedText::default();
         match self {
             ListNotation::Absent => {
-                here.push_generated(&format!("\n{key} = ["), &EMPTY_SPAN);
+                insertion.push_generated(&format!("\n{key} = ["), &EMPTY_SPAN);
                 for table in tables {
-                    here.push_generated("\n    ", &table.span);
-                    here.push_value(&table);
-                    here.push_generated(",", &EMPTY_SPAN);
+                    insertion.push_generated("\n    ", &table.span);
+                    insertion.push_value(&table);
+                    insertion.push_generated(",", &EMPTY_SPAN);
                 }
-                here.push_generated("\n]", &EMPTY_SPAN);
+                insertion.push_generated("\n]", &EMPTY_SPAN);
             }
             ListNotation::TableHeaders => {
                 added.push_generated(if text.ends_with('\n') { "" } else { "\n" }, &EMPTY_SPAN);
@@ -231,9 +232,9 @@ impl ListNotation {
                 }
                 edits.push((text.len()..text.len(), added));
             }
-            ListNotation::Inline { end, is_empty: empty } => {
-                for (at, table) in tables.iter().enumerate() {
-                    let comma = if *empty && at == 0 { "" } else { "," };
+            ListNotation::Inline { end, is_empty } => {
+                for (index, table) in tables.iter().enumerate() {
+                    let comma = if *is_empty && index == 0 { "" } else { "," };
                     added.push_generated(&format!("{comma}\n    "), &table.span);
                     added.push_value(table);
                 }
@@ -243,19 +244,19 @@ impl ListNotation {
     }
 }
 
-/// Creates a table that starts with this text.
+/// Creates a table that starts with these entries.
 fn table_value(
-    words: &[(&str, &str)],
+    texts: &[(&str, &str)],
     span: &Range<usize>,
     attributes: &[Attribute],
 ) -> LocatedValue {
     let text =
-        |&(key, word): &(&str, &str)| (key.to_owned(), LocatedValue::from_text(word, span.clone()));
-    let entries = words.iter().map(text).chain(attributes.iter().cloned());
+        |&(key, text): &(&str, &str)| (key.to_owned(), LocatedValue::from_text(text, span.clone()));
+    let entries = texts.iter().map(text).chain(attributes.iter().cloned());
     LocatedValue { value: AttributeValue::Table(entries.collect()), span: span.clone() }
 }
 
-/// Adds the nodes that are not yet robots of the scenario.
+/// Returns tables of the nodes that are not yet robots of the scenario.
 fn new_robot_tables(
     network: &ImportedGraph,
     names: &[String],
@@ -272,7 +273,7 @@ fn edge_tables(network: &ImportedGraph, names: &[String]) -> Vec<LocatedValue> {
     network.links.iter().map(edge).collect()
 }
 
-/// Returns the robots in the text of the scenario.
+/// Robots in the text of the scenario.
 struct RobotsInText<'t> {
     list: ListNotation,
     robots: Vec<RobotText<'t>>,
@@ -293,21 +294,28 @@ impl<'t> RobotsInText<'t> {
         text: &str,
     ) -> Result<RobotsInText<'t>, Diagnostic> {
         let list = ListNotation::read(root, keys::Root::robot, text)?;
-        let inline = matches!(list, ListNotation::Inline { .. });
-        let known = |table: &TableReader<'t, keys::Robot>| {
+        let is_inline = matches!(list, ListNotation::Inline { .. });
+        let robot_text = |table: &TableReader<'t, keys::Robot>| {
             let name = table.required_value(keys::Robot::name)?;
-            let behind = &text[name.span().end..];
+            let after_name = &text[name.span().end..];
             // After the line of the name, including its comment.
-            let rest = if inline { 0 } else { behind.find(['\r', '\n']).unwrap_or(behind.len()) };
+            let offset = if is_inline {
+                0
+            } else {
+                after_name.find(['\r', '\n']).unwrap_or(after_name.len())
+            };
             Ok(RobotText {
                 name: name.text("expected a string")?,
                 keys: table.keys().map(|(key, _)| key).collect(),
-                insert_position: name.span().end + rest,
-                is_inline: inline,
+                insert_position: name.span().end + offset,
+                is_inline,
             })
         };
-        let robots =
-            root.tables(keys::Root::robot)?.iter().map(known).collect::<Result<_, Diagnostic>>()?;
+        let robots = root
+            .tables(keys::Root::robot)?
+            .iter()
+            .map(robot_text)
+            .collect::<Result<_, Diagnostic>>()?;
         Ok(RobotsInText { list, robots })
     }
 
@@ -354,19 +362,19 @@ impl<'t> RobotsInText<'t> {
                 ),
             ));
         }
-        let own = self.robots.len();
-        if own != 0 && own != count {
+        let robot_count = self.robots.len();
+        if robot_count != 0 && robot_count != count {
             return Err(graph.error_at(
                 &nodes[count - 1].span,
                 format!(
-                    "the graph has {count} nodes with numbers, but the scenario has {own} robots"
+                    "the graph has {count} nodes with numbers, but the scenario has {robot_count} robots"
                 ),
                 "expected as many nodes as robots, or nodes with names",
             ));
         }
         let name = |node: &ImportedNode| {
-            let at = (number(node).unwrap_or(first) - first) as usize;
-            self.robots.get(at).map_or(format!("r{}", at + 1), |robot| robot.name.to_owned())
+            let index = (number(node).unwrap_or(first) - first) as usize;
+            self.robots.get(index).map_or(format!("r{}", index + 1), |robot| robot.name.to_owned())
         };
         Ok(nodes.iter().map(name).collect())
     }
@@ -378,8 +386,8 @@ impl<'t> RobotsInText<'t> {
             let Some(robot) = self.find_robot(name) else { continue };
             let mut added = ComposedText::default();
             let new = node.attributes.iter().filter(|(key, _)| !robot.keys.contains(key.as_str()));
-            let before = if robot.is_inline { ", " } else { "\n" };
-            new.for_each(|(key, value)| added.push_entry(before, key, value));
+            let separator = if robot.is_inline { ", " } else { "\n" };
+            new.for_each(|(key, value)| added.push_entry(separator, key, value));
             edits.push((robot.insert_position..robot.insert_position, added));
         }
         edits

@@ -16,7 +16,7 @@ const ROBOTS_TOML: &str = "robot = [\n\
     { name = \"r2\", pose = { x_m = 0.4, y_m = 0.205, heading_rad = 1.5707963267948966 } },\n\
     { name = \"r3\", pose = { x_m = -0.4, y_m = 0.295, heading_rad = -1.5707963267948966 } },\n]\n";
 
-/// The chapter's triangle: r1 hears r2, r2 hears r3, r3 hears r1.
+/// The chapter's triangle: r1 receives from r2, r2 from r3, r3 from r1.
 const EDGES_TOML: &str = "edge = [\n\
     { from = \"r2\", to = \"r1\", offset_m = [0.15, 0.2598076211353316] },\n\
     { from = \"r3\", to = \"r2\", offset_m = [-0.3, 0.0] },\n\
@@ -48,8 +48,8 @@ fn edges(scenario: &Scenario) -> Vec<(usize, usize, [f64; 2])> {
 
 /// Checks that the effective text needs no graph file and parses to the same scenario and text.
 fn assert_effective_text_parses(scenario: &Scenario, text: &str) {
-    let elsewhere = Path::new("/nowhere/scenario.toml");
-    let (again, same, _) = read_text(elsewhere, text, &Overrides::default(), &test_catalog())
+    let other_path = Path::new("/nowhere/scenario.toml");
+    let (again, same, _) = read_text(other_path, text, &Overrides::default(), &test_catalog())
         .unwrap_or_else(|error| panic!("{}\n{text}", error.render(false)));
     assert_eq!((&again, same.as_str()), (scenario, text));
 }

@@ -17,7 +17,7 @@ pub(super) struct FaultWindow {
     pub(super) number: usize,
     description: String,
     affected_component: AffectedComponent,
-    began_ns: u64,
+    start_ns: u64,
     ended_ns: Option<u64>,
     /// Time at which the silenced robot or edge returned; `None` if it has not.
     returned_ns: Option<u64>,
@@ -62,10 +62,10 @@ impl DisplacedRobots {
         within_bound: impl Iterator<Item = ErrorFlags>,
         silenced: SilencedSource,
     ) -> DisplacedRobots {
-        let counts = |i| silenced != SilencedSource::Robot(i);
+        let is_counted = |i| silenced != SilencedSource::Robot(i);
         let within_bound: Vec<ErrorFlags> = (0..)
             .zip(within_bound)
-            .map(|(i, within_bound)| within_bound.map(|c| c && counts(i)))
+            .map(|(i, within_bound)| within_bound.map(|is_within| is_within && is_counted(i)))
             .collect();
         DisplacedRobots {
             has_left_bound: vec![[false; 2]; within_bound.len()],
@@ -73,19 +73,20 @@ impl DisplacedRobots {
         }
     }
 
-    fn add_truth(&mut self, beyond: impl Iterator<Item = ErrorFlags>) {
-        for ((left, within_bound), beyond) in
-            self.has_left_bound.iter_mut().zip(&self.was_within_bound).zip(beyond)
+    fn add_truth(&mut self, beyond_bound: impl Iterator<Item = ErrorFlags>) {
+        for ((has_left, within_bound), beyond_bound) in
+            self.has_left_bound.iter_mut().zip(&self.was_within_bound).zip(beyond_bound)
         {
-            *left = [within_bound[0] && beyond[0], within_bound[1] && beyond[1]];
+            *has_left = [within_bound[0] && beyond_bound[0], within_bound[1] && beyond_bound[1]];
         }
     }
 
     /// Returns the names of these robots. `error` is 0 for the error to neighbors, 1 for the error to the ideal
     /// formation.
     fn names(&self, error: usize, names: &[String]) -> Vec<String> {
-        let left = self.has_left_bound.iter().zip(names).filter(|(left, _)| left[error]);
-        left.map(|(_, name)| name.clone()).collect()
+        let displaced =
+            self.has_left_bound.iter().zip(names).filter(|(has_left, _)| has_left[error]);
+        displaced.map(|(_, name)| name.clone()).collect()
     }
 }
 
@@ -122,7 +123,7 @@ pub struct FaultReport {
     pub t_s: f64,
     /// Description of the fault.
     pub what: String,
-    /// Name of the robot that the fault strikes.
+    /// Name of the robot that the fault affects.
     pub robot: Option<String>,
     /// Robots that the fault is predicted to break while it lasts: they end more than `converged_error_m` off their
     /// slots in the planned formation.
@@ -165,23 +166,23 @@ impl FaultReport {
 }
 
 impl FaultWindow {
-    /// Creates the window of a fault that begins. `within_bound` says for each robot whether its two errors are
+    /// Creates the window of a fault that begins. `within_bound` gives for each robot whether its two errors are
     /// below the bound.
     pub(super) fn new(
         number: usize,
-        what: String,
-        struck: AffectedComponent,
-        began_ns: u64,
+        description: String,
+        affected: AffectedComponent,
+        start_ns: u64,
         prediction: Prediction,
         within_bound: impl Iterator<Item = ErrorFlags>,
     ) -> FaultWindow {
         FaultWindow {
             prediction,
-            displaced_robots: DisplacedRobots::new(within_bound, struck.silenced_source),
+            displaced_robots: DisplacedRobots::new(within_bound, affected.silenced_source),
             number,
-            description: what,
-            affected_component: struck,
-            began_ns,
+            description,
+            affected_component: affected,
+            start_ns,
             ended_ns: None,
             returned_ns: None,
             stale_ns: None,
@@ -213,20 +214,20 @@ impl FaultWindow {
     }
 
     /// Updates the window with one sample. `converged_since_ns` is the time since which all errors of living robots are
-    /// below the bound; `beyond` says which errors are above it.
+    /// below the bound; `beyond_bound` gives which errors are above it.
     pub(super) fn add_truth(
         &mut self,
         t_ns: u64,
         error_m: f64,
         converged_since_ns: Option<u64>,
-        beyond: impl Iterator<Item = ErrorFlags>,
+        beyond_bound: impl Iterator<Item = ErrorFlags>,
         distance_m: f64,
     ) {
-        if self.is_closed || t_ns < self.began_ns {
+        if self.is_closed || t_ns < self.start_ns {
             return;
         }
         if self.returned_ns.is_none_or(|returned_ns| t_ns <= returned_ns) {
-            self.displaced_robots.add_truth(beyond);
+            self.displaced_robots.add_truth(beyond_bound);
         }
         self.was_disturbed |= converged_since_ns.is_none();
         let ended_ns = self.ended_ns.filter(|&ended_ns| t_ns >= ended_ns);
@@ -237,65 +238,68 @@ impl FaultWindow {
             }
             _ => None,
         };
-        let now = Extremes { error_m_max: error_m, distance_m_min: distance_m };
+        let current = Extremes { error_m_max: error_m, distance_m_min: distance_m };
         if ended_ns.is_some() && converged_since_ns.is_some() {
-            self.extremes_since_recovery.merge(now);
+            self.extremes_since_recovery.merge(current);
         } else {
             self.extremes_until_recovery
                 .merge(std::mem::replace(&mut self.extremes_since_recovery, Extremes::NONE));
-            self.extremes_until_recovery.merge(now);
+            self.extremes_until_recovery.merge(current);
         }
     }
 
-    /// Records a contact report, in any order. The earliest report about the struck robot counts.
+    /// Records a reception report, in any order. The earliest report about the affected robot counts.
     pub(super) fn record_reception(&mut self, report: ReceptionReport) {
-        let ReceptionReport { receiver: hearer, neighbor, reception_state: contact, since_ns } =
-            report;
-        let struck = self.affected_component.robot == Some(neighbor)
-            && self.affected_component.receiver.is_none_or(|only| only == hearer);
-        if !struck || since_ns < self.began_ns {
+        let ReceptionReport { receiver, neighbor, reception_state, since_ns } = report;
+        let is_affected = self.affected_component.robot == Some(neighbor)
+            && self
+                .affected_component
+                .receiver
+                .is_none_or(|only_receiver| only_receiver == receiver);
+        if !is_affected || since_ns < self.start_ns {
             return;
         }
-        let first = match contact {
+        let earliest_ns = match reception_state {
             ReceptionState::Stale => &mut self.stale_ns,
             ReceptionState::Lost => &mut self.lost_ns,
             ReceptionState::Fresh | ReceptionState::NothingReceived | ReceptionState::Apart => {
                 return;
             }
         };
-        *first = Some(first.map_or(since_ns, |first_ns| since_ns.min(first_ns)));
+        *earliest_ns = Some(earliest_ns.map_or(since_ns, |known_ns| since_ns.min(known_ns)));
     }
 
     /// Returns the report. `broken_m` is the distance from its slot above which a robot is broken, m.
     pub(super) fn report(&self, names: &[String], broken_m: f64) -> FaultReport {
         let broken = &self.prediction.broken_robots;
         let after = |from_ns: u64| move |t_ns: u64| ns_to_seconds(t_ns.saturating_sub(from_ns));
-        let since_begin = after(self.began_ns);
+        let since_begin = after(self.start_ns);
         let name = |robot: usize| names[robot].as_str();
-        // Contact changes after the return do not belong to this fault; the return may be reported last.
-        let meanwhile =
-            |&since_ns: &u64| self.returned_ns.is_none_or(|back_ns| since_ns <= back_ns);
+        // Reception changes after the return do not belong to this fault; the return may be reported last.
+        let before_return =
+            |&since_ns: &u64| self.returned_ns.is_none_or(|returned_ns| since_ns <= returned_ns);
         let mut worst = self.extremes_until_recovery;
         if self.recovered_ns.is_none() || !self.was_disturbed {
             worst.merge(self.extremes_since_recovery);
         }
-        let mut predicted_why =
-            lines_by_cause(broken.iter().map(|one| (name(one.robot), one.describe(name))));
+        let mut predicted_why = lines_by_cause(
+            broken.iter().map(|prediction| (name(prediction.robot), prediction.describe(name))),
+        );
         predicted_why
             .extend(self.affected_component.is_byzantine.then(|| NOT_PREDICTED_REASON.to_owned()));
         FaultReport {
-            t_s: ns_to_seconds(self.began_ns),
+            t_s: ns_to_seconds(self.start_ns),
             what: self.description.clone(),
             robot: self.affected_component.robot.map(|robot| names[robot].clone()),
-            predicted: broken.iter().map(|one| names[one.robot].clone()).collect(),
+            predicted: broken.iter().map(|prediction| names[prediction.robot].clone()).collect(),
             predicted_why,
             orphaned: self.prediction.orphaned_robots.iter().map(|&i| names[i].clone()).collect(),
             broken: self.displaced_robots.names(1, names),
             affected: self.displaced_robots.names(0, names),
             broken_m,
             lasted_s: self.ended_ns.map(since_begin),
-            stale_after_s: self.stale_ns.filter(meanwhile).map(since_begin),
-            lost_after_s: self.lost_ns.filter(meanwhile).map(since_begin),
+            stale_after_s: self.stale_ns.filter(before_return).map(since_begin),
+            lost_after_s: self.lost_ns.filter(before_return).map(since_begin),
             peak_error_m: worst.error_m_max,
             min_distance_m: worst.distance_m_min.is_finite().then_some(worst.distance_m_min),
             recovered_after_s: self
@@ -332,24 +336,24 @@ mod tests {
         ["r1", "r2", "r3"].map(String::from).into()
     }
 
-    fn contact_report(
-        hearer: usize,
+    fn reception_report(
+        receiver: usize,
         neighbor: usize,
-        contact: ReceptionState,
+        reception_state: ReceptionState,
         since_ns: u64,
     ) -> ReceptionReport {
-        ReceptionReport { receiver: hearer, neighbor, reception_state: contact, since_ns }
+        ReceptionReport { receiver, neighbor, reception_state, since_ns }
     }
 
     fn prediction() -> Prediction {
         let cause = BreakCause::LeaderUnreachable { leader: 1 };
-        let broken = vec![BrokenPrediction {
+        let broken_robots = vec![BrokenPrediction {
             robot: 0,
             cause,
             slot_distance_m: None,
             hull_distance_m: None,
         }];
-        Prediction { broken_robots: broken, orphaned_robots: vec![2] }
+        Prediction { broken_robots, orphaned_robots: vec![2] }
     }
 
     fn window() -> FaultWindow {
@@ -364,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn calm_robot_that_does_not_recover_in_the_window_is_affected() {
+    fn robot_that_leaves_the_bound_without_recovery_is_affected() {
         let within_bound = [[true; 2], [true, false], [false, true]].into_iter();
         let mut fault = FaultWindow::new(
             0,
@@ -409,14 +413,15 @@ mod tests {
     }
 
     #[test]
-    fn lie_reports_that_nothing_is_predicted() {
-        let struck = AffectedComponent {
+    fn false_data_fault_has_no_prediction() {
+        let affected = AffectedComponent {
             robot: Some(1),
             is_byzantine: true,
             ..AffectedComponent::default()
         };
         let what = "lie r2 beacons by [0.5, 0]".into();
-        let fault = FaultWindow::new(0, what, struck, NS_PER_S, Prediction::default(), no_flags());
+        let fault =
+            FaultWindow::new(0, what, affected, NS_PER_S, Prediction::default(), no_flags());
         let FaultReport { predicted, predicted_why, .. } = fault.report(&names(), 0.01);
         assert!(predicted.is_empty());
         assert_eq!(predicted_why, [NOT_PREDICTED_REASON]);
@@ -424,19 +429,19 @@ mod tests {
 
     #[test]
     fn link_cut_is_detected_by_its_receiver() {
-        let struck = AffectedComponent { receiver: Some(2), ..AFFECTED_ROBOT };
+        let affected = AffectedComponent { receiver: Some(2), ..AFFECTED_ROBOT };
         let within_bound = [[true; 2]; 3].into_iter();
         let mut fault = FaultWindow::new(
             0,
             "cut r2->r3".into(),
-            struck,
+            affected,
             10 * NS_PER_S,
             Prediction::default(),
             within_bound,
         );
-        fault.record_reception(contact_report(0, 1, ReceptionState::Stale, 11 * NS_PER_S));
+        fault.record_reception(reception_report(0, 1, ReceptionState::Stale, 11 * NS_PER_S));
         assert_eq!(fault.report(&names(), 0.01).stale_after_s, None);
-        fault.record_reception(contact_report(2, 1, ReceptionState::Stale, 12 * NS_PER_S));
+        fault.record_reception(reception_report(2, 1, ReceptionState::Stale, 12 * NS_PER_S));
         assert_eq!(fault.report(&names(), 0.01).stale_after_s, Some(2.0));
     }
 }

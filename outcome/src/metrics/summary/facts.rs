@@ -67,25 +67,25 @@ pub(super) fn format_largest_errors(errors: &[(String, Option<f64>)]) -> Option<
 
 /// Formats values with their names.
 fn format_error_list<'e>(values: impl Iterator<Item = &'e (String, Option<f64>)>) -> String {
-    let shown = values
+    let fields = values
         .map(|(name, value)| format!("{name} {}", value.map_or("-".into(), format_four_digits)));
-    shown.collect::<Vec<_>>().join("  ")
+    fields.collect::<Vec<_>>().join("  ")
 }
 
 /// Formats the robots that are blocked at the end.
-pub(super) fn format_blocked_robots(waits: &[BlockedRobot]) -> Option<String> {
-    let more = waits.len().saturating_sub(SHOWN_ROBOTS_MAX);
-    let shown: Vec<String> =
-        waits.iter().take(SHOWN_ROBOTS_MAX).map(BlockedRobot::describe).collect();
-    let more = if more > 0 { format!("; and {more} more") } else { String::new() };
-    (!waits.is_empty()).then(|| format!("{}{more}", shown.join("; ")))
+pub(super) fn format_blocked_robots(blocked: &[BlockedRobot]) -> Option<String> {
+    let omitted = blocked.len().saturating_sub(SHOWN_ROBOTS_MAX);
+    let descriptions: Vec<String> =
+        blocked.iter().take(SHOWN_ROBOTS_MAX).map(BlockedRobot::describe).collect();
+    let omitted = if omitted > 0 { format!("; and {omitted} more") } else { String::new() };
+    (!blocked.is_empty()).then(|| format!("{}{omitted}", descriptions.join("; ")))
 }
 
 /// Formats run time, wall time and speed.
 pub(super) fn format_times(Summary { t_s, ended_early, wall, .. }: &Summary) -> String {
-    let early = if *ended_early { ", ended early," } else { "" };
+    let ended_early = if *ended_early { ", ended early," } else { "" };
     format!(
-        "{t_s:.3} s run{early} in {:.3} s of wall time, {:.0} ticks/s, {:.2} x real time",
+        "{t_s:.3} s run{ended_early} in {:.3} s of wall time, {:.0} ticks/s, {:.2} x real time",
         wall.wall_s, wall.ticks_per_s, wall.real_time_factor
     )
 }
@@ -114,7 +114,7 @@ pub(super) fn format_oldest_information(summary: &Summary) -> Option<String> {
     Some(format!("oldest {from} -> {robot}: mean {mean} ms, peak {peak} ms"))
 }
 
-/// Formats the late wake-ups by cause, and whether they did harm.
+/// Formats the late wake-ups by cause, and their effect.
 pub(super) fn format_late_wake_ups(summary: &Summary) -> Option<String> {
     let late = summary.late_wake_ups_by_cause();
     if late.is_empty() {
@@ -126,7 +126,7 @@ pub(super) fn format_late_wake_ups(summary: &Summary) -> Option<String> {
         1 => "1 deadline miss".to_owned(),
         misses => format!("{misses} deadline misses"),
     };
-    let harm = match (summary.deadline_misses, summary.commands.expired) {
+    let effect = match (summary.deadline_misses, summary.commands.expired) {
         (0, _) => "no deadline was missed because of them".to_owned(),
         (_, 0) => format!("with {misses}, and no robot stopped because of them"),
         (_, expired) => {
@@ -137,19 +137,19 @@ pub(super) fn format_late_wake_ups(summary: &Summary) -> Option<String> {
             )
         }
     };
-    Some(format!("{total}: {}; {harm}", format_counts(causes)))
+    Some(format!("{total}: {}; {effect}", format_counts(causes)))
 }
 
 /// Formats the goals from outside by outcome.
 pub(super) fn format_goals(GoalSummary { taken, refused }: &GoalSummary) -> String {
-    let reasons = format_counts(refused.iter().map(|(why, count)| (why, count)));
+    let reasons = format_counts(refused.iter().map(|(reason, count)| (reason, count)));
     let reasons = if reasons.is_empty() { reasons } else { format!("; refused: {reasons}") };
     format!("{taken} accepted{reasons}")
 }
 
 /// Formats counts as `this 3, that 4`.
 fn format_counts<'c>(counts: impl Iterator<Item = (impl std::fmt::Display, &'c u64)>) -> String {
-    counts.map(|(what, count)| format!("{what} {count}")).collect::<Vec<_>>().join(", ")
+    counts.map(|(label, count)| format!("{label} {count}")).collect::<Vec<_>>().join(", ")
 }
 
 /// Formats a field of a table; empty without a value.

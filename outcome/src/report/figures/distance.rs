@@ -42,32 +42,29 @@ impl PairDistances {
         let pairs = (0..robots).flat_map(|i| (i + 1..robots).map(move |j| [i, j]));
         let pairs: Vec<[usize; 2]> = pairs.collect();
         let divisors_m: Vec<f64> = pairs.iter().map(|&pair| divisor_m(run, pair)).collect();
-        let (mut least, mut farthest) = (vec![f64::INFINITY; pairs.len()], 0.0);
-        let smallest = (0..run.times_s.len()).map(|instant| {
+        let (mut pair_minimum, mut maximum) = (vec![f64::INFINITY; pairs.len()], 0.0);
+        let instant_minimum = (0..run.times_s.len()).map(|instant| {
             let alphas: Vec<Vec2> =
                 (0..robots).map(|robot| run.front_point(robot, instant)).collect();
-            let mut now = f64::INFINITY;
-            for ((&[i, j], divisor_m), least) in pairs.iter().zip(&divisors_m).zip(&mut least) {
+            let mut minimum = f64::INFINITY;
+            for ((&[i, j], divisor_m), pair_minimum) in
+                pairs.iter().zip(&divisors_m).zip(&mut pair_minimum)
+            {
                 let square = ((alphas[i] - alphas[j]) / *divisor_m).norm_squared();
-                *least = square.min(*least);
-                now = square.min(now);
-                farthest = square.max(farthest);
+                *pair_minimum = square.min(*pair_minimum);
+                minimum = square.min(minimum);
+                maximum = square.max(maximum);
             }
-            now.sqrt()
+            minimum.sqrt()
         });
-        let smallest = smallest.collect();
-        least.iter_mut().for_each(|square| *square = square.sqrt());
-        PairDistances {
-            pairs,
-            pair_minimum: least,
-            instant_minimum: smallest,
-            maximum: farthest.sqrt(),
-        }
+        let instant_minimum = instant_minimum.collect();
+        pair_minimum.iter_mut().for_each(|square| *square = square.sqrt());
+        PairDistances { pairs, pair_minimum, instant_minimum, maximum: maximum.sqrt() }
     }
 }
 
 pub(super) fn draw_pair_distances(run: &LoadedRun) -> Option<Figure> {
-    let PairDistances { pairs, pair_minimum: least, instant_minimum: smallest, maximum: farthest } =
+    let PairDistances { pairs, pair_minimum, instant_minimum, maximum } =
         PairDistances::compute(run);
     if pairs.is_empty() {
         return None;
@@ -80,21 +77,22 @@ pub(super) fn draw_pair_distances(run: &LoadedRun) -> Option<Figure> {
         true => ["distance / minimum of the pair", "near the minimum"],
         false => ["distance (m)", "near d (m)"],
     };
-    let nearness: Vec<f64> = least.iter().map(|m| -m).collect();
-    let CurveSet { count, named_curves: named } = CurveSet::select_largest(&nearness);
-    let envelope = count > DRAWN_PAIRS_MAX;
-    let apart = |pair: usize| {
+    let negated_minima: Vec<f64> = pair_minimum.iter().map(|m| -m).collect();
+    let CurveSet { count, named_curves } = CurveSet::select_largest(&negated_minima);
+    let shows_envelope = count > DRAWN_PAIRS_MAX;
+    let pair_distances = |pair: usize| {
         let [i, j] = pairs[pair];
         let divisor_m = divisor_m(run, [i, j]);
         let distance =
             move |k: usize| (run.front_point(i, k) - run.front_point(j, k)).norm() / divisor_m;
         (0..run.times_s.len()).map(move |k| (run.times_s[k], distance(k)))
     };
-    let highest = match envelope {
-        false => farthest,
+    let highest = match shows_envelope {
+        false => maximum,
         true => {
-            let shown = named.iter().flat_map(|&pair| apart(pair)).map(|(_, m)| m);
-            shown.filter(|m| m.is_finite()).fold(d, f64::max)
+            let drawn_distances =
+                named_curves.iter().flat_map(|&pair| pair_distances(pair)).map(|(_, m)| m);
+            drawn_distances.filter(|m| m.is_finite()).fold(d, f64::max)
         }
     };
     let mut panels = vec![(
@@ -102,51 +100,66 @@ pub(super) fn draw_pair_distances(run: &LoadedRun) -> Option<Figure> {
         panel_over_time(run, Axis::linear(labels[0], 0.0, highest)),
     )];
     // The lower panel is left out if no pair came near d.
-    let shown_near = least.iter().any(|least| *least < LOWER_PANEL_RANGE.1 * d);
-    if shown_near {
-        let near = Axis::exact(labels[1], LOWER_PANEL_RANGE.0 * d, LOWER_PANEL_RANGE.1 * d);
-        panels
-            .push((full_width_row(270.0, 200.0), panel_over_time(run, near).without_band_labels()));
+    let has_lower_panel = pair_minimum.iter().any(|minimum| *minimum < LOWER_PANEL_RANGE.1 * d);
+    if has_lower_panel {
+        let lower_axis = Axis::exact(labels[1], LOWER_PANEL_RANGE.0 * d, LOWER_PANEL_RANGE.1 * d);
+        panels.push((
+            full_width_row(270.0, 200.0),
+            panel_over_time(run, lower_axis).without_band_labels(),
+        ));
     }
-    let rank = |pair: usize| named.iter().position(|&other| other == pair).unwrap_or_default();
+    let style_index =
+        |pair: usize| named_curves.iter().position(|&other| other == pair).unwrap_or_default();
     let name = |pair: usize| {
         let [a, b] = pairs[pair].map(|robot| run.scene.robots[robot].name.as_str());
         format!("{a} \u{2013} {b}")
     };
-    let drawn = CurveSet { count: if envelope { 0 } else { count }, named_curves: named.clone() };
+    let drawn_curves = CurveSet {
+        count: if shows_envelope { 0 } else { count },
+        named_curves: named_curves.clone(),
+    };
     for (_, panel) in &mut panels {
-        drawn.draw(
+        drawn_curves.draw(
             panel,
-            |pair| robot_line(rank(pair)).with_width(0.8),
-            |pair| apart(pair).map(Some),
+            |pair| robot_line(style_index(pair)).with_width(0.8),
+            |pair| pair_distances(pair).map(Some),
         );
-        if envelope {
-            let smallest = run.times_s.iter().copied().zip(smallest.iter().copied());
+        if shows_envelope {
+            let smallest = run.times_s.iter().copied().zip(instant_minimum.iter().copied());
             panel.add_curve(smallest.map(Some), ALL_ROBOTS_LINE);
         }
         draw_minimum_distance(run, panel, d);
     }
-    let all =
-        CurveSet { count: if envelope { named.len() } else { count }, named_curves: named.clone() };
-    let mut key = all.legend_entries(|pair| robot_line(rank(pair)), name);
-    key.extend(envelope.then(|| (ALL_ROBOTS_LINE, format!("smallest of all {count} pairs"))));
+    let legend_curves = CurveSet {
+        count: if shows_envelope { named_curves.len() } else { count },
+        named_curves: named_curves.clone(),
+    };
+    let mut legend = legend_curves.legend_entries(|pair| robot_line(style_index(pair)), name);
+    legend.extend(
+        shows_envelope.then(|| (ALL_ROBOTS_LINE, format!("smallest of all {count} pairs"))),
+    );
     Some(Figure {
         name: "distances",
         title: "Distances of all pairs".into(),
-        caption: caption(run, count, named.len(), shown_near),
+        caption: caption(run, count, named_curves.len(), has_lower_panel),
         width: WIDTH,
         panels,
-        legend: key,
+        legend,
     })
 }
 
-fn caption(run: &LoadedRun, pairs: usize, named: usize, shown_near: bool) -> String {
-    let mut caption = match (pairs > DRAWN_PAIRS_MAX, pairs > named) {
+fn caption(
+    run: &LoadedRun,
+    pair_count: usize,
+    named_count: usize,
+    has_lower_panel: bool,
+) -> String {
+    let mut caption = match (pair_count > DRAWN_PAIRS_MAX, pair_count > named_count) {
         (true, _) => format!(
-            "The smallest of all {pairs} distances between front points, and the {NAMED_CURVE_COUNT} nearest pairs."
+            "The smallest of all {pair_count} distances between front points, and the {NAMED_CURVE_COUNT} nearest pairs."
         ),
         (_, true) => format!(
-            "All {pairs} distances between front points; the {NAMED_CURVE_COUNT} nearest pairs are named."
+            "All {pair_count} distances between front points; the {NAMED_CURVE_COUNT} nearest pairs are named."
         ),
         _ => "All distances between front points.".to_owned(),
     };
@@ -154,7 +167,7 @@ fn caption(run: &LoadedRun, pairs: usize, named: usize, shown_near: bool) -> Str
     if is_team {
         caption += " Each is divided by the minimum distance of its pair, the sum of two sizes.";
     }
-    if shown_near {
+    if has_lower_panel {
         caption += if is_team { " Below: detail near 1." } else { " Below: detail near d." };
     }
     caption += &bands_caption(run);

@@ -19,8 +19,8 @@ const FINAL_ERROR_SUBJECT: &str = "The worst over the last 10 % of the run";
 
 /// Draws the errors with respect to the targets that the in-neighbors give.
 pub(super) fn draw_neighbor_errors(run: &LoadedRun) -> Option<Figure> {
-    let sizes = draw_magnitudes(run, "Errors", "error |e| (m)", |sample| sample.error_m)?;
-    let ErrorMagnitudes { mut panel, mut caption, legend: key } = sizes;
+    let magnitudes = draw_magnitudes(run, "Errors", "error |e| (m)", |sample| sample.error_m)?;
+    let ErrorMagnitudes { mut panel, mut caption, legend } = magnitudes;
     mark_convergence(run, &mut panel);
     if let Some(expectation) = find_expectation(run, "converged_by_s") {
         let label = format!("required by {} s", format_short(expectation.bound));
@@ -34,17 +34,17 @@ pub(super) fn draw_neighbor_errors(run: &LoadedRun) -> Option<Figure> {
         caption,
         full_width_row(0.0, 320.0),
         panel,
-        key,
+        legend,
     ))
 }
 
 /// Draws the errors with respect to the ideal formation.
 pub(super) fn draw_ideal_errors(run: &LoadedRun) -> Option<Figure> {
-    let what = "Distances from the slots that the whole planned graph gives the robots, relative to \
+    let subject = "Distances from the slots that the whole planned graph gives the robots, relative to \
      the main leader's true front point (without a leader: relative to the median of the living robots),";
     let axis = "distance from ideal slot (m)";
-    let sizes = draw_magnitudes(run, what, axis, |sample| sample.ideal_error_m)?;
-    let ErrorMagnitudes { mut panel, mut caption, legend: key } = sizes;
+    let magnitudes = draw_magnitudes(run, subject, axis, |sample| sample.ideal_error_m)?;
+    let ErrorMagnitudes { mut panel, mut caption, legend } = magnitudes;
     caption += &draw_final_bound(run, &mut panel, "final_ideal_error_m_max", FINAL_ERROR_SUBJECT);
     let title = "Errors to the ideal formation";
     Some(Figure::single_panel(
@@ -53,7 +53,7 @@ pub(super) fn draw_ideal_errors(run: &LoadedRun) -> Option<Figure> {
         caption,
         full_width_row(0.0, 320.0),
         panel,
-        key,
+        legend,
     ))
 }
 
@@ -81,64 +81,68 @@ struct ErrorMagnitudes {
     legend: Vec<(LineStyle, String)>,
 }
 
-/// Draws the magnitudes of errors. `what` is the beginning of the caption.
+/// Draws the magnitudes of errors. `subject` is the beginning of the caption.
 fn draw_magnitudes(
     run: &LoadedRun,
-    what: &str,
+    subject: &str,
     axis: &str,
     error: fn(&RobotSample) -> Option<f64>,
 ) -> Option<ErrorMagnitudes> {
     let errors = run.tracks.iter().flatten().filter_map(error);
     let highest = errors.filter(|error| error.is_finite()).reduce(f64::max)?;
-    let last = last_errors(run, error);
-    let reached = last.iter().copied().fold(f64::INFINITY, f64::min);
+    let final_errors = last_errors(run, error);
+    let smallest_error = final_errors.iter().copied().fold(f64::INFINITY, f64::min);
     let converged_m = run.converged_error_m;
-    let low = reached.clamp(SHOWN_ERROR_M_MIN, (converged_m / 2.0).max(SHOWN_ERROR_M_MIN));
+    let low = smallest_error.clamp(SHOWN_ERROR_M_MIN, (converged_m / 2.0).max(SHOWN_ERROR_M_MIN));
     let mut panel = panel_over_time(run, Axis::log(axis, low, highest.max(2.0 * low)));
     let floor = panel.y_axis.value_range().0;
-    let many = CurveSet::select_largest(&last);
-    let thin = |robot| robot_line(robot).with_width(0.8);
-    many.draw(&mut panel, thin, |robot| {
+    let curves = CurveSet::select_largest(&final_errors);
+    let line_style = |robot| robot_line(robot).with_width(0.8);
+    curves.draw(&mut panel, line_style, |robot| {
         values_while_alive(run, robot, move |sample| error(sample).map(|error| error.max(floor)))
     });
-    let mut key = many.legend_entries(robot_line, |robot| run.scene.robots[robot].name.clone());
-    if many.unnamed_count() > 0 {
+    let mut legend =
+        curves.legend_entries(robot_line, |robot| run.scene.robots[robot].name.clone());
+    if curves.unnamed_count() > 0 {
         let worst = (0..run.times_s.len()).map(|instant| {
-            let living = run.tracks.iter().map(|track| track[instant]).filter(|now| now.is_alive);
-            let worst = living.filter_map(|sample| error(&sample)).reduce(f64::max)?;
+            let alive_samples =
+                run.tracks.iter().map(|track| track[instant]).filter(|sample| sample.is_alive);
+            let worst = alive_samples.filter_map(|sample| error(&sample)).reduce(f64::max)?;
             Some((run.times_s[instant], worst.max(floor)))
         });
         panel.add_curve(worst, ALL_ROBOTS_LINE);
-        key.push((ALL_ROBOTS_LINE, "largest of all".to_owned()));
+        legend.push((ALL_ROBOTS_LINE, "largest of all".to_owned()));
     }
-    let named = match many.unnamed_count() {
+    let named_note = match curves.unnamed_count() {
         0 => String::new(),
         _ => format!(", the {NAMED_CURVE_COUNT} largest at the end named"),
     };
-    let least = if floor < 1e-6 * 1.01 { "; clipped at 1 \u{b5}m" } else { "" };
+    let clipping_note = if floor < 1e-6 * 1.01 { "; clipped at 1 \u{b5}m" } else { "" };
     let bands = bands_caption(run);
-    let of_all = if many.draws_distribution() { "distribution over" } else { "of" };
-    let caption = format!("{what} {of_all} all living robots{named}, logarithmic{least}.{bands}");
+    let extent_text = if curves.draws_distribution() { "distribution over" } else { "of" };
+    let caption = format!(
+        "{subject} {extent_text} all living robots{named_note}, logarithmic{clipping_note}.{bands}"
+    );
     let label = format!("converged below {} m", format_short(converged_m));
     let dotted = LineStyle::solid(VERMILION).with_width(0.8).with_dash(Dash::Dotted);
     panel.add_horizontal_line(converged_m, (0.0, run.end_s()), label, dotted);
-    if let Some(rule) = panel.reference_lines.last_mut() {
-        rule.label_end_x = 0.75 * run.end_s();
+    if let Some(line) = panel.reference_lines.last_mut() {
+        line.label_end_x = 0.75 * run.end_s();
     }
-    Some(ErrorMagnitudes { panel, caption, legend: key })
+    Some(ErrorMagnitudes { panel, caption, legend })
 }
 
 pub(super) fn draw_components(run: &LoadedRun) -> Option<Figure> {
-    let known = run.tracks.iter().flatten().filter_map(|sample| sample.error_xy_m).flatten();
-    let known = known.filter(|error| error.is_finite()).map(|error| (error, error));
-    let (low, high) = known.reduce(|(low, high), (e, _)| (low.min(e), high.max(e)))?;
-    let many = CurveSet::select_largest(&last_errors(run, |sample| sample.error_m));
+    let components = run.tracks.iter().flatten().filter_map(|sample| sample.error_xy_m).flatten();
+    let components = components.filter(|error| error.is_finite()).map(|error| (error, error));
+    let (low, high) = components.reduce(|(low, high), (e, _)| (low.min(e), high.max(e)))?;
+    let curves = CurveSet::select_largest(&last_errors(run, |sample| sample.error_m));
     let panel = |(axis, label): (usize, &str)| {
         let mut panel = panel_over_time(run, Axis::linear(label, low, high));
         if axis > 0 {
             panel = panel.without_band_labels();
         }
-        many.draw(
+        curves.draw(
             &mut panel,
             |robot| robot_line(robot).with_width(0.8),
             |robot| values_while_alive(run, robot, move |sample| Some(sample.error_xy_m?[axis])),
@@ -148,8 +152,8 @@ pub(super) fn draw_components(run: &LoadedRun) -> Option<Figure> {
     };
     let bands = bands_caption(run);
     let mut caption = format!("Components of the errors of all living robots.{bands}");
-    let when = "They converge to zero, all stay small from";
-    caption += &describe_expectation(run, "converged_by_s", when, "s");
+    let convergence_subject = "They converge to zero, all stay small from";
+    caption += &describe_expectation(run, "converged_by_s", convergence_subject, "s");
     let axes = ["error along x (m)", "error along y (m)"];
     Some(Figure {
         name: "error_components",
@@ -157,14 +161,14 @@ pub(super) fn draw_components(run: &LoadedRun) -> Option<Figure> {
         caption,
         width: WIDTH,
         panels: axes.into_iter().enumerate().map(panel).collect(),
-        legend: many.legend_entries(robot_line, |robot| run.scene.robots[robot].name.clone()),
+        legend: curves.legend_entries(robot_line, |robot| run.scene.robots[robot].name.clone()),
     })
 }
 
 /// Returns the last error of each robot, m; 0 for a robot that never had one.
 fn last_errors(run: &LoadedRun, error: fn(&RobotSample) -> Option<f64>) -> Vec<f64> {
-    let last = |track: &Vec<RobotSample>| {
+    let last_error = |track: &Vec<RobotSample>| {
         track.iter().rev().find_map(error).filter(|error| error.is_finite())
     };
-    run.tracks.iter().map(|track| last(track).unwrap_or(0.0)).collect()
+    run.tracks.iter().map(|track| last_error(track).unwrap_or(0.0)).collect()
 }

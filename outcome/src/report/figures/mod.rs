@@ -90,13 +90,13 @@ pub(super) fn panel_over_time(run: &LoadedRun, y: Axis) -> Panel {
         panel.bands = merged_bands(run);
         return panel;
     }
-    let named = run.scene.faults.len() <= NAMED_FAULTS_MAX;
+    let are_named = run.scene.faults.len() <= NAMED_FAULTS_MAX;
     let faults = run.scene.faults.iter().enumerate();
     panel.bands = faults
-        .map(|(place, fault)| Band {
+        .map(|(index, fault)| Band {
             start_x: fault.t_s,
             end_x: fault.until_s.unwrap_or(f64::INFINITY).min(run.end_s()),
-            label: if named { fault.what.clone() } else { (place + 1).to_string() },
+            label: if are_named { fault.what.clone() } else { (index + 1).to_string() },
         })
         .collect();
     panel
@@ -105,28 +105,30 @@ pub(super) fn panel_over_time(run: &LoadedRun, y: Axis) -> Panel {
 /// Returns whether the faults are too many, or too many at the same time, for a band of each.
 fn merges_bands(run: &LoadedRun) -> bool {
     let faults = &run.scene.faults;
-    let active = |t_s: f64| {
-        let at = |until_s: Option<f64>| until_s.is_none_or(|until_s| until_s > t_s);
-        faults.iter().filter(|fault| fault.t_s <= t_s && at(fault.until_s)).count()
+    let active_count = |t_s: f64| {
+        let ends_after = |until_s: Option<f64>| until_s.is_none_or(|until_s| until_s > t_s);
+        faults.iter().filter(|fault| fault.t_s <= t_s && ends_after(fault.until_s)).count()
     };
     faults.len() > SHOWN_ROWS_MAX
-        || faults.iter().any(|fault| active(fault.t_s) > OVERLAPPING_BANDS_MAX)
+        || faults.iter().any(|fault| active_count(fault.t_s) > OVERLAPPING_BANDS_MAX)
 }
 
 /// Returns bands without labels that cover the times at which any fault was active: at most [`BANDS_MAX`].
 fn merged_bands(run: &LoadedRun) -> Vec<Band> {
     let (end_s, gap_s) = (run.end_s(), run.end_s() / BANDS_MAX as f64);
-    let spans =
+    let periods =
         run.scene.faults.iter().map(|fault| {
             (fault.t_s, fault.until_s.unwrap_or(f64::INFINITY).min(end_s).max(fault.t_s))
         });
-    let mut spans: Vec<(f64, f64)> = spans.filter(|(from, _)| from.is_finite()).collect();
-    spans.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut periods: Vec<(f64, f64)> = periods.filter(|(start_s, _)| start_s.is_finite()).collect();
+    periods.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut bands: Vec<Band> = Vec::new();
-    for (from, to) in spans {
+    for (start_s, end_s) in periods {
         match bands.last_mut() {
-            Some(last) if from < last.end_x + gap_s => last.end_x = last.end_x.max(to),
-            _ => bands.push(Band { start_x: from, end_x: to, label: String::new() }),
+            Some(last_band) if start_s < last_band.end_x + gap_s => {
+                last_band.end_x = last_band.end_x.max(end_s)
+            }
+            _ => bands.push(Band { start_x: start_s, end_x: end_s, label: String::new() }),
         }
     }
     bands
@@ -162,10 +164,10 @@ fn find_expectation<'r>(run: &'r LoadedRun, name: &str) -> Option<&'r Expectatio
 
 /// Describes an expectation in one sentence: measured value, bound and verdict. Returns an empty string if there is
 /// none.
-fn describe_expectation(run: &LoadedRun, name: &str, of: &str, unit: &str) -> String {
+fn describe_expectation(run: &LoadedRun, name: &str, subject: &str, unit: &str) -> String {
     let Some(expectation) = find_expectation(run, name) else { return String::new() };
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-    let (measured, bound) = match expectation.value {
+    let (measured_value, bound) = match expectation.value {
         Some(value) => {
             let [value, bound] = format_distinct(value, expectation.bound);
             (format!("{value}{unit}"), bound)
@@ -173,17 +175,17 @@ fn describe_expectation(run: &LoadedRun, name: &str, of: &str, unit: &str) -> St
         None => ("never".to_owned(), format_short(expectation.bound)),
     };
     let verdict = expectation.verdict().display_text();
-    let reason = expectation.reason.as_ref().map_or(String::new(), |why| format!(" ({why})"));
-    format!(" {of}: {measured}, required {bound}{unit}: {verdict}{reason}.")
+    let reason = expectation.reason.as_ref().map_or(String::new(), |reason| format!(" ({reason})"));
+    format!(" {subject}: {measured_value}, required {bound}{unit}: {verdict}{reason}.")
 }
 
 /// Draws the bound of an expectation over the final part of the run, and describes the expectation in one sentence.
-fn draw_final_bound(run: &LoadedRun, panel: &mut Panel, name: &str, of: &str) -> String {
+fn draw_final_bound(run: &LoadedRun, panel: &mut Panel, name: &str, subject: &str) -> String {
     if let Some(expectation) = find_expectation(run, name) {
         let label = format!("required at the end: {} m", format_short(expectation.bound));
         panel.add_horizontal_line(expectation.bound, final_interval(run), label, BOUND_LINE);
     }
-    describe_expectation(run, name, of, "m")
+    describe_expectation(run, name, subject, "m")
 }
 
 /// A set of curves: all are named if they are few, else the largest ones.
@@ -197,12 +199,12 @@ impl CurveSet {
     /// Creates a set from the sizes of the curves.
     fn select_largest(sizes: &[f64]) -> CurveSet {
         let count = sizes.len();
-        let mut named: Vec<usize> = (0..count).collect();
+        let mut named_curves: Vec<usize> = (0..count).collect();
         if count > ALL_NAMED_CURVES_MAX {
-            named.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
-            named.truncate(NAMED_CURVE_COUNT);
+            named_curves.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
+            named_curves.truncate(NAMED_CURVE_COUNT);
         }
-        CurveSet { count, named_curves: named }
+        CurveSet { count, named_curves }
     }
 
     fn unnamed_count(&self) -> usize {
@@ -219,39 +221,40 @@ impl CurveSet {
     fn draw<P: IntoIterator<Item = Option<CanvasPoint>>>(
         &self,
         panel: &mut Panel,
-        line: impl Fn(usize) -> LineStyle,
+        style: impl Fn(usize) -> LineStyle,
         points: impl Fn(usize) -> P,
     ) {
         if self.draws_distribution() {
             draw_distribution((0..self.count).map(&points), panel);
         } else {
-            for place in (0..self.count).filter(|place| !self.named_curves.contains(place)) {
-                panel.add_curve(points(place), LineStyle::UNNAMED_CURVE_LINE);
+            for index in (0..self.count).filter(|index| !self.named_curves.contains(index)) {
+                panel.add_curve(points(index), LineStyle::UNNAMED_CURVE_LINE);
             }
         }
-        for &place in &self.named_curves {
-            panel.add_curve(points(place), line(place));
+        for &index in &self.named_curves {
+            panel.add_curve(points(index), style(index));
         }
     }
 
-    /// Returns the key of the lines.
+    /// Returns the legend entries of the curves.
     fn legend_entries(
         &self,
-        line: impl Fn(usize) -> LineStyle,
+        style: impl Fn(usize) -> LineStyle,
         name: impl Fn(usize) -> String,
     ) -> Vec<(LineStyle, String)> {
-        let named = self.named_curves.iter().map(|&place| (line(place), name(place)));
+        let named_entries = self.named_curves.iter().map(|&index| (style(index), name(index)));
         if self.draws_distribution() {
-            let all = format!("median of all {}; tinted: 10 to 90 %, 1 to 99 %", self.count);
-            return named.chain([(MEDIAN_LINE, all)]).collect();
+            let distribution_label =
+                format!("median of all {}; tinted: 10 to 90 %, 1 to 99 %", self.count);
+            return named_entries.chain([(MEDIAN_LINE, distribution_label)]).collect();
         }
-        let others = (self.unnamed_count() > 0).then(|| {
+        let unnamed_entry = (self.unnamed_count() > 0).then(|| {
             (
                 LineStyle::UNNAMED_CURVE_LINE.with_width(0.8),
                 format!("{} others", self.unnamed_count()),
             )
         });
-        named.chain(others).collect()
+        named_entries.chain(unnamed_entry).collect()
     }
 }
 
@@ -263,26 +266,27 @@ fn draw_distribution<P: IntoIterator<Item = Option<CanvasPoint>>>(
 ) {
     let mut columns: Vec<(f64, Vec<f64>)> = Vec::new();
     for curve in curves {
-        for (nth, point) in curve.into_iter().enumerate() {
-            if columns.len() == nth {
+        for (index, point) in curve.into_iter().enumerate() {
+            if columns.len() == index {
                 columns.push((f64::NAN, Vec::new()));
             }
             if let Some((x, y)) = point.filter(|(_, y)| y.is_finite()) {
-                columns[nth].0 = x;
-                columns[nth].1.push(y);
+                columns[index].0 = x;
+                columns[index].1.push(y);
             }
         }
     }
     columns.retain(|(_, values)| !values.is_empty());
     columns.iter_mut().for_each(|(_, values)| values.sort_by(f64::total_cmp));
-    let at = |fraction: f64| {
-        let nth = move |values: &[f64]| values[(fraction * (values.len() - 1) as f64) as usize];
-        columns.iter().map(move |(x, values)| (*x, nth(values)))
+    let quantile_points = |fraction: f64| {
+        let quantile =
+            move |values: &[f64]| values[(fraction * (values.len() - 1) as f64) as usize];
+        columns.iter().map(move |(x, values)| (*x, quantile(values)))
     };
     for [low, high] in BAND_QUANTILES {
-        let upper: Vec<CanvasPoint> = at(high).collect();
-        let corners = at(low).chain(upper.into_iter().rev()).collect();
+        let upper_edge: Vec<CanvasPoint> = quantile_points(high).collect();
+        let corners = quantile_points(low).chain(upper_edge.into_iter().rev()).collect();
         panel.areas.push((corners, GRAY, BAND_OPACITY));
     }
-    panel.add_curve(at(0.5).map(Some), MEDIAN_LINE);
+    panel.add_curve(quantile_points(0.5).map(Some), MEDIAN_LINE);
 }

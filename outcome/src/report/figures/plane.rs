@@ -45,29 +45,30 @@ pub(super) fn draw_trajectories(run: &LoadedRun) -> Option<Figure> {
             (0..run.times_s.len()).map(|k| to_canvas_point(run.front_point(robot, k))).collect()
         })
         .collect();
-    let lead: Vec<CanvasPoint> = run.leader_reference_m.iter().map(|&[x, y]| (x, y)).collect();
-    let finite = |at: &&CanvasPoint| at.0.is_finite() && at.1.is_finite();
-    let extent = extent(paths.iter().chain([&lead]).flatten().filter(finite))?;
-    let (place, mut panel, m_per_px) = equal_scale_panel(extend_to_walls(run, extent));
+    let leader_path: Vec<CanvasPoint> =
+        run.leader_reference_m.iter().map(|&[x, y]| (x, y)).collect();
+    let finite = |point: &&CanvasPoint| point.0.is_finite() && point.1.is_finite();
+    let extent = extent(paths.iter().chain([&leader_path]).flatten().filter(finite))?;
+    let (rect, mut panel, m_per_px) = equal_scale_panel(extend_to_walls(run, extent));
     draw_walls(run, &mut panel);
 
-    let mut key = Vec::new();
-    let few = paths.len() <= NAMED_ROBOTS_MAX;
-    let crowd = has_many_robots(run);
-    if !lead.is_empty() {
-        let line = LineStyle::solid(GRAY).with_width(6.4).with_opacity(0.35);
-        panel.curves.push((lead, line, false));
-        key.push((line, "m(t), the main leader's reference".to_owned()));
+    let mut legend = Vec::new();
+    let names_robots = paths.len() <= NAMED_ROBOTS_MAX;
+    let has_many = has_many_robots(run);
+    if !leader_path.is_empty() {
+        let style = LineStyle::solid(GRAY).with_width(6.4).with_opacity(0.35);
+        panel.curves.push((leader_path, style, false));
+        legend.push((style, "m(t), the main leader's reference".to_owned()));
     }
     for (robot, path) in paths.into_iter().enumerate() {
         let (name, role) = (&run.scene.robots[robot].name, &run.scene.robots[robot].role);
-        let own = match (few, crowd) {
+        let style = match (names_robots, has_many) {
             (true, _) => robot_line(robot).with_width(0.8),
             (false, true) => MANY_ROBOTS_PATH_LINE,
             (false, false) => LineStyle::solid(robot_color(robot)).with_width(0.4),
         };
-        let label = if few { name.clone() } else { String::new() };
-        if !crowd {
+        let label = if names_robots { name.clone() } else { String::new() };
+        if !has_many {
             panel.marks.push(Mark {
                 position: path[0],
                 shape: MarkShape::Cross,
@@ -75,39 +76,39 @@ pub(super) fn draw_trajectories(run: &LoadedRun) -> Option<Figure> {
                 label,
             });
         }
-        panel.curves.push((path, own, false));
-        if few {
-            key.push((own, format!("{name} ({})", role_text(role))));
+        panel.curves.push((path, style, false));
+        if names_robots {
+            legend.push((style, format!("{name} ({})", role_text(role))));
         }
     }
     if run.followers_and_leaders().is_some() {
-        key.push((LineStyle::solid(ORANGE).with_width(1.6), "hull of the leaders".to_owned()));
+        legend.push((LineStyle::solid(ORANGE).with_width(1.6), "hull of the leaders".to_owned()));
     }
     panel.marks.extend(death_marks(run));
-    let shown = spaced_instants(run);
-    for (nth, &instant) in shown.iter().enumerate() {
-        let newness = (nth + 1) as f64 / shown.len() as f64;
-        let opacity = OPACITY_MIN + (1.0 - OPACITY_MIN) * newness;
+    let drawn_instants = spaced_instants(run);
+    for (index, &instant) in drawn_instants.iter().enumerate() {
+        let recency = (index + 1) as f64 / drawn_instants.len() as f64;
+        let opacity = OPACITY_MIN + (1.0 - OPACITY_MIN) * recency;
         draw_formation(run, instant, m_per_px, opacity, &mut panel);
     }
-    let times = place_time_labels(run, &shown, &panel, m_per_px);
-    panel.marks.extend(times);
-    let (title, caption) = ("Trajectories in the plane", caption(run, &shown));
-    Some(Figure::single_panel("trajectories", title, caption, place, panel, key))
+    let time_labels = place_time_labels(run, &drawn_instants, &panel, m_per_px);
+    panel.marks.extend(time_labels);
+    let (title, caption) = ("Trajectories in the plane", caption(run, &drawn_instants));
+    Some(Figure::single_panel("trajectories", title, caption, rect, panel, legend))
 }
 
 /// Returns the caption, with the results of the expectations about positions.
-fn caption(run: &LoadedRun, shown: &[usize]) -> String {
+fn caption(run: &LoadedRun, drawn_instants: &[usize]) -> String {
     let times: Vec<String> =
-        shown.iter().map(|&instant| format!("{:.1}", run.times_s[instant])).collect();
-    let drawn = match run.followers_and_leaders() {
+        drawn_instants.iter().map(|&instant| format!("{:.1}", run.times_s[instant])).collect();
+    let connection_text = match run.followers_and_leaders() {
         _ if has_many_robots(run) => return many_robots_caption(run, &times),
         Some(_) => "with the hull of the leaders",
         None => "with the edges of the formation graph",
     };
     let mut caption = format!(
         "Paths of the front points. Black crosses: starts{}. Robots are triangles that point forward, \
-         {drawn}, at equal distances along their paths, older ones paler: at {} s.",
+         {connection_text}, at equal distances along their paths, older ones paler: at {} s.",
         if death_marks(run).is_empty() { "" } else { "; orange crosses: deaths, with times" },
         times.join(", ")
     );
@@ -122,11 +123,12 @@ fn caption(run: &LoadedRun, shown: &[usize]) -> String {
 
 /// Returns the caption of a picture with more than [`CURVES_MAX`] robots.
 fn many_robots_caption(run: &LoadedRun, times: &[String]) -> String {
-    let deaths = if death_marks(run).is_empty() { "" } else { " Orange crosses: deaths." };
-    let walls = if run.scene.walls.is_empty() { "" } else { " Walls and obstacles are darker." };
+    let deaths_note = if death_marks(run).is_empty() { "" } else { " Orange crosses: deaths." };
+    let walls_note =
+        if run.scene.walls.is_empty() { "" } else { " Walls and obstacles are darker." };
     format!(
         "All {} robots at {} s as triangles that point forward, in the colors of the replay, which repeat. Gray: the paths \
-         of their front points.{deaths}{walls}{}",
+         of their front points.{deaths_note}{walls_note}{}",
         run.scene.robots.len(),
         times.join(", "),
         describe_expectations(run)
@@ -136,13 +138,13 @@ fn many_robots_caption(run: &LoadedRun, times: &[String]) -> String {
 /// Describes the expectations about positions.
 fn describe_expectations(run: &LoadedRun) -> String {
     let mut caption = String::new();
-    for (name, of) in [
+    for (name, subject) in [
         ("min_clearance_m", "Smallest clearance at any tick"),
         ("tracking_error_m_max", "The main leader's worst distance from m(t) at the end"),
         ("final_error_m_max", "Worst error of a living robot at the end"),
         ("hull_distance_m_max", "Largest distance of a follower from the hull at the end"),
     ] {
-        caption += &describe_expectation(run, name, of, "m");
+        caption += &describe_expectation(run, name, subject, "m");
     }
     caption
 }
@@ -152,8 +154,8 @@ pub(super) type Extent = (CanvasPoint, CanvasPoint);
 
 /// Returns the extent of points; `None` without points.
 pub(super) fn extent<'p>(points: impl Iterator<Item = &'p CanvasPoint>) -> Option<Extent> {
-    points.map(|&at| (at, at)).reduce(|(low, high), (at, _)| {
-        ((low.0.min(at.0), low.1.min(at.1)), (high.0.max(at.0), high.1.max(at.1)))
+    points.map(|&point| (point, point)).reduce(|(low, high), (point, _)| {
+        ((low.0.min(point.0), low.1.min(point.1)), (high.0.max(point.0), high.1.max(point.1)))
     })
 }
 
@@ -162,19 +164,19 @@ pub(super) fn extent<'p>(points: impl Iterator<Item = &'p CanvasPoint>) -> Optio
 fn equal_scale_panel((lowest, highest): Extent) -> (Rect, Panel, f64) {
     // Small formations have small margins.
     let extent_m = (highest.0 - lowest.0).max(highest.1 - lowest.1);
-    let [least_m, rim_m] = match extent_m > 0.0 {
+    let [margin_base_m, margin_offset_m] = match extent_m > 0.0 {
         true => [(0.2 * extent_m).min(0.1), (0.02 * extent_m).min(0.02)],
         false => [0.1, 0.02],
     };
-    let margin = |low: f64, high: f64| (high - low).max(least_m) * 0.06 + rim_m;
+    let margin = |low: f64, high: f64| (high - low).max(margin_base_m) * 0.06 + margin_offset_m;
     let (dx, dy) = (margin(lowest.0, highest.0), margin(lowest.1, highest.1));
     let size = (highest.0 - lowest.0 + 2.0 * dx, highest.1 - lowest.1 + 2.0 * dy);
-    let mut place = Rect { x: 0.0, y: 0.0, width: WIDTH, height: 0.0 };
-    let frame = place.height - place.plot_area(&[]).height;
-    let height = place.plot_area(&[]).width * size.1 / size.0 + frame;
-    place.height = height.clamp(HEIGHT_RANGE.0, HEIGHT_RANGE.1);
-    let (panel, m_per_px) = panel_around((lowest, highest), size, place.plot_area(&[]));
-    (place, panel, m_per_px)
+    let mut rect = Rect { x: 0.0, y: 0.0, width: WIDTH, height: 0.0 };
+    let frame_height = rect.height - rect.plot_area(&[]).height;
+    let height = rect.plot_area(&[]).width * size.1 / size.0 + frame_height;
+    rect.height = height.clamp(HEIGHT_RANGE.0, HEIGHT_RANGE.1);
+    let (panel, m_per_px) = panel_around((lowest, highest), size, rect.plot_area(&[]));
+    (rect, panel, m_per_px)
 }
 
 /// Creates a panel with the same scale on both axes that shows at least `size`, m, with the extent in the middle.
@@ -192,14 +194,16 @@ pub(super) fn panel_around((low, high): Extent, size: CanvasPoint, inner: Rect) 
 /// Returns the extent of the robots, extended by the walls near them.
 fn extend_to_walls(run: &LoadedRun, robots: Extent) -> Extent {
     let ((left, low), (right, high)) = robots;
-    let beside = WALL_DISTANCE_MAX * (right - left).max(high - low);
-    let (least, most) = ((left - beside, low - beside), (right + beside, high + beside));
-    let near = |(x, y): CanvasPoint| (x.clamp(least.0, most.0), y.clamp(least.1, most.1));
+    let wall_margin = WALL_DISTANCE_MAX * (right - left).max(high - low);
+    let (lower, upper) =
+        ((left - wall_margin, low - wall_margin), (right + wall_margin, high + wall_margin));
+    let clamp_to_view =
+        |(x, y): CanvasPoint| (x.clamp(lower.0, upper.0), y.clamp(lower.1, upper.1));
     let walls = run.scene.walls.iter().filter_map(|wall| extent(wall_outline(wall).iter()));
     let walls = walls.filter(|(low, high)| {
-        (low.0 <= most.0 && high.0 >= least.0) && (low.1 <= most.1 && high.1 >= least.1)
+        (low.0 <= upper.0 && high.0 >= lower.0) && (low.1 <= upper.1 && high.1 >= lower.1)
     });
-    let walls = walls.map(|(low, high)| (near(low), near(high)));
+    let walls = walls.map(|(low, high)| (clamp_to_view(low), clamp_to_view(high)));
     let corners: Vec<CanvasPoint> = walls.flat_map(|(low, high)| [low, high]).collect();
     extent(corners.iter().chain([&robots.0, &robots.1])).unwrap_or(robots)
 }
@@ -216,8 +220,8 @@ fn wall_outline(wall: &Obstacle) -> Vec<CanvasPoint> {
     wall.outline().into_iter().map(to_canvas_point).collect()
 }
 
-pub(super) fn to_canvas_point(at: Vec2) -> CanvasPoint {
-    (at.x, at.y)
+pub(super) fn to_canvas_point(point: Vec2) -> CanvasPoint {
+    (point.x, point.y)
 }
 
 fn role_text(role: &str) -> &str {
@@ -236,20 +240,21 @@ fn has_many_robots(run: &LoadedRun) -> bool {
 
 /// Returns marks of the first deaths, with their times; of all deaths, without their times, if the robots are many.
 fn death_marks(run: &LoadedRun) -> Vec<Mark> {
-    let crowd = has_many_robots(run);
-    let died = |change: &StateChange| match change.new_state {
+    let has_many = has_many_robots(run);
+    let death_mark = |change: &StateChange| match change.new_state {
         NewState::Robot(robot, RobotState::Dead) if robot < run.tracks.len() => {
-            let after = run.times_s.partition_point(|&t_s| t_s < change.t_s);
-            let at = to_canvas_point(run.front_point(robot, after.min(run.times_s.len() - 1)));
+            let instant = run.times_s.partition_point(|&t_s| t_s < change.t_s);
+            let position =
+                to_canvas_point(run.front_point(robot, instant.min(run.times_s.len() - 1)));
             let name = &run.scene.robots[robot].name;
             let label =
-                if crowd { String::new() } else { format!("{name} dead, {:.1} s", change.t_s) };
-            Some(Mark { position: at, shape: MarkShape::Cross, color: VERMILION, label })
+                if has_many { String::new() } else { format!("{name} dead, {:.1} s", change.t_s) };
+            Some(Mark { position, shape: MarkShape::Cross, color: VERMILION, label })
         }
         _ => None,
     };
-    let most = if crowd { usize::MAX } else { MARKED_DEATHS_MAX };
-    run.state_changes.iter().filter_map(died).take(most).collect()
+    let count_max = if has_many { usize::MAX } else { MARKED_DEATHS_MAX };
+    run.state_changes.iter().filter_map(death_mark).take(count_max).collect()
 }
 
 /// Draws the robots at one instant with the hull of the leaders, or with the edges.
@@ -260,33 +265,33 @@ fn draw_formation(run: &LoadedRun, instant: usize, m_per_px: f64, opacity: f64, 
         panel.areas.push((corners.clone(), ORANGE, 0.2 * opacity));
         panel.add_outline(corners, LineStyle::solid(ORANGE).with_width(0.8).with_opacity(opacity));
     } else if !has_many_robots(run) {
-        let edges_in_use = run.edges_in_use(run.times_s[instant]);
-        for (edge, _) in
-            run.scene.edges.iter().zip(edges_in_use).filter(|(_, edges_in_use)| *edges_in_use)
-        {
-            let ends =
+        let is_in_use = run.edges_in_use(run.times_s[instant]);
+        for (edge, _) in run.scene.edges.iter().zip(is_in_use).filter(|(_, is_in_use)| *is_in_use) {
+            let endpoints =
                 [edge.from, edge.to].map(|robot| to_canvas_point(run.front_point(robot, instant)));
             // Edges with a dead robot are dotted.
-            let living = [edge.from, edge.to].iter().all(|&r| run.tracks[r][instant].is_alive);
+            let both_alive = [edge.from, edge.to].iter().all(|&r| run.tracks[r][instant].is_alive);
             let (dash, opacity) =
-                if living { (Dash::Solid, opacity) } else { (Dash::Dotted, 0.6 * opacity) };
-            let line = LineStyle::solid(GRAY).with_width(0.4).with_opacity(opacity);
-            panel.curves.push((ends.into(), line.with_dash(dash), false));
+                if both_alive { (Dash::Solid, opacity) } else { (Dash::Dotted, 0.6 * opacity) };
+            let style = LineStyle::solid(GRAY).with_width(0.4).with_opacity(opacity);
+            panel.curves.push((endpoints.into(), style.with_dash(dash), false));
         }
     }
     for robot in 0..run.scene.robots.len() {
         let sample = run.tracks[robot][instant];
-        let nose = run.front_point(robot, instant);
-        if !(nose.x.is_finite() && nose.y.is_finite()) {
+        let front = run.front_point(robot, instant);
+        if !(front.x.is_finite() && front.y.is_finite()) {
             continue;
         }
         let length = body_length_m(run, robot, m_per_px);
         let (sin, cos) = portable_math::sin_cos(sample.heading_rad);
-        let back = nose - length * Vec2::new(cos, sin);
-        let side = 0.4 * length * Vec2::new(-sin, cos);
+        let rear = front - length * Vec2::new(cos, sin);
+        let half_width = 0.4 * length * Vec2::new(-sin, cos);
         let color = if sample.is_alive { robot_color(robot) } else { GRAY };
-        let body: Vec<CanvasPoint> =
-            [nose, back + side, back - side].into_iter().map(to_canvas_point).collect();
+        let body: Vec<CanvasPoint> = [front, rear + half_width, rear - half_width]
+            .into_iter()
+            .map(to_canvas_point)
+            .collect();
         panel.areas.push((body.clone(), color, opacity));
         if !has_many_robots(run) {
             panel.add_outline(body, LineStyle::solid(BLACK).with_width(0.4).with_opacity(opacity));
@@ -296,41 +301,53 @@ fn draw_formation(run: &LoadedRun, instant: usize, m_per_px: f64, opacity: f64, 
 
 /// Places the times of these instants next to one of the robots each: the highest one with space above, below or at
 /// a side. A time without space is left out.
-fn place_time_labels(run: &LoadedRun, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> {
-    let bodies = |instant: usize| {
-        let bodies =
+fn place_time_labels(
+    run: &LoadedRun,
+    drawn_instants: &[usize],
+    panel: &Panel,
+    m_per_px: f64,
+) -> Vec<Mark> {
+    let body_centers = |instant: usize| {
+        let body_centers =
             (0..run.tracks.len()).map(move |robot| body_center(run, robot, instant, m_per_px));
-        bodies.filter(|(x, y)| x.is_finite() && y.is_finite())
+        body_centers.filter(|(x, y)| x.is_finite() && y.is_finite())
     };
     // Center and half size, px, of everything that is already drawn.
-    let robots = shown.iter().flat_map(|&instant| bodies(instant)).map(|at| (at, ROBOT_HALF_SIZE));
-    let mut rooms: Vec<(CanvasPoint, CanvasPoint)> = robots.collect();
-    for Mark { position: at, label, .. } in &panel.marks {
+    let robots = drawn_instants
+        .iter()
+        .flat_map(|&instant| body_centers(instant))
+        .map(|position| (position, ROBOT_HALF_SIZE));
+    let mut occupied: Vec<(CanvasPoint, CanvasPoint)> = robots.collect();
+    for Mark { position, label, .. } in &panel.marks {
         let half = label.chars().count() as f64 * LETTER_WIDTH / 2.0;
-        let words = (at.0 + (8.0 + half) * m_per_px, at.1 + 10.0 * m_per_px);
-        rooms.extend([(*at, (4.0, 4.0)), (words, (half, LABEL_HALF_SIZE.1))]);
+        let label_center = (position.0 + (8.0 + half) * m_per_px, position.1 + 10.0 * m_per_px);
+        occupied.extend([(*position, (4.0, 4.0)), (label_center, (half, LABEL_HALF_SIZE.1))]);
     }
-    rooms.retain(|((x, y), _)| x.is_finite() && y.is_finite());
-    let apart = |a: f64, b: f64, room: f64| (a - b).abs() >= room * m_per_px;
-    let (aside, above) =
+    occupied.retain(|((x, y), _)| x.is_finite() && y.is_finite());
+    let is_separate = |a: f64, b: f64, distance_px: f64| (a - b).abs() >= distance_px * m_per_px;
+    let (side_offset, vertical_offset) =
         (ROBOT_HALF_SIZE.0 + LABEL_HALF_SIZE.0 + 1.0, ROBOT_HALF_SIZE.1 + LABEL_HALF_SIZE.1 + 1.0);
-    let ways = [(0.0, above), (0.0, -above), (aside, 0.0), (-aside, 0.0)];
+    let label_offsets =
+        [(0.0, vertical_offset), (0.0, -vertical_offset), (side_offset, 0.0), (-side_offset, 0.0)];
     let mut marks = Vec::new();
-    for &instant in shown {
-        let mut highest: Vec<CanvasPoint> = bodies(instant).collect();
-        highest.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let beside =
-            |&(x, y): &CanvasPoint| ways.map(|(dx, dy)| (x + dx * m_per_px, y + dy * m_per_px));
-        let is_free = |at: &CanvasPoint| {
-            rooms.iter().all(|(other, half)| {
-                apart(at.0, other.0, half.0 + LABEL_HALF_SIZE.0)
-                    || apart(at.1, other.1, half.1 + LABEL_HALF_SIZE.1)
+    for &instant in drawn_instants {
+        let mut centers: Vec<CanvasPoint> = body_centers(instant).collect();
+        centers.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let label_positions = |&(x, y): &CanvasPoint| {
+            label_offsets.map(|(dx, dy)| (x + dx * m_per_px, y + dy * m_per_px))
+        };
+        let is_free = |position: &CanvasPoint| {
+            occupied.iter().all(|(other, half)| {
+                is_separate(position.0, other.0, half.0 + LABEL_HALF_SIZE.0)
+                    || is_separate(position.1, other.1, half.1 + LABEL_HALF_SIZE.1)
             })
         };
-        let Some(at) = highest.iter().flat_map(beside).find(is_free) else { continue };
-        rooms.push((at, LABEL_HALF_SIZE));
+        let Some(position) = centers.iter().flat_map(label_positions).find(is_free) else {
+            continue;
+        };
+        occupied.push((position, LABEL_HALF_SIZE));
         let label = format!("{:.1} s", run.times_s[instant]);
-        marks.push(Mark { position: at, shape: MarkShape::LabelOnly, color: BLACK, label });
+        marks.push(Mark { position, shape: MarkShape::LabelOnly, color: BLACK, label });
     }
     marks
 }
@@ -344,8 +361,9 @@ fn body_center(run: &LoadedRun, robot: usize, instant: usize, m_per_px: f64) -> 
 
 /// Returns the length of the drawn robot, m.
 fn body_length_m(run: &LoadedRun, robot: usize, m_per_px: f64) -> f64 {
-    let least = if has_many_robots(run) { MANY_ROBOTS_BODY_LENGTH_MIN } else { BODY_LENGTH_MIN };
-    run.scene.robots[robot].front_point_m.max(least * m_per_px)
+    let length_min =
+        if has_many_robots(run) { MANY_ROBOTS_BODY_LENGTH_MIN } else { BODY_LENGTH_MIN };
+    run.scene.robots[robot].front_point_m.max(length_min * m_per_px)
 }
 
 /// Returns instants between which the robots have moved far enough to be distinguished. The last instant is the end
@@ -356,32 +374,37 @@ fn spaced_instants(run: &LoadedRun) -> Vec<usize> {
     if has_many_robots(run) {
         return vec![instants - 1];
     }
-    let step = |instant: usize| {
-        let moved = (0..robots).map(|robot| {
-            let moved =
+    let mean_step_m = |instant: usize| {
+        let distance_m = (0..robots).map(|robot| {
+            let distance_m =
                 (run.front_point(robot, instant) - run.front_point(robot, instant - 1)).norm();
-            if moved.is_finite() { moved } else { 0.0 }
+            if distance_m.is_finite() { distance_m } else { 0.0 }
         });
-        moved.sum::<f64>() / robots as f64
+        distance_m.sum::<f64>() / robots as f64
     };
-    let mut walked = vec![0.0];
+    let mut path_lengths_m = vec![0.0];
     for instant in 1..instants {
-        walked.push(walked[instant - 1] + step(instant));
+        path_lengths_m.push(path_lengths_m[instant - 1] + mean_step_m(instant));
     }
-    let whole = walked[instants - 1];
-    let size = (1..robots)
+    let total_m = path_lengths_m[instants - 1];
+    let formation_size_m = (1..robots)
         .map(|robot| {
             (run.front_point(robot, instants - 1) - run.front_point(0, instants - 1)).norm()
         })
         .fold(1e-3, f64::max);
-    let many = ((whole / (INSTANT_SPACING * size)) as usize).clamp(2, DRAWN_INSTANTS_MAX);
-    let mut shown: Vec<usize> = (1..=many)
-        .map(|n| walked.partition_point(|&way| way < whole * n as f64 / many as f64 - 1e-12))
+    let instant_count =
+        ((total_m / (INSTANT_SPACING * formation_size_m)) as usize).clamp(2, DRAWN_INSTANTS_MAX);
+    let mut drawn_instants: Vec<usize> = (1..=instant_count)
+        .map(|n| {
+            path_lengths_m.partition_point(|&length_m| {
+                length_m < total_m * n as f64 / instant_count as f64 - 1e-12
+            })
+        })
         .map(|instant| instant.min(instants - 1))
         .collect();
-    if let Some(last) = shown.last_mut() {
-        *last = instants - 1;
+    if let Some(last_instant) = drawn_instants.last_mut() {
+        *last_instant = instants - 1;
     }
-    shown.dedup();
-    shown
+    drawn_instants.dedup();
+    drawn_instants
 }

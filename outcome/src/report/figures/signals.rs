@@ -11,20 +11,20 @@ const PANEL_HEIGHT: f64 = 210.0;
 
 /// Draws each signal over time, with a curve for each robot; `None` if no law recorded any.
 pub(super) fn draw_signals(run: &LoadedRun) -> Option<Figure> {
-    let drawn: Vec<(&SignalTrack, [f64; 2])> =
+    let drawn_signals: Vec<(&SignalTrack, [f64; 2])> =
         run.signals.iter().filter_map(|signal| Some((signal, value_range(signal)?))).collect();
-    let (first, _) = drawn.first()?;
-    let many = CurveSet::select_largest(&last_magnitudes(first));
-    let panels = drawn.iter().enumerate().map(|(place, (signal, [low, high]))| {
+    let (first, _) = drawn_signals.first()?;
+    let curves = CurveSet::select_largest(&last_magnitudes(first));
+    let panels = drawn_signals.iter().enumerate().map(|(index, (signal, [low, high]))| {
         let mut panel = panel_over_time(run, Axis::linear(&signal.name, *low, *high));
-        if place > 0 {
+        if index > 0 {
             panel = panel.without_band_labels();
         }
         let points = |robot: usize| signal.values[robot].iter().copied().map(Some);
-        many.draw(&mut panel, |robot| robot_line(robot).with_width(0.8), points);
-        (full_width_row(place as f64 * PANEL_HEIGHT, PANEL_HEIGHT), panel)
+        curves.draw(&mut panel, |robot| robot_line(robot).with_width(0.8), points);
+        (full_width_row(index as f64 * PANEL_HEIGHT, PANEL_HEIGHT), panel)
     });
-    let named = match many.unnamed_count() {
+    let named_note = match curves.unnamed_count() {
         0 => String::new(),
         _ => {
             format!(
@@ -37,12 +37,12 @@ pub(super) fn draw_signals(run: &LoadedRun) -> Option<Figure> {
         name: "signals",
         title: "Signals of the control laws".into(),
         caption: format!(
-            "Values that the control laws recorded, in the units of the names' suffixes.{named}{}",
+            "Values that the control laws recorded, in the units of the names' suffixes.{named_note}{}",
             bands_caption(run)
         ),
         width: WIDTH,
         panels: panels.collect(),
-        legend: many.legend_entries(robot_line, |robot| run.scene.robots[robot].name.clone()),
+        legend: curves.legend_entries(robot_line, |robot| run.scene.robots[robot].name.clone()),
     })
 }
 
@@ -54,6 +54,7 @@ fn value_range(signal: &SignalTrack) -> Option<[f64; 2]> {
 
 /// Returns the magnitude of the last value of each robot; 0 for a robot without any.
 fn last_magnitudes(signal: &SignalTrack) -> Vec<f64> {
-    let last = |values: &Vec<(f64, f64)>| values.last().map_or(0.0, |(_, value)| value.abs());
-    signal.values.iter().map(last).collect()
+    let last_magnitude =
+        |values: &Vec<(f64, f64)>| values.last().map_or(0.0, |(_, value)| value.abs());
+    signal.values.iter().map(last_magnitude).collect()
 }

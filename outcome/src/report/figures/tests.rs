@@ -164,9 +164,9 @@ fn full_run_gets_every_figure_with_bounds_marks_and_faults() {
     ];
     assert_eq!(figures.len(), expected.len());
     for (name, labels) in expected {
-        let found = figure_texts(find_figure(&figures, name));
+        let texts = figure_texts(find_figure(&figures, name));
         for label in labels {
-            assert!(found.iter().any(|word| word == label), "{name}: no {label:?} in {found:?}");
+            assert!(texts.iter().any(|text| text == label), "{name}: no {label:?} in {texts:?}");
         }
     }
     for (name, describe_expectation) in [
@@ -183,9 +183,9 @@ fn full_run_gets_every_figure_with_bounds_marks_and_faults() {
 fn sixty_four_robots_are_mostly_unnamed_with_one_distance_line() {
     let figures = all_figures(&example_run(64, 30, "formation"));
     let distances = figure_texts(find_figure(&figures, "distances"));
-    assert!(distances.iter().any(|word| word == "smallest of all 2016 pairs"), "{distances:?}");
+    assert!(distances.iter().any(|text| text == "smallest of all 2016 pairs"), "{distances:?}");
     let errors = figure_texts(find_figure(&figures, "errors"));
-    assert!(errors.iter().any(|word| word == "58 others"), "{errors:?}");
+    assert!(errors.iter().any(|text| text == "58 others"), "{errors:?}");
     for figure in &figures {
         assert!(
             figure.to_svg().len() < 400_000,
@@ -199,32 +199,33 @@ fn sixty_four_robots_are_mostly_unnamed_with_one_distance_line() {
 #[test]
 fn plane_figure_has_equal_scales_on_both_axes() {
     let figures = all_figures(&example_run(4, 30, "formation"));
-    let [(place, panel)] = &find_figure(&figures, "trajectories").panels[..] else {
+    let [(rect, panel)] = &find_figure(&figures, "trajectories").panels[..] else {
         panic!("one panel")
     };
     let (inner, x, y) =
-        (place.plot_area(&[]), panel.x_axis.value_range(), panel.y_axis.value_range());
+        (rect.plot_area(&[]), panel.x_axis.value_range(), panel.y_axis.value_range());
     let scales = (inner.width / (x.1 - x.0), inner.height / (y.1 - y.0));
     assert!((scales.0 / scales.1 - 1.0).abs() < 1e-9, "{scales:?} px per m");
 }
 
 #[test]
 fn page_escapes_markup_and_names_why_no_guarantee_holds() {
-    let promised = example_run(4, 30, "contained");
-    let unpromised = Some("r1 <slips>".to_owned());
-    let unpromised = LoadedRun { missing_guarantee: unpromised, ..promised.clone() };
-    let [promised, unpromised] =
-        [promised, unpromised].map(|run| html::report_html(&run, &all_figures(&run)));
-    assert!(!promised.contains("no promise"));
-    for words in [
+    let with_guarantee = example_run(4, 30, "contained");
+    let without_guarantee = Some("r1 <slips>".to_owned());
+    let without_guarantee =
+        LoadedRun { missing_guarantee: without_guarantee, ..with_guarantee.clone() };
+    let [with_guarantee, without_guarantee] =
+        [with_guarantee, without_guarantee].map(|run| html::report_html(&run, &all_figures(&run)));
+    assert!(!with_guarantee.contains("no promise"));
+    for text in [
         "row &lt;/script&gt;&lt;b&gt;&amp;",
         "Linux &lt;6&gt;",
         "<td class=\"missed\">missed</td>",
         "no promise about distances: r1 &lt;slips&gt;",
     ] {
-        assert!(unpromised.contains(words), "{words}");
+        assert!(without_guarantee.contains(text), "{text}");
     }
-    assert!(!unpromised.contains("</script><b>"));
+    assert!(!without_guarantee.contains("</script><b>"));
 }
 
 #[test]
@@ -255,13 +256,15 @@ fn repaired_graph_is_drawn_twice_with_spares_in_use_as_edges() {
     });
     run.repair_events =
         vec![(0.6, "r1".into(), "uses r3".into()), (1.2, "r1".into(), "no longer uses r3".into())];
-    let open = [(0.6, EdgeState::Fresh), (1.2, EdgeState::Closed)];
+    let edge_changes = [(0.6, EdgeState::Fresh), (1.2, EdgeState::Closed)];
     run.state_changes.extend(
-        open.map(|(t_s, state)| StateChange { t_s, new_state: NewState::Edge(spare, state) }),
+        edge_changes
+            .map(|(t_s, state)| StateChange { t_s, new_state: NewState::Edge(spare, state) }),
     );
     // r2 returns at 0.5 s, leads, and dies again.
-    let led = [(0.8, NewState::Leads(1, true)), (1.5, NewState::Robot(1, RobotState::Dead))];
-    run.state_changes.extend(led.map(|(t_s, to)| StateChange { t_s, new_state: to }));
+    let deputy_changes =
+        [(0.8, NewState::Leads(1, true)), (1.5, NewState::Robot(1, RobotState::Dead))];
+    run.state_changes.extend(deputy_changes.map(|(t_s, new_state)| StateChange { t_s, new_state }));
     run.state_changes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     assert_eq!(
         [0.5, 0.6, 1.1, 1.2].map(|t_s| run.edges_in_use(t_s)[spare]),
@@ -282,7 +285,7 @@ fn repaired_graph_is_drawn_twice_with_spares_in_use_as_edges() {
     assert_eq!(labels.collect::<Vec<_>>(), ["r1: r3", "r2 leads"]);
     // While r1 uses r3, it takes the slot of r2 and is a corner of the leaders' hull.
     let corners = |t_s: f64| {
-        let instant = run.times_s.partition_point(|then_s| *then_s < t_s);
+        let instant = run.times_s.partition_point(|instant_s| *instant_s < t_s);
         run.hull(&[1, 2], instant).contains(&run.front_point(0, instant))
     };
     assert_eq!([0.5, 0.7, 1.1, 1.3].map(corners), [false, true, true, false]);
@@ -304,7 +307,7 @@ fn dead_and_cut_edges_have_their_state_while_the_fault_lasts() {
     use EdgeState::{Cut, Dead, Fresh, Stale};
     assert_eq!(states(0.2), [Fresh, Fresh]);
     assert_eq!(states(0.4), [Dead, Dead], "r2, at one end of both, is dead");
-    assert_eq!(states(0.6), [Stale, Fresh], "the last known contact");
+    assert_eq!(states(0.6), [Stale, Fresh], "the last known state");
     assert_eq!(states(0.8), [Stale, Cut]);
     assert_eq!(states(1.0), [Stale, Fresh]);
 }
@@ -323,15 +326,15 @@ fn page_of_20000_faults_has_bounded_size() {
     let figures = all_figures(&run);
     let page = html::report_html(&run, &figures);
     assert!(page.len() < 2_000_000, "{} bytes", page.len());
-    for words in [
+    for text in [
         "any of the 20000 faults was active",
         "the first 200 of 20000; summary.json has all",
         "\"faults_in_all\":20000",
     ] {
-        assert!(page.contains(words), "{words}");
+        assert!(page.contains(text), "{text}");
     }
-    let movie = crate::report::animation::draw_animation(&run).expect("an animation");
-    assert!(movie.len() < 200_000, "{} bytes", movie.len());
+    let animation = crate::report::animation::draw_animation(&run).expect("an animation");
+    assert!(animation.len() < 200_000, "{} bytes", animation.len());
     let screen = crate::report::screen::format_screen(run.summary.as_ref().unwrap());
     assert!(screen.lines().count() < 2_000, "{} lines", screen.lines().count());
 }
@@ -343,7 +346,7 @@ fn move_and_scale(mut run: LoadedRun, [x_m, y_m]: [f64; 2], scale: f64) -> Loade
     });
     run.leader_reference_m
         .iter_mut()
-        .for_each(|at| *at = [x_m + scale * at[0], y_m + scale * at[1]]);
+        .for_each(|point| *point = [x_m + scale * point[0], y_m + scale * point[1]]);
     run.scene.robots.iter_mut().for_each(|robot| robot.front_point_m *= scale);
     run.scene.distance_min_m *= scale;
     run.scene.walls.clear();
@@ -352,27 +355,30 @@ fn move_and_scale(mut run: LoadedRun, [x_m, y_m]: [f64; 2], scale: f64) -> Loade
 
 #[test]
 fn axes_of_the_plane_are_labeled_at_any_coordinates() {
-    for (at, scale, told) in [
+    for (origin_m, scale, labels) in [
         ([500_000.0, 4_650_000.0], 1.0, &["x \u{2212} 500000 (m)", "y \u{2212} 4650000 (m)"][..]),
         ([500_000.0, 4_650_000.0], 1e-3, &["x \u{2212} 500000", "y \u{2212} 4650000"]),
         ([0.0, 0.0], 1e5, &["x (m)", "y (m)"]),
         ([0.0, 0.0], 1e-3, &["x (m)", "y (m)"]),
     ] {
-        let run = move_and_scale(example_run(3, 11, "formation"), at, scale);
+        let run = move_and_scale(example_run(3, 11, "formation"), origin_m, scale);
         let figures = all_figures(&run);
         let plane = find_figure(&figures, "trajectories");
         let (_, panel) = &plane.panels[0];
         for axis in [&panel.x_axis, &panel.y_axis] {
             let (ticks, _) = axis.tick_labels(6);
-            let different: std::collections::BTreeSet<_> =
+            let distinct_texts: std::collections::BTreeSet<_> =
                 ticks.iter().map(|(_, text)| text).collect();
-            assert!(ticks.len() > 1 && different.len() == ticks.len(), "{at:?} {scale}: {ticks:?}");
+            assert!(
+                ticks.len() > 1 && distinct_texts.len() == ticks.len(),
+                "{origin_m:?} {scale}: {ticks:?}"
+            );
         }
         let svg = plane.to_svg();
-        assert!(told.iter().all(|label| svg.contains(label)), "{at:?} {scale}");
-        let movie = crate::report::animation::draw_animation(&run).expect("an animation");
-        let lines = movie.matches("v472").count();
-        assert!((2..30).contains(&lines), "{at:?} {scale}: {lines} lines of the grid");
+        assert!(labels.iter().all(|label| svg.contains(label)), "{origin_m:?} {scale}");
+        let animation = crate::report::animation::draw_animation(&run).expect("an animation");
+        let lines = animation.matches("v472").count();
+        assert!((2..30).contains(&lines), "{origin_m:?} {scale}: {lines} lines of the grid");
     }
 }
 
@@ -382,13 +388,16 @@ fn robot_has_the_same_color_in_every_figure() {
     assert!(colors.iter().enumerate().all(|(i, color)| !colors[..i].contains(color)));
     for role in ["formation", "contained"] {
         let figures = all_figures(&example_run(9, 30, role));
-        let named = figures.iter().flat_map(|figure| &figure.legend).filter_map(|(line, words)| {
-            let name = words.split(' ').next().filter(|_| !words.contains('\u{2013}'))?;
-            let place = name.strip_prefix('r')?.parse::<usize>().ok()?;
-            Some((colors[place - 1], line.color))
+        let named = figures.iter().flat_map(|figure| &figure.legend).filter_map(|(line, text)| {
+            let name = text.split(' ').next().filter(|_| !text.contains('\u{2013}'))?;
+            let number = name.strip_prefix('r')?.parse::<usize>().ok()?;
+            Some((colors[number - 1], line.color))
         });
         let named: Vec<_> = named.collect();
-        assert!(named.len() > 3 * 9 && named.iter().all(|(own, shown)| own == shown), "{named:?}");
+        assert!(
+            named.len() > 3 * 9 && named.iter().all(|(robot, line)| robot == line),
+            "{named:?}"
+        );
         // The bodies drawn last are those at the end, which are opaque.
         let bodies = figures[0].panels[0].1.areas.iter().filter(|(_, _, opacity)| *opacity == 1.0);
         let bodies: Vec<_> = bodies.map(|(_, color, _)| *color).collect();
@@ -403,7 +412,7 @@ fn deaths_are_marked_and_no_solid_edge_leads_to_dead_robots() {
     run.state_changes.truncate(1);
     let figures = all_figures(&run);
     let trajectories = find_figure(&figures, "trajectories");
-    assert!(figure_texts(trajectories).iter().any(|word| word == "r2 dead, 0.3 s"));
+    assert!(figure_texts(trajectories).iter().any(|text| text == "r2 dead, 0.3 s"));
     assert!(trajectories.caption.contains("deaths"), "{}", trajectories.caption);
     let edges = trajectories.panels[0].1.curves.iter().filter(|(points, _, _)| points.len() == 2);
     assert!(edges.clone().any(|(_, line, _)| line.dash == Dash::Dotted));
@@ -452,7 +461,7 @@ proptest! {
         instants in 0..9_usize,
         contained in any::<bool>(),
         numbers in prop::collection::vec(any_number(), 16),
-        word in "\\PC*|[\\x00-\\x7f]{0,9}",
+        text in "\\PC*|[\\x00-\\x7f]{0,9}",
     ) {
         let mut run = example_run(robots, instants, if contained { "contained" } else { "formation" });
         if robots < 2 {
@@ -465,8 +474,8 @@ proptest! {
             sample.error_m = sample.error_m.map(|_| number());
             sample.error_xy_m = sample.error_xy_m.map(|_| [number(), number()]);
         }
-        run.scene.name = word.clone();
-        run.scene.faults[0].what = word.clone();
+        run.scene.name = text.clone();
+        run.scene.faults[0].what = text.clone();
         run.scene.faults[0].t_s = number();
         run.scene.faults[0].until_s = Some(number());
         run.scene.distance_min_m = number();
@@ -496,7 +505,8 @@ fn many_robots_are_drawn_as_a_distribution_with_few_names() {
     let figure = error::draw_neighbor_errors(&run).unwrap();
     let panel = &figure.panels[0].1;
     assert_eq!(panel.areas.len(), BAND_QUANTILES.len());
-    let highest = |corners: &[CanvasPoint]| corners.iter().fold(0.0f64, |high, at| high.max(at.1));
+    let highest =
+        |corners: &[CanvasPoint]| corners.iter().fold(0.0f64, |high, point| high.max(point.1));
     assert!(highest(&panel.areas[0].0) > highest(&panel.areas[1].0));
     let median = panel.curves.iter().find(|(_, line, _)| *line == MEDIAN_LINE).unwrap();
     assert!(median.0.iter().all(|(_, y)| (y - 101.0).abs() <= 1.0), "{median:?}");
@@ -504,8 +514,9 @@ fn many_robots_are_drawn_as_a_distribution_with_few_names() {
         panel.curves.len() < 2 * ALL_NAMED_CURVES_MAX
             && figure.legend.len() <= NAMED_CURVE_COUNT + 2
     );
-    let few = error::draw_neighbor_errors(&example_run(CURVES_MAX, 40, "formation")).unwrap();
-    assert!(few.panels[0].1.areas.is_empty());
+    let figure_of_few =
+        error::draw_neighbor_errors(&example_run(CURVES_MAX, 40, "formation")).unwrap();
+    assert!(figure_of_few.panels[0].1.areas.is_empty());
     // Each robot is drawn once in the plane, and the picture names none.
     let plane = plane::draw_trajectories(&run).unwrap();
     assert_eq!(plane.panels[0].1.areas.len(), CURVES_MAX + 1 + run.scene.walls.len());

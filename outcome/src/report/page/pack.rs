@@ -38,19 +38,19 @@ pub(super) fn pack_frames(scene: &Scene, frames: &[SceneFrame]) -> PackedFrames 
     let (per_m, error_per_m) = if is_small_scene(frames) { (1e6, 1e6) } else { (1e3, 1e4) };
     encode_column(&mut bytes, 1e3, frames.iter().map(|frame| Some(frame.t_s)));
     encode_column(&mut bytes, 1e6, frames.iter().map(|frame| frame.distance_m));
-    for place in 0..scene.robots.len() {
-        let robots = || frames.iter().map(move |frame| frame.robots.get(place));
+    for index in 0..scene.robots.len() {
+        let robots = || frames.iter().map(move |frame| frame.robots.get(index));
         encode_column(&mut bytes, per_m, robots().map(|robot| Some(robot?.x_m)));
         encode_column(&mut bytes, per_m, robots().map(|robot| Some(robot?.y_m)));
         encode_column(&mut bytes, 1e3, robots().map(|robot| Some(robot?.heading_rad)));
         encode_column(&mut bytes, error_per_m, robots().map(|robot| robot?.error_m));
     }
-    for place in 0..scene.robots.len() {
-        let states = frames.iter().map(|frame| frame.robots.get(place).map(|robot| robot.state));
+    for index in 0..scene.robots.len() {
+        let states = frames.iter().map(|frame| frame.robots.get(index).map(|robot| robot.state));
         encode_run_lengths(&mut bytes, states.map(|state| robot_code(state.unwrap_or_default())));
     }
-    for place in 0..scene.edges.len() {
-        let states = frames.iter().map(|frame| frame.edges.get(place).copied());
+    for index in 0..scene.edges.len() {
+        let states = frames.iter().map(|frame| frame.edges.get(index).copied());
         encode_run_lengths(&mut bytes, states.map(|state| edge_code(state.unwrap_or_default())));
     }
     PackedFrames { count: frames.len(), per_m, error_per_m, data: BASE64_STANDARD.encode(bytes) }
@@ -96,15 +96,15 @@ fn edge_code(state: EdgeState) -> u64 {
 
 /// Encodes one value per frame in steps of 1 / `per_unit`.
 fn encode_column(bytes: &mut Vec<u8>, per_unit: f64, values: impl Iterator<Item = Option<f64>>) {
-    let mut last = 0;
+    let mut previous = 0;
     for value in values {
         match value.filter(|value| value.abs() <= MAGNITUDE_MAX) {
             None => encode_number(bytes, 0),
             Some(value) => {
                 let steps = (value * per_unit).round() as i64;
-                let difference = steps - last;
+                let difference = steps - previous;
                 encode_number(bytes, 1 + ((difference << 1) ^ (difference >> 63)) as u64);
-                last = steps;
+                previous = steps;
             }
         }
     }
@@ -113,12 +113,12 @@ fn encode_column(bytes: &mut Vec<u8>, per_unit: f64, values: impl Iterator<Item 
 fn encode_run_lengths(bytes: &mut Vec<u8>, states: impl Iterator<Item = u64>) {
     let mut states = states.peekable();
     while let Some(state) = states.next() {
-        let mut lasts = 1;
+        let mut frame_count = 1;
         while states.next_if_eq(&state).is_some() {
-            lasts += 1;
+            frame_count += 1;
         }
         encode_number(bytes, state);
-        encode_number(bytes, lasts);
+        encode_number(bytes, frame_count);
     }
 }
 
@@ -174,20 +174,20 @@ mod tests {
                 let value = value.filter(|value| value.abs() <= MAGNITUDE_MAX);
                 prop_assert_eq!(code == 0, value.is_none());
                 let Some(value) = value else { continue };
-                let half = ((code - 1) / 2) as i64;
-                steps += if code % 2 == 1 { half } else { -half - 1 };
-                let slack = 0.5 + 4.0 * f64::EPSILON * (value * per_unit).abs();
-                prop_assert!((steps as f64 - value * per_unit).abs() <= slack);
+                let magnitude = ((code - 1) / 2) as i64;
+                steps += if code % 2 == 1 { magnitude } else { -magnitude - 1 };
+                let tolerance = 0.5 + 4.0 * f64::EPSILON * (value * per_unit).abs();
+                prop_assert!((steps as f64 - value * per_unit).abs() <= tolerance);
             }
         }
 
         #[test]
-        fn states_come_back(states in prop::collection::vec(0..5_u64, 0..300)) {
+        fn encoded_states_are_restored(states in prop::collection::vec(0..5_u64, 0..300)) {
             let mut bytes = Vec::new();
             encode_run_lengths(&mut bytes, states.iter().copied());
             let pairs = decode_numbers(&bytes);
-            let back = pairs.chunks(2).flat_map(|pair| vec![pair[0]; pair[1] as usize]);
-            prop_assert_eq!(back.collect::<Vec<u64>>(), states);
+            let decoded = pairs.chunks(2).flat_map(|pair| vec![pair[0]; pair[1] as usize]);
+            prop_assert_eq!(decoded.collect::<Vec<u64>>(), states);
         }
     }
 
@@ -196,13 +196,13 @@ mod tests {
         let state = RobotState::Dead;
         let robot =
             FrameRobot { x_m: 0.002, y_m: 0.003, heading_rad: 0.004, error_m: Some(5e-4), state };
-        let whole = SceneFrame {
+        let frame = SceneFrame {
             t_s: 0.001,
             robots: vec![robot],
             edges: vec![EdgeState::Lost],
             distance_m: Some(6e-6),
         };
-        let packed = pack_frames(&scene(1, 1), &[whole]);
+        let packed = pack_frames(&scene(1, 1), &[frame]);
         // Each value v of a first frame is encoded as 2 v + 1; then follow the states and their durations. All
         // positions are within a small extent, so x = 2000, y = 3000 and the error 500 are in micrometers, two bytes
         // each.
@@ -218,10 +218,10 @@ mod tests {
     fn sixty_four_robots_over_eighty_seconds_stay_under_a_megabyte() {
         let frame = |step: u32| {
             let t_s = f64::from(step) / 20.0;
-            let robot = |place: u32| {
-                let turn = 0.7 * t_s + f64::from(place);
-                let (x_m, y_m) = (2.0 * turn.cos(), 2.0 * turn.sin());
-                let heading_rad = turn.sin().atan2(turn.cos());
+            let robot = |index: u32| {
+                let angle_rad = 0.7 * t_s + f64::from(index);
+                let (x_m, y_m) = (2.0 * angle_rad.cos(), 2.0 * angle_rad.sin());
+                let heading_rad = angle_rad.sin().atan2(angle_rad.cos());
                 let (error_m, state) = (Some((-0.1 * t_s).exp()), RobotState::Moving);
                 FrameRobot { x_m, y_m, heading_rad, error_m, state }
             };

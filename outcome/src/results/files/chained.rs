@@ -41,22 +41,22 @@ impl ChecksumChain {
 
     /// Verifies the lines of a text up to the first that does not match.
     pub fn verify(mut self, text: &str) -> VerifiedLines<'_> {
-        let (mut lines, mut bytes, mut damaged) = (Vec::new(), 0, None);
-        for sealed in text.split_inclusive('\n') {
-            let Some(whole) = sealed.strip_suffix('\n') else { break };
-            let line = whole.rsplit_once(',').map(|(line, _)| line);
+        let (mut lines, mut length_bytes, mut first_damaged_line) = (Vec::new(), 0, None);
+        for full_line in text.split_inclusive('\n') {
+            let Some(content) = full_line.strip_suffix('\n') else { break };
+            let line = content.rsplit_once(',').map(|(line, _)| line);
             let mut next = self.clone();
-            match line.filter(|line| next.append_checksum(line) == whole) {
+            match line.filter(|line| next.append_checksum(line) == content) {
                 None => {
-                    damaged = Some(lines.len() + 1);
+                    first_damaged_line = Some(lines.len() + 1);
                     break;
                 }
                 Some(line) => lines.push(line),
             }
-            bytes += sealed.len();
+            length_bytes += full_line.len();
             self = next;
         }
-        VerifiedLines { lines, length_bytes: bytes, first_damaged_line: damaged, chain: self }
+        VerifiedLines { lines, length_bytes, first_damaged_line, chain: self }
     }
 }
 
@@ -72,7 +72,7 @@ mod tests {
 
     use super::*;
 
-    fn seal_lines(lines: &[String]) -> Vec<String> {
+    fn append_checksums(lines: &[String]) -> Vec<String> {
         let mut chain = ChecksumChain::new("head");
         lines.iter().map(|line| chain.append_checksum(line) + "\n").collect()
     }
@@ -81,47 +81,47 @@ mod tests {
         #[test]
         fn altered_lines_are_damaged_from_the_alteration_on(
             lines in prop::collection::vec("[a-c,0-9.]{0,8}", 2..9),
-            at in any::<prop::sample::Index>(),
-            other in any::<prop::sample::Index>(),
+            line_index in any::<prop::sample::Index>(),
+            byte_index in any::<prop::sample::Index>(),
             digit in "[0-9a-z,]",
         ) {
-            let whole = seal_lines(&lines);
-            let found = |text: &[String], expected: usize| {
+            let lines_with_checksums = append_checksums(&lines);
+            let first_damaged = |text: &[String], expected: usize| {
                 let text = text.concat();
-                let opened = ChecksumChain::new("head").verify(&text);
-                assert_eq!(opened.lines, lines[..expected].iter().collect::<Vec<_>>());
-                assert_eq!(opened.length_bytes, whole[..expected].concat().len());
-                opened.first_damaged_line
+                let verified = ChecksumChain::new("head").verify(&text);
+                assert_eq!(verified.lines, lines[..expected].iter().collect::<Vec<_>>());
+                assert_eq!(verified.length_bytes, lines_with_checksums[..expected].concat().len());
+                verified.first_damaged_line
             };
-            prop_assert_eq!(found(&whole, lines.len()), None);
-            let at = at.index(lines.len());
-            let mut changed = whole.clone();
-            let place = other.index(changed[at].len() - 1);
-            changed[at].replace_range(place..place + 1, &digit);
-            if changed != whole {
-                prop_assert_eq!(found(&changed, at), Some(at + 1));
+            prop_assert_eq!(first_damaged(&lines_with_checksums, lines.len()), None);
+            let line_index = line_index.index(lines.len());
+            let mut changed = lines_with_checksums.clone();
+            let offset = byte_index.index(changed[line_index].len() - 1);
+            changed[line_index].replace_range(offset..offset + 1, &digit);
+            if changed != lines_with_checksums {
+                prop_assert_eq!(first_damaged(&changed, line_index), Some(line_index + 1));
             }
-            let mut doubled = whole.clone();
-            doubled.insert(at, whole[at].clone());
-            prop_assert_eq!(found(&doubled, at + 1), Some(at + 2));
-            let mut deleted = whole.clone();
-            deleted.remove(at);
-            prop_assert_eq!(found(&deleted, at), (at + 1 < lines.len()).then_some(at + 1));
-            let mut torn = whole.clone();
-            torn.truncate(at + 1);
-            torn[at].truncate(place);
-            prop_assert_eq!(found(&torn, at), None);
-            if at + 1 < lines.len() {
-                let mut moved = whole.clone();
-                moved.swap(at, at + 1);
-                prop_assert_eq!(found(&moved, at), Some(at + 1));
+            let mut duplicated = lines_with_checksums.clone();
+            duplicated.insert(line_index, lines_with_checksums[line_index].clone());
+            prop_assert_eq!(first_damaged(&duplicated, line_index + 1), Some(line_index + 2));
+            let mut deleted = lines_with_checksums.clone();
+            deleted.remove(line_index);
+            prop_assert_eq!(first_damaged(&deleted, line_index), (line_index + 1 < lines.len()).then_some(line_index + 1));
+            let mut truncated = lines_with_checksums.clone();
+            truncated.truncate(line_index + 1);
+            truncated[line_index].truncate(offset);
+            prop_assert_eq!(first_damaged(&truncated, line_index), None);
+            if line_index + 1 < lines.len() {
+                let mut moved = lines_with_checksums.clone();
+                moved.swap(line_index, line_index + 1);
+                prop_assert_eq!(first_damaged(&moved, line_index), Some(line_index + 1));
             }
         }
     }
 
     #[test]
-    fn another_head_fits_no_line() {
-        let lines = seal_lines(&["a".to_owned()]).concat();
+    fn another_head_matches_no_line() {
+        let lines = append_checksums(&["a".to_owned()]).concat();
         assert_eq!(ChecksumChain::new("another").verify(&lines).first_damaged_line, Some(1));
     }
 }

@@ -69,9 +69,9 @@ fn run_id(run_dir: &Path) -> Option<String> {
     (name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit())).then(|| name.to_owned())
 }
 
-/// Writes the list for a run whose directory will be named `named`. Returns after the list is synced to disk.
-pub fn write_checksums(run_dir: &Path, named: &Path) -> io::Result<()> {
-    let mut text = run_id(named).map_or(String::new(), |id| format!("{RUN_ID_PREFIX}{id}\n"));
+/// Writes the list for a run whose directory will be `final_dir`. Returns after the list is synced to disk.
+pub fn write_checksums(run_dir: &Path, final_dir: &Path) -> io::Result<()> {
+    let mut text = run_id(final_dir).map_or(String::new(), |id| format!("{RUN_ID_PREFIX}{id}\n"));
     for name in CHECKED_FILES {
         match File::open(run_dir.join(name)) {
             Ok(file) => text += &format!("{}  {name}\n", sha256(file)?),
@@ -87,8 +87,8 @@ pub fn write_checksums(run_dir: &Path, named: &Path) -> io::Result<()> {
 pub(crate) fn read_listed_checksum(run_dir: &Path, name: &str) -> Option<String> {
     let text = read_inside_folder(run_dir, CHECKSUMS_FILE, LIST_BYTES_MAX).ok()?;
     let text = regular_file::decode_utf8(text).ok()?;
-    let sum = |line: &str| Some(line.strip_suffix(name)?.strip_suffix("  ")?.to_owned());
-    text.lines().find_map(sum)
+    let checksum = |line: &str| Some(line.strip_suffix(name)?.strip_suffix("  ")?.to_owned());
+    text.lines().find_map(checksum)
 }
 
 /// Returns the checksum of a file in the list next to it. If there is one, the run was completed.
@@ -103,67 +103,73 @@ pub(crate) fn read_listed_checksum_next_to(file: &Path) -> Option<String> {
 /// checksums of its own. `phalanx export` compares it, and `phalanx verify` does for a recording of another
 /// version.
 pub fn check_run_files(run_dir: &Path) -> Result<(), Damage> {
-    let changed = |name: &str| Damage::ChangedFile(name.to_owned());
+    let changed_file = |name: &str| Damage::ChangedFile(name.to_owned());
     let open = |name: &str| match fs::metadata(run_dir.join(name)) {
         // Opening a pipe may block, and a device may have no end.
-        Ok(found) if !found.is_file() => Err(changed(name)),
+        Ok(found) if !found.is_file() => Err(changed_file(name)),
         Ok(_) => File::open(run_dir.join(name))
             .map(Some)
             .map_err(|error| Damage::UnreadableFile(name.to_owned(), error)),
         Err(error) => match error.kind() {
             io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => Ok(None),
-            _ if error.raw_os_error() == Some(Errno::LOOP.raw_os_error()) => Err(changed(name)),
+            _ if error.raw_os_error() == Some(Errno::LOOP.raw_os_error()) => {
+                Err(changed_file(name))
+            }
             _ => Err(Damage::UnreadableFile(name.to_owned(), error)),
         },
     };
     let listed = open(CHECKSUMS_FILE)?.ok_or(Damage::NoChecksums)?;
     let listed =
         regular_file::read_rest(&listed, LIST_BYTES_MAX).and_then(regular_file::decode_utf8);
-    let listed = listed.map_err(|_| changed(CHECKSUMS_FILE))?;
-    let (mut lines, found) = (listed.lines().peekable(), run_id(run_dir));
-    let said = lines.next_if(|line| line.starts_with(RUN_ID_PREFIX));
-    let said = said.map(|line| &line[RUN_ID_PREFIX.len()..]);
-    if found.is_some() && found.as_deref() != said {
-        return Err(Damage::OtherRun(said.unwrap_or("none of a campaign").to_owned()));
+    let listed = listed.map_err(|_| changed_file(CHECKSUMS_FILE))?;
+    let (mut lines, dir_id) = (listed.lines().peekable(), run_id(run_dir));
+    let listed_id = lines.next_if(|line| line.starts_with(RUN_ID_PREFIX));
+    let listed_id = listed_id.map(|line| &line[RUN_ID_PREFIX.len()..]);
+    if dir_id.is_some() && dir_id.as_deref() != listed_id {
+        return Err(Damage::OtherRun(listed_id.unwrap_or("none of a campaign").to_owned()));
     }
-    let line = |line| str::split_once(line, "  ").map(|(sum, name)| (name, sum));
+    let line = |line| str::split_once(line, "  ").map(|(expected, name)| (name, expected));
     let listed: Option<BTreeMap<&str, &str>> = lines.map(line).collect();
-    let mut listed = listed.ok_or_else(|| changed(CHECKSUMS_FILE))?;
+    let mut listed = listed.ok_or_else(|| changed_file(CHECKSUMS_FILE))?;
     listed.remove(RECORDING_FILE);
     for name in CHECKED_FILES.into_iter().filter(|&name| name != RECORDING_FILE) {
         match (listed.remove(name), open(name)?) {
             (None, None) => {}
             (Some(_), None) => return Err(Damage::MissingFile(name.to_owned())),
-            (None, Some(_)) => return Err(changed(CHECKSUMS_FILE)),
-            (Some(sum), Some(file)) => {
+            (None, Some(_)) => return Err(changed_file(CHECKSUMS_FILE)),
+            (Some(expected), Some(file)) => {
                 let found = sha256(file).map_err(|e| Damage::UnreadableFile(name.to_owned(), e))?;
-                if found != sum {
-                    return Err(changed(name));
+                if found != expected {
+                    return Err(changed_file(name));
                 }
             }
         }
     }
-    if listed.is_empty() { Ok(()) } else { Err(changed(CHECKSUMS_FILE)) }
+    if listed.is_empty() { Ok(()) } else { Err(changed_file(CHECKSUMS_FILE)) }
 }
 
 /// Replaces a file atomically: readers see the old content or the new content. A symbolic link of this name is
-/// replaced, not followed. With `synced`, the content is on disk before the file gets its name.
-pub(crate) fn replace_file(path: &Path, content: impl AsRef<[u8]>, synced: bool) -> io::Result<()> {
-    let mut new = path.as_os_str().to_owned();
-    new.push(".new");
-    let new = Path::new(&new);
+/// replaced, not followed. With `is_synced`, the content is on disk before the file gets its name.
+pub(crate) fn replace_file(
+    path: &Path,
+    content: impl AsRef<[u8]>,
+    is_synced: bool,
+) -> io::Result<()> {
+    let mut temporary_path = path.as_os_str().to_owned();
+    temporary_path.push(".new");
+    let temporary_path = Path::new(&temporary_path);
     // Left by a killed process, or a link.
-    if let Err(error) = fs::remove_file(new)
+    if let Err(error) = fs::remove_file(temporary_path)
         && error.kind() != io::ErrorKind::NotFound
     {
         return Err(error);
     }
-    let mut file = File::create_new(new)?;
+    let mut file = File::create_new(temporary_path)?;
     file.write_all(content.as_ref())?;
-    if synced {
+    if is_synced {
         file.sync_all()?;
     }
-    fs::rename(new, path)
+    fs::rename(temporary_path, path)
 }
 
 /// Syncs the entries of a folder to disk, but not the content of its files.

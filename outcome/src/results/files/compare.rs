@@ -53,28 +53,28 @@ pub enum RepeatabilityError {
 ///
 /// The run is not complete, in real time, interrupted, or was changed manually.
 pub fn check_repeatable(run_dir: &Path) -> Result<(), RepeatabilityError> {
-    let unreadable =
+    let unreadable_file =
         |file| move |error| RepeatabilityError::UnreadableFile(run_dir.into(), file, error);
-    let unplanned = |why| Err(RepeatabilityError::UnplannedEvent(run_dir.into(), why));
-    let manifest = read_json(run_dir, MANIFEST_FILE).map_err(unreadable(MANIFEST_FILE))?;
+    let unplanned_event = |reason| Err(RepeatabilityError::UnplannedEvent(run_dir.into(), reason));
+    let manifest = read_json(run_dir, MANIFEST_FILE).map_err(unreadable_file(MANIFEST_FILE))?;
     if manifest["pace"] != "lockstep" {
-        return unplanned(
+        return unplanned_event(
             "is a run in real time, which cannot be repeated; only runs with --pace lockstep can be verified"
                 .to_owned(),
         );
     }
-    let summary = read_json(run_dir, SUMMARY_FILE).map_err(unreadable(SUMMARY_FILE))?;
+    let summary = read_json(run_dir, SUMMARY_FILE).map_err(unreadable_file(SUMMARY_FILE))?;
     if summary["interrupted"] == true {
         let t_s = summary["t_s"].as_f64().unwrap_or_default();
-        return unplanned(format!(
+        return unplanned_event(format!(
             "was interrupted at {t_s} s; only a run that ended by itself can be verified"
         ));
     }
     match summary["acts_by_hand"].as_u64() {
         None | Some(0) => Ok(()),
-        Some(times) => {
-            unplanned(format!("was changed manually, which cannot be repeated ({times} times)"))
-        }
+        Some(count) => unplanned_event(format!(
+            "was changed manually, which cannot be repeated ({count} times)"
+        )),
     }
 }
 
@@ -118,51 +118,55 @@ pub struct OriginDifference {
 
 impl Comparison {
     /// Compares a recorded run with a new one.
-    pub fn compare(recorded: &Path, again: &Path) -> io::Result<Comparison> {
-        let both = |name: &str| -> io::Result<[Value; 2]> {
-            Ok([read_json(recorded, name)?, read_json(again, name)?])
+    pub fn compare(recorded: &Path, repeated: &Path) -> io::Result<Comparison> {
+        let read_both = |name: &str| -> io::Result<[Value; 2]> {
+            Ok([read_json(recorded, name)?, read_json(repeated, name)?])
         };
-        let (summaries, manifests) = (both(SUMMARY_FILE)?, both(MANIFEST_FILE)?);
+        let (summaries, manifests) = (read_both(SUMMARY_FILE)?, read_both(MANIFEST_FILE)?);
         let hashes = |key| summaries.each_ref().map(|summary| summary[key].clone());
         let trajectory_hash = hashes("trajectory_hash");
         // The recording contains version and commit.
-        let same_source =
+        let is_same_source =
             ["phalanx", "git_hash"].iter().all(|&key| manifests[0][key] == manifests[1][key]);
-        let checksum = checksums::read_listed_checksum(recorded, RECORDING_FILE);
+        let listed_checksum = checksums::read_listed_checksum(recorded, RECORDING_FILE);
         let files: Vec<FileComparison> = (REPRODUCIBLE_TABLES.into_iter())
             .chain([SUMMARY_FILE, RECORDING_FILE])
-            .filter(|&file| file != RECORDING_FILE || same_source || checksum.is_some())
+            .filter(|&file| file != RECORDING_FILE || is_same_source || listed_checksum.is_some())
             .filter(|file| {
                 !OPTIONAL_TABLES.contains(file)
-                    || [recorded, again].iter().any(|run| run.join(file).exists())
+                    || [recorded, repeated].iter().any(|run| run.join(file).exists())
             })
             .map(|file| {
-                let both =
-                    || Ok([open_inside_folder(recorded, file)?, open_inside_folder(again, file)?]);
+                let open_both = || {
+                    Ok([open_inside_folder(recorded, file)?, open_inside_folder(repeated, file)?])
+                };
                 let first_difference = match file {
-                    RECORDING_FILE if same_source => both().and_then(first_different_byte),
+                    RECORDING_FILE if is_same_source => open_both().and_then(first_different_byte),
                     RECORDING_FILE => {
                         open_inside_folder(recorded, file).and_then(sha256).map(|found| {
-                            let differs = checksum.as_ref() != Some(&found);
+                            let differs = listed_checksum.as_ref() != Some(&found);
                             differs.then(|| "differs from what the run wrote".to_owned())
                         })
                     }
                     SUMMARY_FILE => Ok(first_summary_difference(&summaries)),
-                    _ => both().and_then(first_different_line),
+                    _ => open_both().and_then(first_different_line),
                 };
-                let named =
+                let with_file_name =
                     |error: io::Error| io::Error::new(error.kind(), format!("{file}: {error}"));
-                Ok(FileComparison { file, first_difference: first_difference.map_err(named)? })
+                Ok(FileComparison {
+                    file,
+                    first_difference: first_difference.map_err(with_file_name)?,
+                })
             })
             .collect::<io::Result<_>>()?;
         let origins = ORIGIN_KEYS.iter().filter_map(|&(key, what)| {
             let values = manifests.each_ref().map(|manifest| manifest[key].clone());
             (values[0] != values[1]).then_some(OriginDifference { what, values })
         });
-        let same_hash = trajectory_hash[0] == trajectory_hash[1];
+        let is_same_hash = trajectory_hash[0] == trajectory_hash[1];
         Ok(Comparison {
-            same: same_hash && files.iter().all(|file| file.first_difference.is_none()),
-            first_second: if same_hash {
+            same: is_same_hash && files.iter().all(|file| file.first_difference.is_none()),
+            first_second: if is_same_hash {
                 None
             } else {
                 first_different_second(&hashes("hash_by_second"))
@@ -176,22 +180,22 @@ impl Comparison {
 
 /// Returns the first second whose hashes differ, or the one after the last that both have.
 fn first_different_second(chains: &[Value; 2]) -> Option<u64> {
-    let [recorded, again] = chains.each_ref().map(|chain| chain.as_array());
-    let (recorded, again) = (recorded?, again?);
-    let same = recorded.iter().zip(again).take_while(|(a, b)| a == b).count();
-    (!recorded.is_empty() || !again.is_empty()).then_some(same as u64)
+    let [recorded, repeated] = chains.each_ref().map(|chain| chain.as_array());
+    let (recorded, repeated) = (recorded?, repeated?);
+    let equal_count = recorded.iter().zip(repeated).take_while(|(a, b)| a == b).count();
+    (!recorded.is_empty() || !repeated.is_empty()).then_some(equal_count as u64)
 }
 
 /// Returns the first difference of two tables: the line, its first two columns, and the first column that differs.
 fn first_different_line(files: [impl Read; 2]) -> io::Result<Option<String>> {
-    let [mut recorded, mut again] = files.map(BufReader::new);
+    let [mut recorded, mut repeated] = files.map(BufReader::new);
     let mut header = None;
     for number in 1.. {
-        let lines = match (next_line(&mut recorded)?, next_line(&mut again)?) {
+        let lines = match (next_line(&mut recorded)?, next_line(&mut repeated)?) {
             (None, None) => break,
             (Some(_), None) => return Ok(Some(format!("line {number} is missing now"))),
             (None, Some(_)) => return Ok(Some(format!("line {number} was not there"))),
-            (Some(recorded), Some(again)) => [recorded, again],
+            (Some(recorded), Some(repeated)) => [recorded, repeated],
         };
         if lines[0] != lines[1] {
             return Ok(Some(difference_text(
@@ -214,8 +218,9 @@ fn next_line(file: &mut impl BufRead) -> io::Result<Option<String>> {
     let mut line = Vec::new();
     file.take(LINE_BYTES_MAX).read_until(b'\n', &mut line)?;
     if line.len() as u64 == LINE_BYTES_MAX && line.last() != Some(&b'\n') {
-        let why = format!("it has a line of more than {LINE_BYTES_MAX} bytes, expected a table");
-        return Err(io::Error::other(why));
+        let message =
+            format!("it has a line of more than {LINE_BYTES_MAX} bytes, expected a table");
+        return Err(io::Error::other(message));
     }
     if line.is_empty() { Ok(None) } else { regular_file::decode_utf8(line).map(Some) }
 }
@@ -227,9 +232,12 @@ fn split_line_end(line: &str) -> (&str, &str) {
 
 fn difference_text(number: usize, header: &str, lines: &[String; 2]) -> String {
     let split = lines.each_ref().map(|line| split_line_end(line));
-    let [lines, ends] = [split.map(|(line, _)| line), split.map(|(_, end)| end)];
+    let [lines, line_ends] = [split.map(|(line, _)| line), split.map(|(_, end)| end)];
     if lines[0] == lines[1] {
-        return format!("line {number} ended with {:?}, ends with {:?}", ends[0], ends[1]);
+        return format!(
+            "line {number} ended with {:?}, ends with {:?}",
+            line_ends[0], line_ends[1]
+        );
     }
     let (header, _) = split_line_end(header);
     let names: Vec<&str> = header.split(',').collect();
@@ -238,8 +246,8 @@ fn difference_text(number: usize, header: &str, lines: &[String; 2]) -> String {
     let column = fields[0].iter().zip(&fields[1]).position(|(a, b)| a != b);
     match column {
         Some(column) if column < names.len() => {
-            for known in 0..column.min(2) {
-                let _ = write!(text, ", {} {}", names[known], fields[0][known]);
+            for key_column in 0..column.min(2) {
+                let _ = write!(text, ", {} {}", names[key_column], fields[0][key_column]);
             }
             let _ = write!(
                 text,
@@ -256,11 +264,11 @@ fn difference_text(number: usize, header: &str, lines: &[String; 2]) -> String {
 
 /// Returns the offset of the first difference of two recordings.
 fn first_different_byte(files: [impl Read; 2]) -> io::Result<Option<String>> {
-    let [mut recorded, mut again] = files.map(|file| BufReader::new(file).bytes());
-    for place in 0_u64.. {
-        match (recorded.next().transpose()?, again.next().transpose()?) {
+    let [mut recorded, mut repeated] = files.map(|file| BufReader::new(file).bytes());
+    for offset in 0_u64.. {
+        match (recorded.next().transpose()?, repeated.next().transpose()?) {
             (None, None) => break,
-            (a, b) if a != b => return Ok(Some(format!("byte {place}"))),
+            (a, b) if a != b => return Ok(Some(format!("byte {offset}"))),
             _ => (),
         }
     }
@@ -269,16 +277,16 @@ fn first_different_byte(files: [impl Read; 2]) -> io::Result<Option<String>> {
 
 /// Returns the first entry in which two summaries differ, without the section `wall`.
 fn first_summary_difference(summaries: &[Value; 2]) -> Option<String> {
-    let [recorded, again] = summaries.each_ref().map(|summary| {
-        let mut decided = summary.clone();
-        decided.as_object_mut().map(|entries| entries.remove("wall"));
-        decided
+    let [recorded, repeated] = summaries.each_ref().map(|summary| {
+        let mut without_wall = summary.clone();
+        without_wall.as_object_mut().map(|entries| entries.remove("wall"));
+        without_wall
     });
-    first_differing_entry(&recorded, &again, String::new())
+    first_differing_entry(&recorded, &repeated, String::new())
 }
 
-fn first_differing_entry(recorded: &Value, again: &Value, path: String) -> Option<String> {
-    match (recorded, again) {
+fn first_differing_entry(recorded: &Value, repeated: &Value, path: String) -> Option<String> {
+    match (recorded, repeated) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
             a.iter().find_map(|(key, value)| {
                 first_differing_entry(value, &b[key], format!("{path}/{key}"))
@@ -292,9 +300,9 @@ fn first_differing_entry(recorded: &Value, again: &Value, path: String) -> Optio
         }
         (a, b) if a == b => None,
         (Value::Object(a), Value::Object(b)) => {
-            let lone = a.keys().find(|&key| !b.contains_key(key));
-            let new = || b.keys().find(|&key| !a.contains_key(key));
-            Some(match (lone, new()) {
+            let removed_key = a.keys().find(|&key| !b.contains_key(key));
+            let added_key = || b.keys().find(|&key| !a.contains_key(key));
+            Some(match (removed_key, added_key()) {
                 (Some(key), _) => format!("{path}/{key} is missing now"),
                 (None, Some(key)) => format!("{path}/{key} was not there"),
                 (None, None) => format!("{path}: another order"),
@@ -315,30 +323,30 @@ fn format_short(value: &Value) -> String {
 
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let said =
+        let format_value =
             |value: &Value| value.as_str().map_or_else(|| format_short(value), str::to_owned);
-        let [recorded, again] = self.trajectory_hash.each_ref().map(said);
+        let [recorded, repeated] = self.trajectory_hash.each_ref().map(format_value);
         if self.same {
             writeln!(f, "the same, bit by bit")?;
-            writeln!(f, "trajectory hash     {again}")?;
+            writeln!(f, "trajectory hash     {repeated}")?;
         } else {
             writeln!(f, "NOT the same")?;
-            match recorded == again {
-                true => writeln!(f, "trajectory hash     {again}, as recorded")?,
-                false => writeln!(f, "trajectory hash     was {recorded}, is {again}")?,
+            match recorded == repeated {
+                true => writeln!(f, "trajectory hash     {repeated}, as recorded")?,
+                false => writeln!(f, "trajectory hash     was {recorded}, is {repeated}")?,
             }
         }
         if let Some(second) = self.first_second {
-            let until = second + 1;
-            writeln!(f, "first difference    between {second} s and {until} s of simulated time")?;
+            let end = second + 1;
+            writeln!(f, "first difference    between {second} s and {end} s of simulated time")?;
         }
         for FileComparison { file, first_difference } in &self.files {
             let outcome = first_difference.as_deref().unwrap_or("the same");
             writeln!(f, "{file:<19} {outcome}")?;
         }
         for OriginDifference { what, values } in &self.origins {
-            let [recorded, again] = values.each_ref().map(said);
-            writeln!(f, "{what}: was {recorded}, is {again}")?;
+            let [recorded, repeated] = values.each_ref().map(format_value);
+            writeln!(f, "{what}: was {recorded}, is {repeated}")?;
         }
         if !self.same && self.origins.is_empty() {
             writeln!(
@@ -357,29 +365,35 @@ mod tests {
 
     #[test]
     fn tables_differ_at_a_line_and_a_column() {
-        let first = |recorded: &str, again: &str| {
-            first_different_line([recorded.as_bytes(), again.as_bytes()]).unwrap()
+        let first_difference = |recorded: &str, repeated: &str| {
+            first_different_line([recorded.as_bytes(), repeated.as_bytes()]).unwrap()
         };
         let table = "t_s,robot,x_m\n0,r1,1\n0,r2,2\n";
-        assert_eq!(first(table, table), None);
-        let moved = first(table, "t_s,robot,x_m\n0,r1,1\n0,r2,3\n").unwrap();
+        assert_eq!(first_difference(table, table), None);
+        let moved = first_difference(table, "t_s,robot,x_m\n0,r1,1\n0,r2,3\n").unwrap();
         assert_eq!(moved, "line 3, t_s 0, robot r2: x_m was 2, is 3");
-        assert_eq!(first(table, "t_s,robot,x_m\n0,r1,1\n").unwrap(), "line 3 is missing now");
-        assert_eq!(first("t_s\n", "t_s\n0\n").unwrap(), "line 2 was not there");
-        assert!(first("t_s\n", "t_s,x\n").unwrap().contains("line 1 was"), "other columns");
+        assert_eq!(
+            first_difference(table, "t_s,robot,x_m\n0,r1,1\n").unwrap(),
+            "line 3 is missing now"
+        );
+        assert_eq!(first_difference("t_s\n", "t_s\n0\n").unwrap(), "line 2 was not there");
+        assert!(
+            first_difference("t_s\n", "t_s,x\n").unwrap().contains("line 1 was"),
+            "other columns"
+        );
     }
 
     #[test]
     fn tables_with_other_line_ends_differ() {
-        let first = |recorded: &str, again: &str| {
-            first_different_line([recorded.as_bytes(), again.as_bytes()]).unwrap()
+        let first_difference = |recorded: &str, repeated: &str| {
+            first_different_line([recorded.as_bytes(), repeated.as_bytes()]).unwrap()
         };
-        let crlf = first("t_s,x\r\n0,1\r\n", "t_s,x\n0,1\n").unwrap();
+        let crlf = first_difference("t_s,x\r\n0,1\r\n", "t_s,x\n0,1\n").unwrap();
         assert_eq!(crlf, r#"line 1 ended with "\r\n", ends with "\n""#);
-        let cut = first("t_s,x\n0,1", "t_s,x\n0,1\n").unwrap();
-        assert_eq!(cut, r#"line 2 ended with "", ends with "\n""#);
-        let both = first("t_s,x\r\n0,1\r\n", "t_s,x\r\n0,2\n").unwrap();
-        assert_eq!(both, "line 2, t_s 0: x was 1, is 2");
+        let without_line_end = first_difference("t_s,x\n0,1", "t_s,x\n0,1\n").unwrap();
+        assert_eq!(without_line_end, r#"line 2 ended with "", ends with "\n""#);
+        let two_differences = first_difference("t_s,x\r\n0,1\r\n", "t_s,x\r\n0,2\n").unwrap();
+        assert_eq!(two_differences, "line 2, t_s 0: x was 1, is 2");
         let long =
             first_different_line([io::repeat(b'a'), io::repeat(b'a')]).unwrap_err().to_string();
         assert!(long.contains("a line of more than"), "{long}");
@@ -387,9 +401,10 @@ mod tests {
 
     #[test]
     fn recordings_differ_at_a_byte_or_in_length() {
-        for (again, place) in [("abc", None), ("abx", Some("byte 2")), ("ab", Some("byte 2"))] {
-            let first = first_different_byte([b"abc", again.as_bytes()]).unwrap();
-            assert_eq!(first.as_deref(), place);
+        for (repeated, expected) in [("abc", None), ("abx", Some("byte 2")), ("ab", Some("byte 2"))]
+        {
+            let first_difference = first_different_byte([b"abc", repeated.as_bytes()]).unwrap();
+            assert_eq!(first_difference.as_deref(), expected);
         }
     }
 
@@ -397,8 +412,8 @@ mod tests {
     fn summaries_differ_at_an_entry_and_never_by_wall_time() {
         let summary = |x: f64, wall: u64| json!({ "faults": [{ "x": x }], "wall": wall });
         assert_eq!(first_summary_difference(&[summary(1.0, 1), summary(1.0, 2)]), None);
-        let parted = first_summary_difference(&[summary(1.0, 1), summary(2.0, 1)]).unwrap();
-        assert_eq!(parted, "/faults/0/x was 1.0, is 2.0");
+        let changed = first_summary_difference(&[summary(1.0, 1), summary(2.0, 1)]).unwrap();
+        assert_eq!(changed, "/faults/0/x was 1.0, is 2.0");
         let more = first_summary_difference(&[json!({}), json!({ "new": 1 })]).unwrap();
         assert_eq!(more, "/new was not there");
     }

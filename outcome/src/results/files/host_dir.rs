@@ -42,20 +42,20 @@ pub struct HostDir {
 impl HostDir {
     /// Creates the directory, which must not exist, with subdirectories for briefs and logs.
     pub fn create(path: &Path) -> Result<HostDir, RunDirError> {
-        let unmade = |path: &Path| {
+        let create_error = |path: &Path| {
             let path = path.to_path_buf();
             move |error| RunDirError::CreateDirectory(path, error)
         };
         if let Some(parent) = path.parent() {
-            fs::create_dir_all(parent).map_err(unmade(parent))?;
+            fs::create_dir_all(parent).map_err(create_error(parent))?;
         }
         // Only this call creates it, so that one of two concurrent runs gets it.
         fs::create_dir(path).map_err(|error| match error.kind() {
             io::ErrorKind::AlreadyExists => RunDirError::Exists(path.into()),
-            _ => unmade(path)(error),
+            _ => create_error(path)(error),
         })?;
         for directory in [path.join("briefs"), path.join("logs")] {
-            fs::create_dir(&directory).map_err(unmade(&directory))?;
+            fs::create_dir(&directory).map_err(create_error(&directory))?;
         }
         Ok(HostDir { path: path.into() })
     }
@@ -91,9 +91,13 @@ impl HostDir {
     }
 
     /// Writes the brief of a process. Returns its absolute path.
-    pub fn write_brief<B: Serialize>(&self, name: &str, told: &B) -> Result<PathBuf, RunDirError> {
+    pub fn write_brief<B: Serialize>(
+        &self,
+        name: &str,
+        content: &B,
+    ) -> Result<PathBuf, RunDirError> {
         let file = format!("briefs/{name}.toml");
-        self.write_file(&file, brief::to_text(told))?;
+        self.write_file(&file, brief::to_text(content))?;
         let path = self.path.join(file);
         // Children have another working directory, where a relative path would be wrong.
         path.canonicalize().map_err(write_error(&path))

@@ -99,9 +99,9 @@ pub fn write_page(
     scenario: &Scenario,
     about: Option<String>,
 ) -> Result<WrittenPage, ReportError> {
-    let checked = checksums::check_run_files(run_dir);
-    let is_checked = !matches!(checked, Err(Damage::NoChecksums));
-    let damage = checked.err().filter(|_| is_checked).map(|damage| damage.to_string());
+    let check_result = checksums::check_run_files(run_dir);
+    let is_checked = !matches!(check_result, Err(Damage::NoChecksums));
+    let damage = check_result.err().filter(|_| is_checked).map(|damage| damage.to_string());
     let run = LoadedRun { introduction: about, damage, ..load_run(run_dir, scenario)? };
     let figures = crate::report::figures::all_figures(&run);
     let directory = run_dir.join("figures");
@@ -115,8 +115,8 @@ pub fn write_page(
     let path = run_dir.join("report.html");
     replace_file(&path, crate::report::html::report_html(&run, &figures), false)
         .map_err(write_error(&path))?;
-    let cut_short = run.summary.is_none().then_some(CUT_SHORT_NOTE);
-    Ok(WrittenPage { path, cut_short_note: cut_short, damage: run.damage, is_checked })
+    let cut_short_note = run.summary.is_none().then_some(CUT_SHORT_NOTE);
+    Ok(WrittenPage { path, cut_short_note, damage: run.damage, is_checked })
 }
 
 /// Passes each line of `samples.csv` of a run directory to `take`, in order. Without the file, does nothing.
@@ -153,35 +153,35 @@ pub fn load_run(run_dir: &Path, scenario: &Scenario) -> Result<LoadedRun, Report
     let path = run_dir.join("summary.json");
     let mut summary: Option<Summary> = read_json(&path)?;
     // In earlier versions the values of the section `wall` were at the top level.
-    if let (Some(summary), Some(at_the_top)) = (&mut summary, read_json::<WallTimeValues>(&path)?)
-        && at_the_top != WallTimeValues::default()
+    if let (Some(summary), Some(old_wall)) = (&mut summary, read_json::<WallTimeValues>(&path)?)
+        && old_wall != WallTimeValues::default()
     {
-        summary.wall = at_the_top;
+        summary.wall = old_wall;
     }
     let pace = manifest.get("pace").and_then(serde_json::Value::as_str);
     let pace = pace.unwrap_or("unknown time mode").to_owned();
     let mut scene = Scene { pace, ..build_scene(scenario, Pace::Realtime) };
     let events = record::read_events(&run_dir.join(EventLine::FILE))?;
-    let changes = record::state_changes(&events, &scene);
+    let state_changes = record::state_changes(&events, &scene);
     if let Some(summary) = &summary {
-        scene.faults = observed_faults(scenario, summary, &events, &changes, &scene.faults);
+        scene.faults = observed_faults(scenario, summary, &events, &state_changes, &scene.faults);
     }
     let record = record::read_samples(&run_dir.join(SampleLine::FILE), scenario)?;
-    let lead_m = |lead: &protocol::brief::LeadBrief| {
-        let places = record.times_s.iter().map(|&t_s| lead.trajectory.target_at(t_s).position);
-        places.map(|place| [place.x, place.y]).collect()
+    let lead_positions_m = |lead: &protocol::brief::LeadBrief| {
+        let positions = record.times_s.iter().map(|&t_s| lead.trajectory.target_at(t_s).position);
+        positions.map(|position| [position.x, position.y]).collect()
     };
     Ok(LoadedRun {
         converged_error_m: scenario.expectations.converged_error_m,
         stale_after_s: ns_to_seconds(scenario.silence.stale_after_ns),
         lost_after_s: ns_to_seconds(scenario.silence.lost_after_ns),
-        leader_reference_m: scenario.lead.as_ref().map(lead_m).unwrap_or_default(),
+        leader_reference_m: scenario.lead.as_ref().map(lead_positions_m).unwrap_or_default(),
         times_s: record.times_s,
         tracks: record.tracks,
         decimation: record.decimation,
         repair_events: record::repair_events(&events),
         signals: record::read_signals(&run_dir.join(SignalLine::FILE), scenario)?,
-        state_changes: changes,
+        state_changes,
         missing_guarantee: missing_guarantee_text(scenario, summary.as_ref()),
         introduction: None,
         damage: None,
@@ -207,26 +207,28 @@ pub fn parse_events(text: &str) -> Result<Vec<EventLine>, ReportError> {
     Ok(events)
 }
 
-/// Returns the reason why no promise about distances holds, and the smallest distance observed.
+/// Returns the reason why no guarantee about distances holds, and the smallest distance observed.
 fn missing_guarantee_text(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> {
-    let why = scenario.missing_guarantee_reason()?;
+    let reason = scenario.missing_guarantee_reason()?;
     let d_m = scenario.avoidance.distance_min_m;
-    let seen = summary.and_then(|summary| match summary.min_distance_over_d {
-        Some(over_d) => Some(format!("; the smallest distance seen is {} d", format_short(over_d))),
-        None => summary.min_distance_m.map(|seen_m| {
-            let [seen, d] = format_distinct(seen_m, d_m);
-            format!("; the smallest distance seen is {seen} m, with d = {d} m")
+    let observation = summary.and_then(|summary| match summary.min_distance_over_d {
+        Some(distance_over_d) => {
+            Some(format!("; the smallest distance seen is {} d", format_short(distance_over_d)))
+        }
+        None => summary.min_distance_m.map(|distance_m| {
+            let [distance, d] = format_distinct(distance_m, d_m);
+            format!("; the smallest distance seen is {distance} m, with d = {d} m")
         }),
     });
-    Some(why + &seen.unwrap_or_default())
+    Some(reason + &observation.unwrap_or_default())
 }
 
 /// Formats an entry of the manifest: commands as a shell accepts them, times as dates.
 fn format_manifest_entry(name: &str, value: &serde_json::Value) -> (String, String) {
     let unix_ns = value.as_u64();
     let text = match (name, value, unix_ns) {
-        ("command", serde_json::Value::Array(words), _) => {
-            format_command_line(words.iter().map(format_value))
+        ("command", serde_json::Value::Array(arguments), _) => {
+            format_command_line(arguments.iter().map(format_value))
         }
         ("epoch_unix_ns", _, Some(LOCKSTEP_EPOCH_UNIX_NS)) => format!(
             "{}, as of every run in lockstep, so that equal runs give equal bytes",
@@ -241,17 +243,18 @@ fn format_manifest_entry(name: &str, value: &serde_json::Value) -> (String, Stri
 }
 
 /// Formats arguments as a command line of a POSIX shell.
-pub fn format_command_line(words: impl Iterator<Item = impl AsRef<str>>) -> String {
-    words.map(|word| quote_for_shell(word.as_ref())).collect::<Vec<_>>().join(" ")
+pub fn format_command_line(arguments: impl Iterator<Item = impl AsRef<str>>) -> String {
+    arguments.map(|argument| quote_for_shell(argument.as_ref())).collect::<Vec<_>>().join(" ")
 }
 
 /// Quotes an argument for a POSIX shell.
-fn quote_for_shell(word: &str) -> String {
-    let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=:,+@%".contains(letter);
-    if !word.is_empty() && word.chars().all(plain) {
-        return word.to_owned();
+fn quote_for_shell(argument: &str) -> String {
+    let is_plain =
+        |character: char| character.is_ascii_alphanumeric() || "_-./=:,+@%".contains(character);
+    if !argument.is_empty() && argument.chars().all(is_plain) {
+        return argument.to_owned();
     }
-    format!("'{}'", word.replace('\'', r"'\''"))
+    format!("'{}'", argument.replace('\'', r"'\''"))
 }
 
 fn format_value(value: &serde_json::Value) -> String {
@@ -273,28 +276,31 @@ fn observed_faults(
     changes: &[StateChange],
     planned: &[SceneFault],
 ) -> Vec<SceneFault> {
-    let seen = |fault: &FaultReport| {
-        let before = |plan: &&SceneFault| plan.what == fault.what && plan.t_s <= fault.t_s + 1e-9;
-        let plan = planned.iter().rfind(before);
-        let place = |name: &String| scenario.robots.iter().position(|robot| robot.name == *name);
-        let robot = fault.robot.as_ref().and_then(place);
+    let observed_fault = |fault: &FaultReport| {
+        let is_earlier_plan = |planned_fault: &&SceneFault| {
+            planned_fault.what == fault.what && planned_fault.t_s <= fault.t_s + 1e-9
+        };
+        let planned_fault = planned.iter().rfind(is_earlier_plan);
+        let robot_index =
+            |name: &String| scenario.robots.iter().position(|robot| robot.name == *name);
+        let robot = fault.robot.as_ref().and_then(robot_index);
         // A fault that never ends has a duration of 0.
         let lasted_s = fault.lasted_s.filter(|&lasted_s| lasted_s > 0.0);
-        let back = changes.iter().any(|change| {
+        let is_moving_again = changes.iter().any(|change| {
             change.t_s == fault.t_s
-                && robot.map(|place| NewState::Robot(place, RobotState::Moving))
+                && robot.map(|robot_index| NewState::Robot(robot_index, RobotState::Moving))
                     == Some(change.new_state)
         });
-        let at_once = (back && fault.lasted_s.is_some()).then_some(0.0);
+        let immediate_end = (is_moving_again && fault.lasted_s.is_some()).then_some(0.0);
         SceneFault {
             t_s: fault.t_s,
-            until_s: lasted_s.or(at_once).map(|lasted_s| fault.t_s + lasted_s),
+            until_s: lasted_s.or(immediate_end).map(|lasted_s| fault.t_s + lasted_s),
             what: fault.what.clone(),
             robots: robot.into_iter().collect(),
-            cuts: plan
-                .and_then(|plan| plan.cuts)
+            cuts: planned_fault
+                .and_then(|planned_fault| planned_fault.cuts)
                 .or_else(|| record::manually_cut_edge(events, scenario, fault.t_s)),
         }
     };
-    summary.faults.iter().map(seen).collect()
+    summary.faults.iter().map(observed_fault).collect()
 }

@@ -67,11 +67,11 @@ impl Programs {
     /// Returns the entries for the manifest.
     pub fn manifest_files(&self) -> Vec<ManifestFile> {
         let hash = |bytes: &[u8]| sha256(bytes).expect("memory is always read");
-        let listed = |file: &ProgramFile| ManifestFile {
+        let entry = |file: &ProgramFile| ManifestFile {
             file: file.name.clone(),
             sha256: hash(&file.bytes),
         };
-        self.files.iter().map(listed).collect()
+        self.files.iter().map(entry).collect()
     }
 
     /// Copies the files into the folder `programs` of a run's directory, or of a scenario's, which must not have it
@@ -97,10 +97,10 @@ impl Programs {
 /// Returns the command that starts a program from a run's directory, which must be an absolute path.
 pub fn program_command(program: &ExternalProgram, run_dir: &Path) -> ProgramCommand {
     let folder = run_dir.join(PROGRAMS_FOLDER);
-    let word = |word: &String| match program.is_program_file(word, &folder) {
-        true => folder.join(word),
-        false => word.into(),
+    let resolve = |argument: &String| match program.is_program_file(argument, &folder) {
+        true => folder.join(argument),
+        false => argument.into(),
     };
-    let words = program.command_line.iter().map(word).collect();
-    ProgramCommand { command_line: words, folder, memory_max_mb: program.memory_max_mb }
+    let command_line = program.command_line.iter().map(resolve).collect();
+    ProgramCommand { command_line, folder, memory_max_mb: program.memory_max_mb }
 }

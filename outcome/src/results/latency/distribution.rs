@@ -79,20 +79,21 @@ impl ValueDistribution {
 
     /// Counts the values that are not in buckets yet.
     fn fill_buckets(&mut self) {
-        let mut recent_ns = std::mem::take(&mut self.recent_values_ns);
-        let pending_ns = &mut recent_ns[self.bucketed_count..];
+        let mut recent_values_ns = std::mem::take(&mut self.recent_values_ns);
+        let pending_ns = &mut recent_values_ns[self.bucketed_count..];
         pending_ns.sort_unstable();
-        for equal in pending_ns.chunk_by(|&a_ns, &b_ns| bucket_ns(a_ns) == bucket_ns(b_ns)) {
-            self.count_in_bucket(bucket_ns(equal[0]), equal.len() as u64);
+        for bucket_values in pending_ns.chunk_by(|&a_ns, &b_ns| bucket_ns(a_ns) == bucket_ns(b_ns))
+        {
+            self.count_in_bucket(bucket_ns(bucket_values[0]), bucket_values.len() as u64);
         }
-        self.bucketed_count = recent_ns.len();
-        self.recent_values_ns = recent_ns;
+        self.bucketed_count = recent_values_ns.len();
+        self.recent_values_ns = recent_values_ns;
     }
 
     fn count_in_bucket(&mut self, bucket_ns: u64, count: u64) {
         match self.buckets.binary_search_by_key(&bucket_ns, |&(bucket_ns, _)| bucket_ns) {
-            Ok(place) => self.buckets[place].1 += count,
-            Err(place) => self.buckets.insert(place, (bucket_ns, count)),
+            Ok(index) => self.buckets[index].1 += count,
+            Err(index) => self.buckets.insert(index, (bucket_ns, count)),
         }
     }
 
@@ -115,8 +116,8 @@ impl ValueDistribution {
 /// Returns the smallest value of the bucket of a value, ns.
 fn bucket_ns(value_ns: u64) -> u64 {
     let bits = u64::BITS - value_ns.leading_zeros();
-    let dropped = bits.saturating_sub(BUCKET_BITS);
-    value_ns >> dropped << dropped
+    let dropped_bits = bits.saturating_sub(BUCKET_BITS);
+    value_ns >> dropped_bits << dropped_bits
 }
 
 #[cfg(test)]
@@ -128,27 +129,27 @@ mod tests {
         #[test]
         fn buckets_equal_those_of_an_hdr_histogram(
             values_ns in prop::collection::vec((0..42_u32, any::<u64>()), 1..300),
-            ends in any::<u64>(),
+            end_bits in any::<u64>(),
         ) {
             let values_ns = values_ns.into_iter().map(|(bits, value)| value >> (63 - bits));
-            let mut direct = Histogram::<u64>::new(HISTOGRAM_DIGITS).unwrap();
-            let (mut spread, mut part, mut merged) =
+            let mut reference = Histogram::<u64>::new(HISTOGRAM_DIGITS).unwrap();
+            let (mut distribution, mut interval, mut merged) =
                 (ValueDistribution::default(), ValueDistribution::default(), ValueDistribution::default());
             for (i, value_ns) in values_ns.enumerate() {
-                direct.record(value_ns).unwrap();
-                prop_assert_eq!(bucket_ns(value_ns), direct.lowest_equivalent(value_ns));
-                [&mut spread, &mut part].into_iter().for_each(|spread| spread.add(value_ns));
-                if (ends >> (i % 64)) & 1 == 1 {
-                    spread.take_recent_values_ns().clear();
-                    merged.merge(&part);
-                    part = ValueDistribution::default();
+                reference.record(value_ns).unwrap();
+                prop_assert_eq!(bucket_ns(value_ns), reference.lowest_equivalent(value_ns));
+                [&mut distribution, &mut interval].into_iter().for_each(|distribution| distribution.add(value_ns));
+                if (end_bits >> (i % 64)) & 1 == 1 {
+                    distribution.take_recent_values_ns().clear();
+                    merged.merge(&interval);
+                    interval = ValueDistribution::default();
                 }
             }
-            merged.merge(&part);
-            for found in [spread, merged] {
-                prop_assert_eq!(found.count, direct.len());
+            merged.merge(&interval);
+            for found in [distribution, merged] {
+                prop_assert_eq!(found.count, reference.len());
                 for quantile in [0.0, 0.5, 0.9, 0.999, 1.0] {
-                    let expected = direct.value_at_quantile(quantile);
+                    let expected = reference.value_at_quantile(quantile);
                     prop_assert_eq!(found.histogram().value_at_quantile(quantile), expected);
                 }
             }

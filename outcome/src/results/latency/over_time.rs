@@ -28,11 +28,11 @@ pub(super) struct LatencyIntervals {
 
 impl LatencyIntervals {
     pub(super) fn new(duration_ns: u64) -> LatencyIntervals {
-        let length_ns = (duration_ns / TARGET_INTERVALS).clamp(INTERVAL_NS_MIN, INTERVAL_NS_MAX);
-        let length_ns = length_ns.min(duration_ns / INTERVALS_MIN).max(1);
+        let interval_ns = (duration_ns / TARGET_INTERVALS).clamp(INTERVAL_NS_MIN, INTERVAL_NS_MAX);
+        let interval_ns = interval_ns.min(duration_ns / INTERVALS_MIN).max(1);
         LatencyIntervals {
             duration_ns,
-            interval_ns: length_ns,
+            interval_ns,
             current_interval: 0,
             closed_intervals: Vec::new(),
         }
@@ -41,8 +41,8 @@ impl LatencyIntervals {
     /// Sets the run time. If a new interval begins, returns the middle of the previous one, s.
     pub(super) fn set_time(&mut self, t_ns: u64) -> Option<f64> {
         let interval = t_ns / self.interval_ns.max(1);
-        let before = std::mem::replace(&mut self.current_interval, interval);
-        (before != interval).then(|| self.middle_s(before))
+        let previous = std::mem::replace(&mut self.current_interval, interval);
+        (previous != interval).then(|| self.middle_s(previous))
     }
 
     /// Returns the middle of the current interval, which is the last one, s.
@@ -72,8 +72,12 @@ impl LatencyIntervals {
         }
         let (below, &mut p99_ns, above) = values_ns.select_nth_unstable(rank(99));
         let max_ns = above.iter().copied().max().unwrap_or(p99_ns);
-        let half = rank(50);
-        let p50_ns = if half < below.len() { *below.select_nth_unstable(half).1 } else { p99_ns };
+        let median_rank = rank(50);
+        let p50_ns = if median_rank < below.len() {
+            *below.select_nth_unstable(median_rank).1
+        } else {
+            p99_ns
+        };
         self.closed_intervals.push(LatencyInterval {
             t_s: middle_s,
             stage: stage.keyword().to_owned(),
@@ -102,11 +106,11 @@ mod tests {
             intervals.add_distribution(0.5, Stage::Wake, "plant", None, &mut values_ns.clone());
             let mut sorted = values_ns;
             sorted.sort_unstable();
-            let rank = |share: f64| sorted[(sorted.len() as f64 * share).ceil() as usize - 1];
+            let rank = |fraction: f64| sorted[(sorted.len() as f64 * fraction).ceil() as usize - 1];
             let line = &intervals.closed_intervals[0];
-            let summed_up = (line.count as usize, line.p50_ns, line.p99_ns, line.max_ns);
+            let found = (line.count as usize, line.p50_ns, line.p99_ns, line.max_ns);
             let expected = (sorted.len(), rank(0.5), rank(0.99), sorted[sorted.len() - 1]);
-            prop_assert_eq!(summed_up, expected);
+            prop_assert_eq!(found, expected);
         }
     }
 }

@@ -19,12 +19,12 @@ impl Barrier {
     }
 
     /// Waits until a slot's group has another epoch than `seen_epoch`. Returns that epoch and its tick, or `None`
-    /// once `patience` returns `false`.
+    /// once `keep_waiting` returns `false`.
     pub fn wait_for_tick(
         &self,
         slot: usize,
         seen_epoch: u32,
-        mut patience: impl FnMut() -> bool,
+        mut keep_waiting: impl FnMut() -> bool,
     ) -> Option<(u32, u64)> {
         let head = self.header();
         let word = self.epoch_word(slot);
@@ -39,7 +39,7 @@ impl Barrier {
                 continue;
             }
             if self.sleep_while_unchanged(word, seen_epoch) != WakeReason::WordMayHaveChanged
-                && !patience()
+                && !keep_waiting()
             {
                 return None;
             }
@@ -63,19 +63,19 @@ impl Barrier {
 
     /// Marks a slot as arrived at a tick. Call it after all messages of that tick are sent.
     pub fn arrive(&self, slot: usize, tick: u64) {
-        let place = &self.all_slots()[slot];
-        let before = self.arrived_ticks()[slot].swap(tick + 1, SeqCst);
-        if before == tick + 1 || !self.is_expected(place, tick) {
+        let slot_words = &self.all_slots()[slot];
+        let previous = self.arrived_ticks()[slot].swap(tick + 1, SeqCst);
+        if previous == tick + 1 || !self.is_expected(slot_words, tick) {
             return;
         }
         let word = &self.header().arrivals.0;
-        let counted = word.fetch_update(SeqCst, SeqCst, |now| {
+        let decrement = word.fetch_update(SeqCst, SeqCst, |word_value| {
             // The count of another tick is not decremented, and no count goes below 0.
-            (now >> 16 == tick as u32 & 0xffff && now & REMAINING_MEMBERS_MASK != 0)
-                .then(|| now - 1)
+            (word_value >> 16 == tick as u32 & 0xffff && word_value & REMAINING_MEMBERS_MASK != 0)
+                .then(|| word_value - 1)
         });
-        if let Ok(before) = counted
-            && (before & REMAINING_MEMBERS_MASK == 1 || before & MEMBERS_CHANGED_FLAG != 0)
+        if let Ok(previous) = decrement
+            && (previous & REMAINING_MEMBERS_MASK == 1 || previous & MEMBERS_CHANGED_FLAG != 0)
         {
             wake_waiters(word);
         }

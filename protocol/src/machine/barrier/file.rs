@@ -47,32 +47,26 @@ impl Barrier {
         }
         let groups = groups.clamp(1, GROUPS_MAX.min(slots));
         let bytes = file_size_bytes(slots);
-        let failed =
+        let io_error =
             |action, source: io::Error| BarrierError::Io { action, path: path.into(), source };
-        let unnamed = path.with_extension("new");
+        let unfinished = path.with_extension("new");
         let file = OpenOptions::new()
             .read(true)
             .write(true)
             .create_new(true)
             .mode(0o600)
-            .open(&unnamed)
-            .map_err(|source| failed("make", source))?;
-        file.set_len(bytes as u64).map_err(|source| failed("size", source))?;
+            .open(&unfinished)
+            .map_err(|source| io_error("make", source))?;
+        file.set_len(bytes as u64).map_err(|source| io_error("size", source))?;
         // Allocates the memory now, so that a full tmpfs is an error here instead of a SIGBUS later.
         match rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), 0, bytes as u64) {
             Ok(()) | Err(Errno::OPNOTSUPP) => {}
-            Err(error) => return Err(failed("allocate", error.into())),
+            Err(error) => return Err(io_error("allocate", error.into())),
         }
-        let memory = map_file(&file, bytes).map_err(|source| failed("map", source))?;
-        let attention_seen = AtomicU32::new(0);
-        let barrier = Barrier {
-            memory,
-            size_bytes: bytes,
-            slots,
-            groups,
-            seen_attention_count: attention_seen,
-            alarm: None,
-        };
+        let memory = map_file(&file, bytes).map_err(|source| io_error("map", source))?;
+        let seen_attention_count = AtomicU32::new(0);
+        let barrier =
+            Barrier { memory, size_bytes: bytes, slots, groups, seen_attention_count, alarm: None };
         // SAFETY: the mapping is large and aligned enough for `Head`, and no other process has it yet.
         unsafe {
             let head = memory.cast::<BarrierHeader>().as_ptr();
@@ -89,48 +83,42 @@ impl Barrier {
             slot.since.store(NEVER_TICK, SeqCst);
         }
         // The file gets its name when it is complete.
-        std::fs::rename(&unnamed, path).map_err(|source| failed("name", source))?;
+        std::fs::rename(&unfinished, path).map_err(|source| io_error("name", source))?;
         Ok(barrier)
     }
 
     /// Opens the mapping that the supervisor created.
     pub fn open(path: &Path) -> Result<Barrier, BarrierError> {
-        let failed =
+        let io_error =
             |action, source: io::Error| BarrierError::Io { action, path: path.into(), source };
-        let foreign = |found: String| BarrierError::ForeignFile { path: path.into(), found };
+        let foreign_file = |found: String| BarrierError::ForeignFile { path: path.into(), found };
         let file = OpenOptions::new()
             .read(true)
             .write(true)
             .open(path)
-            .map_err(|source| failed("open", source))?;
-        let bytes = file.metadata().map_err(|source| failed("look at", source))?.len() as usize;
+            .map_err(|source| io_error("open", source))?;
+        let bytes = file.metadata().map_err(|source| io_error("look at", source))?.len() as usize;
         if bytes < file_size_bytes(1) {
-            return Err(foreign(format!("it has only {bytes} bytes")));
+            return Err(foreign_file(format!("it has only {bytes} bytes")));
         }
-        let memory = map_file(&file, bytes).map_err(|source| failed("map", source))?;
-        let attention_seen = AtomicU32::new(0);
+        let memory = map_file(&file, bytes).map_err(|source| io_error("map", source))?;
+        let seen_attention_count = AtomicU32::new(0);
         let (slots, groups) = (0, 0);
-        let mut barrier = Barrier {
-            memory,
-            size_bytes: bytes,
-            slots,
-            groups,
-            seen_attention_count: attention_seen,
-            alarm: None,
-        };
+        let mut barrier =
+            Barrier { memory, size_bytes: bytes, slots, groups, seen_attention_count, alarm: None };
         let BarrierHeader { magic, version, slots, groups, .. } = *barrier.header();
         if magic != MAGIC {
-            return Err(foreign(format!("its magic number is {magic:#x}")));
+            return Err(foreign_file(format!("its magic number is {magic:#x}")));
         }
         if version != VERSION {
-            return Err(foreign(format!("it has version {version}, expected {VERSION}")));
+            return Err(foreign_file(format!("it has version {version}, expected {VERSION}")));
         }
         let (slots, groups) = (slots as usize, groups as usize);
         if groups == 0 || groups > GROUPS_MAX {
-            return Err(foreign(format!("it has {groups} groups")));
+            return Err(foreign_file(format!("it has {groups} groups")));
         }
         if slots == 0 || slots > SLOTS_MAX || bytes != file_size_bytes(slots) {
-            return Err(foreign(format!("it has {slots} slots in {bytes} bytes")));
+            return Err(foreign_file(format!("it has {slots} slots in {bytes} bytes")));
         }
         (barrier.slots, barrier.groups) = (slots, groups);
         barrier.seen_attention_count = AtomicU32::new(barrier.header().attention.0.load(SeqCst));

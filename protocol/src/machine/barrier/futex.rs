@@ -35,12 +35,12 @@ impl Barrier {
     }
 
     /// Sleeps until the condition holds. The process that makes it true must change the word. Returns `false`
-    /// once `patience` does and the condition still does not hold.
+    /// once `keep_waiting` does and the condition still does not hold.
     pub(super) fn wait_until(
         &self,
         word: &AtomicU32,
         condition: impl Fn() -> bool,
-        mut patience: impl FnMut() -> bool,
+        mut keep_waiting: impl FnMut() -> bool,
     ) -> bool {
         loop {
             let seen = word.load(SeqCst);
@@ -48,7 +48,7 @@ impl Barrier {
                 return true;
             }
             if self.sleep_while_unchanged(word, seen) != WakeReason::WordMayHaveChanged
-                && !patience()
+                && !keep_waiting()
             {
                 return condition();
             }
@@ -60,7 +60,7 @@ impl Barrier {
 pub(super) fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>) -> WakeReason {
     #[cfg(test)]
     let word = match super::tests::stepped::sleep_while(word, value) {
-        Some(woken) => return woken,
+        Some(reason) => return reason,
         None => word.plain(),
     };
     let limit = limit.map(|limit| Timespec {

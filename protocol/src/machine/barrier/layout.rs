@@ -90,6 +90,6 @@ pub(super) struct SentWords {
 
 /// Returns the size of the file, bytes.
 pub(super) fn file_size_bytes(slots: usize) -> usize {
-    let of_slot = size_of::<Slot>() + size_of::<AtomicU64>() + size_of::<SentWords>();
-    size_of::<BarrierHeader>() + slots * of_slot
+    let bytes_per_slot = size_of::<Slot>() + size_of::<AtomicU64>() + size_of::<SentWords>();
+    size_of::<BarrierHeader>() + slots * bytes_per_slot
 }

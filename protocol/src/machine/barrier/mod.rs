@@ -129,8 +129,8 @@ impl Barrier {
     fn arrived_ticks(&self) -> &[AtomicU64] {
         // SAFETY: as above; these follow the slots, whose size is a multiple of their alignment.
         unsafe {
-            let behind = size_of::<BarrierHeader>() + self.slots * size_of::<Slot>();
-            let first = self.memory.byte_add(behind).cast::<AtomicU64>();
+            let offset = size_of::<BarrierHeader>() + self.slots * size_of::<Slot>();
+            let first = self.memory.byte_add(offset).cast::<AtomicU64>();
             std::slice::from_raw_parts(first.as_ptr(), self.slots)
         }
     }
@@ -139,9 +139,9 @@ impl Barrier {
     fn sent_words(&self) -> &[SentWords] {
         // SAFETY: as above; these follow the arrival words, whose alignment is theirs.
         unsafe {
-            let of_slot = size_of::<Slot>() + size_of::<AtomicU64>();
-            let behind = size_of::<BarrierHeader>() + self.slots * of_slot;
-            let first = self.memory.byte_add(behind).cast::<SentWords>();
+            let bytes_per_slot = size_of::<Slot>() + size_of::<AtomicU64>();
+            let offset = size_of::<BarrierHeader>() + self.slots * bytes_per_slot;
+            let first = self.memory.byte_add(offset).cast::<SentWords>();
             std::slice::from_raw_parts(first.as_ptr(), self.slots)
         }
     }

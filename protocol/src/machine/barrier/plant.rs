@@ -38,19 +38,20 @@ impl Barrier {
         slots.filter(|&slot| self.first_member_tick(slot).is_some())
     }
 
-    /// Waits until every member has arrived at the tick. Once `patience` returns `false`, returns the slots that
+    /// Waits until every member has arrived at the tick. Once `keep_waiting` returns `false`, returns the slots that
     /// have not arrived.
     pub fn wait_for_arrivals(
         &self,
         tick: u64,
-        mut patience: impl FnMut() -> bool,
+        mut keep_waiting: impl FnMut() -> bool,
     ) -> Result<(), Vec<usize>> {
         let word = &self.header().arrivals.0;
         loop {
             let seen = word.load(SeqCst);
             // While arrivals are missing and no member was removed, the slots need not be read.
-            let settled = seen & REMAINING_MEMBERS_MASK == 0 || seen & MEMBERS_CHANGED_FLAG != 0;
-            if settled && self.all_arrived(tick) {
+            let may_be_complete =
+                seen & REMAINING_MEMBERS_MASK == 0 || seen & MEMBERS_CHANGED_FLAG != 0;
+            if may_be_complete && self.all_arrived(tick) {
                 return Ok(());
             }
             if self.sleep_while_unchanged(word, seen) != WakeReason::WordMayHaveChanged {
@@ -58,7 +59,7 @@ impl Barrier {
                 if self.all_arrived(tick) {
                     return Ok(());
                 }
-                if !patience() {
+                if !keep_waiting() {
                     return Err(self.missing_slots(tick).collect());
                 }
             }
@@ -70,8 +71,8 @@ impl Barrier {
     }
 
     fn missing_slots(&self, tick: u64) -> impl Iterator<Item = usize> + '_ {
-        let places = self.all_slots().iter().zip(self.arrived_ticks()).enumerate();
-        places
+        let slots = self.all_slots().iter().zip(self.arrived_ticks()).enumerate();
+        slots
             .filter(move |(_, (slot, arrived))| {
                 self.is_expected(slot, tick) && arrived.load(SeqCst) != tick + 1
             })
@@ -81,22 +82,22 @@ impl Barrier {
 
 /// Lead over the supervisor, and pauses.
 impl Barrier {
-    /// Waits until the tick is at most `lead_max` after the ticks consumed. Returns `false` once `patience` does.
+    /// Waits until the tick is at most `lead_max` after the ticks consumed. Returns `false` once `keep_waiting` does.
     /// Calls the supervisor before it sleeps.
     pub fn wait_for_lead_limit(
         &self,
         tick: u64,
         lead_max: u64,
-        patience: impl FnMut() -> bool,
+        keep_waiting: impl FnMut() -> bool,
     ) -> bool {
         let head = self.header();
-        let near = || tick.saturating_sub(head.consumed.0.load(SeqCst)) <= lead_max;
-        if near() {
+        let is_within_lead = || tick.saturating_sub(head.consumed.0.load(SeqCst)) <= lead_max;
+        if is_within_lead() {
             return true;
         }
         head.lead_waiting.0.store(1, SeqCst);
         self.request_attention();
-        let reached = self.wait_until(&head.lead.0, near, patience);
+        let reached = self.wait_until(&head.lead.0, is_within_lead, keep_waiting);
         head.lead_waiting.0.store(0, SeqCst);
         reached
     }
@@ -106,15 +107,15 @@ impl Barrier {
         tick >= self.header().pause_at.0.load(SeqCst)
     }
 
-    /// Marks the plant as paused before this tick and waits until it is resumed. Returns `false` once `patience`
+    /// Marks the plant as paused before this tick and waits until it is resumed. Returns `false` once `keep_waiting`
     /// does.
-    pub fn pause(&self, tick: u64, patience: impl FnMut() -> bool) -> bool {
+    pub fn pause(&self, tick: u64, keep_waiting: impl FnMut() -> bool) -> bool {
         let head = self.header();
-        let before = head.resumes.0.load(SeqCst);
+        let resume_count = head.resumes.0.load(SeqCst);
         head.paused.0.store(tick, SeqCst);
         self.request_attention();
-        let resumed = || head.resumes.0.load(SeqCst) != before;
-        let resumed = self.wait_until(&head.resumes.0, resumed, patience);
+        let is_resumed = || head.resumes.0.load(SeqCst) != resume_count;
+        let resumed = self.wait_until(&head.resumes.0, is_resumed, keep_waiting);
         if !resumed {
             head.paused.0.store(NEVER_TICK, SeqCst);
         }

@@ -13,10 +13,10 @@ use crate::law_message::SentCounts;
 impl Barrier {
     /// Makes a slot a member that must arrive at this tick and all later ones.
     pub fn set_member(&self, slot: usize, since_tick: u64) {
-        let place = &self.all_slots()[slot];
+        let slot_words = &self.all_slots()[slot];
         self.arrived_ticks()[slot].store(0, SeqCst);
-        place.mute.iter().for_each(|mute| mute.store(0, SeqCst));
-        place.since.store(since_tick, SeqCst);
+        slot_words.mute.iter().for_each(|mute| mute.store(0, SeqCst));
+        slot_words.since.store(since_tick, SeqCst);
         self.notify_member_change();
     }
 
@@ -90,34 +90,35 @@ impl Barrier {
         let seen = self.seen_attention_count.load(SeqCst);
         head.supervisor_waiting.0.store(1, SeqCst);
         let end = Instant::now() + limit;
-        let mut now = head.attention.0.load(SeqCst);
-        while now == seen {
-            let left = end.saturating_duration_since(Instant::now());
-            let called = || {
-                sleep_while(&head.attention.0, seen, Some(left)) == WakeReason::WordMayHaveChanged
+        let mut count = head.attention.0.load(SeqCst);
+        while count == seen {
+            let remaining = end.saturating_duration_since(Instant::now());
+            let is_called = || {
+                sleep_while(&head.attention.0, seen, Some(remaining))
+                    == WakeReason::WordMayHaveChanged
             };
-            let resume = !left.is_zero() && called();
-            now = head.attention.0.load(SeqCst);
-            if !resume {
+            let was_called = !remaining.is_zero() && is_called();
+            count = head.attention.0.load(SeqCst);
+            if !was_called {
                 break;
             }
         }
         head.supervisor_waiting.0.store(0, SeqCst);
-        self.seen_attention_count.store(now, SeqCst);
-        now != seen
+        self.seen_attention_count.store(count, SeqCst);
+        count != seen
     }
 
     /// Returns the members whose group was released and that have not arrived, each with the tick.
     pub fn pending_members(&self) -> Vec<(usize, u64)> {
-        let awaited = |slot: usize| {
+        let pending_tick = |slot: usize| {
             let epoch = self.epoch(slot);
             let tick = self.header().ticks.0[epoch as usize & 1].load(SeqCst);
             // The first epoch is the one before the first tick.
-            let released = epoch != 0 && self.is_expected(&self.all_slots()[slot], tick);
-            let owed = released && self.arrived_ticks()[slot].load(SeqCst) != tick + 1;
-            (owed && self.epoch(slot) == epoch).then_some((slot, tick))
+            let is_released = epoch != 0 && self.is_expected(&self.all_slots()[slot], tick);
+            let is_pending = is_released && self.arrived_ticks()[slot].load(SeqCst) != tick + 1;
+            (is_pending && self.epoch(slot) == epoch).then_some((slot, tick))
         };
-        (0..self.slots()).filter_map(awaited).collect()
+        (0..self.slots()).filter_map(pending_tick).collect()
     }
 
     /// Returns the number of ticks to which all groups were released: the plant's heartbeat.

@@ -30,31 +30,31 @@ impl Alarm {
         let handler: extern "C" fn(libc::c_int) = ignore_signal;
         // Not SIGALRM, which a process may use to limit its own lifetime.
         let signal = libc::SIGRTMIN();
-        let succeeded = |code| if code == 0 { Ok(()) } else { Err(io::Error::last_os_error()) };
+        let check_code = |code| if code == 0 { Ok(()) } else { Err(io::Error::last_os_error()) };
         // SAFETY: all-zero bytes are a valid value of these plain structs.
         let (mut action, mut event): (libc::sigaction, libc::sigevent) =
             unsafe { (std::mem::zeroed(), std::mem::zeroed()) };
         // Without SA_RESTART, so that the signal ends waits.
         action.sa_sigaction = handler as libc::sighandler_t;
         // SAFETY: reads `action`; its handler does nothing, which is safe at any time.
-        succeeded(unsafe { libc::sigaction(signal, &action, std::ptr::null_mut()) })?;
+        check_code(unsafe { libc::sigaction(signal, &action, std::ptr::null_mut()) })?;
         // SIGTERM must end a wait too, instead of waiting for the next alarm.
         // SAFETY: writes `action`, then reads it: the handler stays what it is.
-        succeeded(unsafe { libc::sigaction(libc::SIGTERM, std::ptr::null(), &mut action) })?;
+        check_code(unsafe { libc::sigaction(libc::SIGTERM, std::ptr::null(), &mut action) })?;
         action.sa_flags &= !libc::SA_RESTART;
         // SAFETY: as above.
-        succeeded(unsafe { libc::sigaction(libc::SIGTERM, &action, std::ptr::null_mut()) })?;
+        check_code(unsafe { libc::sigaction(libc::SIGTERM, &action, std::ptr::null_mut()) })?;
         event.sigev_signo = signal;
         event.sigev_notify = libc::SIGEV_THREAD_ID;
         event.sigev_notify_thread_id = rustix::thread::gettid().as_raw_nonzero().get();
         let mut timer = std::ptr::null_mut();
         // SAFETY: reads `event`, writes `timer`.
-        succeeded(unsafe { libc::timer_create(libc::CLOCK_MONOTONIC, &mut event, &mut timer) })?;
+        check_code(unsafe { libc::timer_create(libc::CLOCK_MONOTONIC, &mut event, &mut timer) })?;
         let alarm = Alarm { timer };
         let period = libc::timespec { tv_sec: 0, tv_nsec: Alarm::PERIOD.subsec_nanos().into() };
         let times = libc::itimerspec { it_interval: period, it_value: period };
         // SAFETY: the timer was created above; reads `times`.
-        succeeded(unsafe { libc::timer_settime(timer, 0, &times, std::ptr::null_mut()) })?;
+        check_code(unsafe { libc::timer_settime(timer, 0, &times, std::ptr::null_mut()) })?;
         Ok(alarm)
     }
 }
@@ -88,11 +88,11 @@ mod tests {
     #[test]
     fn alarm_interrupts_unbounded_waits_repeatedly() {
         let _alarm = Alarm::start().unwrap();
-        let interrupted = || {
+        let is_interrupted = || {
             // SAFETY: a wait without descriptors, which only a signal ends before its 20 s.
-            let ended = unsafe { libc::poll(std::ptr::null_mut(), 0, 20_000) };
-            ended == -1 && io::Error::last_os_error().kind() == io::ErrorKind::Interrupted
+            let result = unsafe { libc::poll(std::ptr::null_mut(), 0, 20_000) };
+            result == -1 && io::Error::last_os_error().kind() == io::ErrorKind::Interrupted
         };
-        assert!(interrupted() && interrupted());
+        assert!(is_interrupted() && is_interrupted());
     }
 }

@@ -26,21 +26,21 @@ pub fn log_to_stderr() {
     log_to_stderr_and_listener(Identity::new(), |_| false);
 }
 
-/// Starts logging to stderr with a second subscriber layer, `listener`. Events for which `hidden` returns `true`
+/// Starts logging to stderr with a second subscriber layer, `listener`. Events for which `is_hidden` returns `true`
 /// are not logged.
-pub fn log_to_stderr_and_listener<L>(listener: L, hidden: fn(&Metadata<'_>) -> bool)
+pub fn log_to_stderr_and_listener<L>(listener: L, is_hidden: fn(&Metadata<'_>) -> bool)
 where
     L: Layer<Registry> + Send + Sync,
 {
     let level = log_level(Level::INFO);
-    let shown = filter_fn(move |about| *about.level() <= level && !hidden(about));
+    let filter = filter_fn(move |metadata| *metadata.level() <= level && !is_hidden(metadata));
     let log = tracing_subscriber::fmt::layer().with_writer(|| Stderr);
     // Fails only if this process logs already; the existing log then stays.
-    let all = tracing_subscriber::registry().with(listener);
+    let registry = tracing_subscriber::registry().with(listener);
     let _ = if io::stderr().is_terminal() {
-        all.with(log.with_target(false).with_filter(shown)).try_init()
+        registry.with(log.with_target(false).with_filter(filter)).try_init()
     } else {
-        all.with(log.json().flatten_event(true).with_filter(shown)).try_init()
+        registry.with(log.json().flatten_event(true).with_filter(filter)).try_init()
     };
     log_panics();
     limit_iceoryx2_log();
@@ -61,9 +61,9 @@ fn log_panics() {
 
 /// Limits the log of iceoryx2 to errors, unless `IOX2_LOG_LEVEL` sets another level.
 pub fn limit_iceoryx2_log() {
-    let asked = std::env::var("IOX2_LOG_LEVEL").unwrap_or_default();
+    let level = std::env::var("IOX2_LOG_LEVEL").unwrap_or_default();
     // The own function of iceoryx2 is not used: it panics on an unknown level if stderr is closed.
-    set_log_level(match asked.to_lowercase().as_str() {
+    set_log_level(match level.to_lowercase().as_str() {
         "trace" => LogLevel::Trace,
         "debug" => LogLevel::Debug,
         "info" => LogLevel::Info,

@@ -73,8 +73,8 @@ pub fn main_with_log(
 /// Makes a write beyond the file size limit (`ulimit -f`) fail like one to a full disk, instead of ending the
 /// process by SIGXFSZ. A program that this process executes has the default action again.
 pub fn fail_at_file_size_limits() {
-    let nobody_asks: Arc<AtomicBool> = Arc::default();
-    if let Err(error) = signal_hook::flag::register(libc::SIGXFSZ, nobody_asks) {
+    let unread_flag: Arc<AtomicBool> = Arc::default();
+    if let Err(error) = signal_hook::flag::register(libc::SIGXFSZ, unread_flag) {
         tracing::warn!("cannot handle SIGXFSZ: {error}");
     }
 }

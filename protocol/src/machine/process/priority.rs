@@ -55,8 +55,8 @@ pub fn check_realtime_priority() -> Result<(), PriorityError> {
 
 /// Returns whether the process may lock all memory, without a limit. With a limit, a later mapping could fail.
 pub fn may_lock_memory() -> bool {
-    let unlimited = getrlimit(Resource::Memlock).current.is_none();
-    unlimited
+    let is_unlimited = getrlimit(Resource::Memlock).current.is_none();
+    is_unlimited
         || capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK))
 }
 
@@ -135,10 +135,11 @@ fn request_thread_time_slice(thread: libc::pid_t, slice: TimeSlice) {
     let mut attributes: libc::sched_attr = unsafe { std::mem::zeroed() };
     let size = size_of_val(&attributes) as u32;
     // SAFETY: writes at most `size` bytes to `attributes`.
-    let read = unsafe { libc::syscall(libc::SYS_sched_getattr, thread, &mut attributes, size, 0) };
-    let ordinary = attributes.sched_policy == libc::SCHED_OTHER as u32;
+    let result =
+        unsafe { libc::syscall(libc::SYS_sched_getattr, thread, &mut attributes, size, 0) };
+    let is_ordinary = attributes.sched_policy == libc::SCHED_OTHER as u32;
     // Threads started by one with a negative nice value would lose it by the flag set below.
-    if read != 0 || !ordinary || (slice == TimeSlice::Long && attributes.sched_nice < 0) {
+    if result != 0 || !is_ordinary || (slice == TimeSlice::Long && attributes.sched_nice < 0) {
         return;
     }
     attributes.sched_runtime = slice.length_ns();
@@ -170,28 +171,31 @@ mod tests {
     fn time_slice_ns() -> Option<u64> {
         // SAFETY: all-zero bytes are a valid value of this plain struct, of which the call writes at most `size`
         // bytes.
-        let (read, attributes) = unsafe {
+        let (result, attributes) = unsafe {
             let mut attributes: libc::sched_attr = std::mem::zeroed();
             let size = size_of_val(&attributes) as u32;
             (libc::syscall(libc::SYS_sched_getattr, 0, &mut attributes, size, 0), attributes)
         };
-        (read == 0).then_some(attributes.sched_runtime)
+        (result == 0).then_some(attributes.sched_runtime)
     }
 
     #[test]
     fn time_slice_can_be_changed_and_is_not_inherited() {
-        let in_a_thread = || std::thread::spawn(time_slice_ns).join().unwrap();
+        let slice_of_new_thread = || std::thread::spawn(time_slice_ns).join().unwrap();
         let thread = std::thread::spawn(move || {
-            let usual = time_slice_ns();
+            let default_slice = time_slice_ns();
             request_time_slice(TimeSlice::Long);
-            let (long, started) = (time_slice_ns(), in_a_thread());
+            let (long_slice, inherited_slice) = (time_slice_ns(), slice_of_new_thread());
             request_time_slice(TimeSlice::KernelDefault);
-            [usual, long, started, time_slice_ns()]
+            [default_slice, long_slice, inherited_slice, time_slice_ns()]
         });
-        let [usual, long, started, again] = thread.join().unwrap();
-        assert_eq!([started, again], [usual; 2]);
+        let [default_slice, long_slice, inherited_slice, restored_slice] = thread.join().unwrap();
+        assert_eq!([inherited_slice, restored_slice], [default_slice; 2]);
         // Linux before 6.12 reports 0 for all threads.
-        assert!(long > usual || long.is_none_or(|ns| ns == 0), "{long:?}");
+        assert!(
+            long_slice > default_slice || long_slice.is_none_or(|ns| ns == 0),
+            "{long_slice:?}"
+        );
     }
 
     #[test]
@@ -199,11 +203,11 @@ mod tests {
         // SAFETY: plain system calls about the calling thread.
         let policy = || unsafe { libc::sched_getscheduler(0) };
         let before = policy();
-        let granted = check_realtime_priority();
+        let check = check_realtime_priority();
         assert_eq!(policy(), before);
         let then = std::thread::spawn(move || (take_realtime_priority().is_ok(), policy()));
-        let (taken, policy) = then.join().unwrap();
-        assert_eq!(taken, granted.is_ok());
-        assert_eq!(policy == libc::SCHED_FIFO, taken);
+        let (is_granted, policy) = then.join().unwrap();
+        assert_eq!(is_granted, check.is_ok());
+        assert_eq!(policy == libc::SCHED_FIFO, is_granted);
     }
 }

@@ -56,13 +56,13 @@ mod tests {
     #[test]
     fn ignored_signals_of_the_parent_are_reset() {
         // Signals that no other test of this process uses.
-        let (reset, kept) = (libc::SIGWINCH, libc::SIGTTOU);
-        for signal in [reset, kept] {
+        let (reset, unchanged) = (libc::SIGWINCH, libc::SIGTTOU);
+        for signal in [reset, unchanged] {
             // SAFETY: an ignored signal affects no code of this process.
             unsafe { libc::signal(signal, libc::SIG_IGN) };
             assert!(is_ignored(signal).unwrap());
         }
         reset_signals().unwrap();
-        assert_eq!([reset, kept].map(|signal| is_ignored(signal).unwrap()), [false, true]);
+        assert_eq!([reset, unchanged].map(|signal| is_ignored(signal).unwrap()), [false, true]);
     }
 }

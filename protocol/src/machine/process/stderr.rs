@@ -49,30 +49,30 @@ impl TextQueue {
         self.bytes.extend(text);
     }
 
-    /// Writes the queued text to `to`, and returns once `to` accepts nothing for `patience`. Drops all text if
+    /// Writes the queued text to `to`, and returns once `to` accepts nothing for `timeout`. Drops all text if
     /// writing fails.
-    fn drain(&mut self, to: &impl AsFd, patience: Duration) {
-        let mut last_taken = Instant::now();
+    fn drain(&mut self, to: &impl AsFd, timeout: Duration) {
+        let mut last_progress = Instant::now();
         while !self.bytes.is_empty() {
-            let left = patience.saturating_sub(last_taken.elapsed());
-            if !is_writable(to, left) {
+            let remaining = timeout.saturating_sub(last_progress.elapsed());
+            if !is_writable(to, remaining) {
                 return;
             }
             let (first, _) = self.bytes.as_slices();
             match rustix::io::write(to.as_fd(), &first[..first.len().min(CHUNK_BYTES)]) {
-                Ok(taken) => drop(self.bytes.drain(..taken)),
+                Ok(written_count) => drop(self.bytes.drain(..written_count)),
                 Err(rustix::io::Errno::INTR | rustix::io::Errno::AGAIN) => {}
                 Err(_) => self.bytes.clear(),
             }
-            last_taken = Instant::now();
+            last_progress = Instant::now();
         }
     }
 }
 
-/// Returns whether a write to `to` would not block, after waiting at most `patience`.
-fn is_writable(to: &impl AsFd, patience: Duration) -> bool {
+/// Returns whether a write to `to` would not block, after waiting at most `timeout`.
+fn is_writable(to: &impl AsFd, timeout: Duration) -> bool {
     let time =
-        Timespec { tv_sec: patience.as_secs() as i64, tv_nsec: patience.subsec_nanos().into() };
+        Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: timeout.subsec_nanos().into() };
     // A closed reader makes the descriptor writable too: the write then fails at once.
     poll(&mut [PollFd::new(to, PollFlags::OUT)], Some(&time)).is_ok_and(|ready| ready > 0)
 }
@@ -87,10 +87,10 @@ pub fn never_block_on_stderr() {
     NEVER_BLOCKS.store(true, Ordering::Relaxed);
 }
 
-/// Writes the queued text, and returns once the reader has read nothing for `patience`.
-pub fn drain_stderr(patience: Duration) {
+/// Writes the queued text, and returns once the reader has read nothing for `timeout`.
+pub fn drain_stderr(timeout: Duration) {
     if NEVER_BLOCKS.load(Ordering::Relaxed) {
-        lock_waiting_text().drain(&io::stderr(), patience);
+        lock_waiting_text().drain(&io::stderr(), timeout);
     }
 }
 
@@ -141,8 +141,8 @@ mod tests {
         let mut read = Vec::new();
         while !waiting.bytes.is_empty() {
             let mut chunk = [0; 4096];
-            let taken = reader.read(&mut chunk).unwrap();
-            read.extend(&chunk[..taken]);
+            let read_count = reader.read(&mut chunk).unwrap();
+            read.extend(&chunk[..read_count]);
             waiting.drain(&writer, Duration::ZERO);
         }
         waiting.push(b"last\n");
@@ -150,8 +150,8 @@ mod tests {
         drop(writer);
         reader.read_to_end(&mut read).unwrap();
         let text = String::from_utf8(read).unwrap();
-        let lost = format!("({dropped} messages were dropped: stderr was not read)\nlast\n");
-        assert!(text.ends_with(&lost), "{}", &text[text.len() - 80..]);
+        let notice = format!("({dropped} messages were dropped: stderr was not read)\nlast\n");
+        assert!(text.ends_with(&notice), "{}", &text[text.len() - 80..]);
         assert_eq!(text.lines().filter(|line| line.starts_with('x')).count() as u64, 400 - dropped);
     }
 }

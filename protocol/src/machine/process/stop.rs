@@ -13,7 +13,7 @@ use super::signals::is_ignored;
 /// Signals that end a run. Batch systems send SIGUSR1 or SIGUSR2 shortly before a job's time limit.
 const RUN_ENDING_SIGNALS: [i32; 4] = [SIGTERM, SIGINT, SIGUSR1, SIGUSR2];
 
-/// Flag that is set once the process is asked to stop.
+/// Flag that is set once a stop of the process is requested.
 #[derive(Debug, Clone, Default)]
 pub struct StopFlag(Arc<AtomicBool>);
 
@@ -54,7 +54,7 @@ impl StopFlag {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Returns whether the process was asked to stop.
+    /// Returns whether a stop of the process was requested.
     pub fn is_requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

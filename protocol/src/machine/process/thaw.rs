@@ -59,8 +59,8 @@ mod tests {
 
     #[test]
     fn sigcont_from_non_parent_is_not_a_planned_thaw() {
-        let thaws = ThawListener::start().unwrap();
+        let listener = ThawListener::start().unwrap();
         signal_hook::low_level::raise(libc::SIGCONT).unwrap();
-        assert_eq!(thaws.last_thaw_ns(), 0);
+        assert_eq!(listener.last_thaw_ns(), 0);
     }
 }

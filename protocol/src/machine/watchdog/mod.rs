@@ -1,4 +1,4 @@
-//! Watchdog: tells a process with a pending response that is hung from one that is only starved.
+//! Watchdog: distinguishes a hung process with a pending response from one that is only starved.
 //!
 //! CPU time used without responding counts, and so does time in which the process is blocked. If the process may
 //! expect a fraction of the wall time, all of that fraction counts as soon as it ran for a tenth of it: an
@@ -18,7 +18,7 @@ pub use self::supervisor::{SupervisorLossReason, SupervisorWatch};
 /// Maximum time between two samples that counts.
 pub const SAMPLE_GAP_MAX: Duration = Duration::from_secs(1);
 /// Minimum fraction of its expected CPU time that a process must have used for all of it to count. A responding
-/// agent needs a thousandth of it; an endless loop beside ten others on one core gets nearly all of it, and more
+/// agent needs a thousandth of it; an endless loop with ten others on one core gets nearly all of it, and more
 /// on two.
 const CPU_TIME_FRACTION_MIN: f64 = 0.1;
 
@@ -50,31 +50,32 @@ impl Watchdog {
         self.add_sample_with_cpu_fraction(sample, 0.0);
     }
 
-    /// Adds the time since the previous sample, for a process that may expect the fraction `share` of the wall
+    /// Adds the time since the previous sample, for a process that may expect the fraction `cpu_fraction` of the wall
     /// time, from 0 to 1.
-    pub fn add_sample_with_cpu_fraction(&mut self, sample: ProcessSample, share: f64) {
+    pub fn add_sample_with_cpu_fraction(&mut self, sample: ProcessSample, cpu_fraction: f64) {
         let Some(last) = self.last_sample.replace(sample) else { return };
-        let between =
+        let elapsed =
             Duration::from_nanos(sample.time_ns.saturating_sub(last.time_ns)).min(SAMPLE_GAP_MAX);
-        let mut computed = sample.cpu_time.saturating_sub(last.cpu_time);
-        let stopped = [last.state, sample.state].contains(&SchedulingState::Stopped);
-        let expected = between.mul_f64(share);
-        if !stopped && !computed.is_zero() && computed >= expected.mul_f64(CPU_TIME_FRACTION_MIN) {
-            computed = computed.max(expected);
+        let mut cpu_time = sample.cpu_time.saturating_sub(last.cpu_time);
+        let is_stopped = [last.state, sample.state].contains(&SchedulingState::Stopped);
+        let expected = elapsed.mul_f64(cpu_fraction);
+        if !is_stopped && !cpu_time.is_zero() && cpu_time >= expected.mul_f64(CPU_TIME_FRACTION_MIN)
+        {
+            cpu_time = cpu_time.max(expected);
         }
-        self.computing_time += computed;
+        self.computing_time += cpu_time;
         if (last.state, sample.state) == (SchedulingState::Blocked, SchedulingState::Blocked) {
-            self.waiting_time += between.saturating_sub(computed);
+            self.waiting_time += elapsed.saturating_sub(cpu_time);
         }
     }
 
     /// Returns the main activity if the response has been pending for `limit`; `None` otherwise.
     pub fn hung_activity(&self, limit: Duration) -> Option<Activity> {
-        let mostly = match self.computing_time > self.waiting_time {
+        let activity = match self.computing_time > self.waiting_time {
             true => Activity::Computing,
             false => Activity::Waiting,
         };
-        (self.computing_time + self.waiting_time >= limit).then_some(mostly)
+        (self.computing_time + self.waiting_time >= limit).then_some(activity)
     }
 }
 
@@ -96,17 +97,17 @@ mod tests {
 
     /// Returns a watchdog after these samples: state, CPU time in s, time in s.
     fn watchdog_after(samples: impl IntoIterator<Item = (SchedulingState, u64, f64)>) -> Watchdog {
-        let mut dog = Watchdog::default();
-        for (state, computed_s, at_s) in samples {
-            let computed = Duration::from_secs(computed_s);
-            dog.add_sample(ProcessSample {
+        let mut watchdog = Watchdog::default();
+        for (state, cpu_time_s, time_s) in samples {
+            let cpu_time = Duration::from_secs(cpu_time_s);
+            watchdog.add_sample(ProcessSample {
                 state,
-                cpu_time: computed,
-                time_ns: (at_s * 1e9) as u64,
+                cpu_time,
+                time_ns: (time_s * 1e9) as u64,
                 start_time_ticks: 7,
             });
         }
-        dog
+        watchdog
     }
 
     #[test]
@@ -126,29 +127,45 @@ mod tests {
     }
 
     /// Returns the result for a process with `per_cent` of a core, sampled five times a second.
-    fn hung_activity_at_usage(per_cent: u64, share: f64, for_s: u64) -> Option<Activity> {
-        let mut dog = Watchdog::default();
-        for look in 0..=for_s * 5 {
-            let computed = Duration::from_millis(2 * per_cent * look);
-            let (state, at_ns) = (SchedulingState::Runnable, look * 200_000_000);
-            dog.add_sample_with_cpu_fraction(
-                ProcessSample { state, cpu_time: computed, time_ns: at_ns, start_time_ticks: 7 },
-                share,
+    fn hung_activity_at_usage(
+        per_cent: u64,
+        cpu_fraction: f64,
+        duration_s: u64,
+    ) -> Option<Activity> {
+        let mut watchdog = Watchdog::default();
+        for index in 0..=duration_s * 5 {
+            let cpu_time = Duration::from_millis(2 * per_cent * index);
+            let (state, time_ns) = (SchedulingState::Runnable, index * 200_000_000);
+            watchdog.add_sample_with_cpu_fraction(
+                ProcessSample { state, cpu_time, time_ns, start_time_ticks: 7 },
+                cpu_fraction,
             );
         }
-        dog.hung_activity(HUNG_LIMIT)
+        watchdog.hung_activity(HUNG_LIMIT)
     }
 
     #[test]
     fn cpu_share_of_at_least_a_tenth_counts_as_wall_time() {
-        let computed = Some(Activity::Computing);
-        // Alone, and beside other processes of the run with a pending response.
-        assert_eq!([59, 60].map(|for_s| hung_activity_at_usage(10, 1.0, for_s)), [None, computed]);
-        assert_eq!([119, 120].map(|for_s| hung_activity_at_usage(5, 0.5, for_s)), [None, computed]);
+        let computing = Some(Activity::Computing);
+        // Alone, and with other processes of the run with a pending response.
+        assert_eq!(
+            [59, 60].map(|duration_s| hung_activity_at_usage(10, 1.0, duration_s)),
+            [None, computing]
+        );
+        assert_eq!(
+            [119, 120].map(|duration_s| hung_activity_at_usage(5, 0.5, duration_s)),
+            [None, computing]
+        );
         // A process that got more than its share used that much.
-        assert_eq!([59, 60].map(|for_s| hung_activity_at_usage(100, 0.5, for_s)), [None, computed]);
+        assert_eq!(
+            [59, 60].map(|duration_s| hung_activity_at_usage(100, 0.5, duration_s)),
+            [None, computing]
+        );
         // A starved process: only its used CPU time counts.
-        assert_eq!([666, 667].map(|for_s| hung_activity_at_usage(9, 1.0, for_s)), [None, computed]);
+        assert_eq!(
+            [666, 667].map(|duration_s| hung_activity_at_usage(9, 1.0, duration_s)),
+            [None, computing]
+        );
         assert_eq!(hung_activity_at_usage(0, 1.0, 100_000), None);
     }
 
@@ -156,17 +173,17 @@ mod tests {
     fn share_does_not_count_while_the_process_is_stopped() {
         let states =
             [SchedulingState::Runnable, SchedulingState::Stopped, SchedulingState::Runnable];
-        let mut dog = Watchdog::default();
-        for look in 0..10_000 {
-            let (state, computed) = (states[look % 3], Duration::from_millis(look as u64));
-            let at_ns = look as u64 * 1_000_000;
-            dog.add_sample_with_cpu_fraction(
-                ProcessSample { state, cpu_time: computed, time_ns: at_ns, start_time_ticks: 7 },
+        let mut watchdog = Watchdog::default();
+        for index in 0..10_000 {
+            let (state, cpu_time) = (states[index % 3], Duration::from_millis(index as u64));
+            let time_ns = index as u64 * 1_000_000;
+            watchdog.add_sample_with_cpu_fraction(
+                ProcessSample { state, cpu_time, time_ns, start_time_ticks: 7 },
                 1.0,
             );
         }
         // In a third of the intervals it was not stopped.
-        assert_eq!(dog.hung_activity(Duration::from_secs(10)), None);
+        assert_eq!(watchdog.hung_activity(Duration::from_secs(10)), None);
     }
 
     #[test]
@@ -179,29 +196,29 @@ mod tests {
             [SchedulingState::Exited; 4],
             [blocked, runnable, blocked, stopped],
         ] {
-            let dog = watchdog_after((0..10_000).map(|i| (states[i % 4], 3, i as f64)));
-            assert_eq!(dog.hung_activity(HUNG_LIMIT), None, "{states:?}");
+            let watchdog = watchdog_after((0..10_000).map(|i| (states[i % 4], 3, i as f64)));
+            assert_eq!(watchdog.hung_activity(HUNG_LIMIT), None, "{states:?}");
         }
     }
 
     #[test]
     fn time_without_samples_does_not_count() {
-        let dog = watchdog_after(
-            [0.0, 0.5, 3600.0, 3600.5].map(|at_s| (SchedulingState::Blocked, 0, at_s)),
+        let watchdog = watchdog_after(
+            [0.0, 0.5, 3600.0, 3600.5].map(|time_s| (SchedulingState::Blocked, 0, time_s)),
         );
-        let hung = [60_000, 2000, 2001].map(|ms| dog.hung_activity(Duration::from_millis(ms)));
+        let hung = [60_000, 2000, 2001].map(|ms| watchdog.hung_activity(Duration::from_millis(ms)));
         assert_eq!(hung, [None, Some(Activity::Waiting), None]);
     }
 
     #[test]
     fn time_counts_once_and_a_response_resets_it() {
-        let mut dog = watchdog_after([
+        let mut watchdog = watchdog_after([
             (SchedulingState::Blocked, 0, 0.0),
             (SchedulingState::Blocked, 1, 1.0),
         ]);
-        assert_eq!(dog.hung_activity(Duration::from_secs(1)), Some(Activity::Computing));
-        assert_eq!(dog.hung_activity(Duration::from_millis(1001)), None);
-        dog.reset();
-        assert_eq!(dog.hung_activity(Duration::from_nanos(1)), None);
+        assert_eq!(watchdog.hung_activity(Duration::from_secs(1)), Some(Activity::Computing));
+        assert_eq!(watchdog.hung_activity(Duration::from_millis(1001)), None);
+        watchdog.reset();
+        assert_eq!(watchdog.hung_activity(Duration::from_nanos(1)), None);
     }
 }

@@ -46,7 +46,7 @@ impl ProcessSample {
 }
 
 /// Parses a line of `stat`. The fields follow the name, which is in parentheses and may contain anything.
-fn parse(stat: &str, ticks_per_s: u64, at_ns: u64) -> Option<ProcessSample> {
+fn parse(stat: &str, ticks_per_s: u64, time_ns: u64) -> Option<ProcessSample> {
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_ascii_whitespace().collect();
     let number = |field: usize| fields.get(field)?.parse::<u64>().ok();
     let state = match *fields.first()? {
@@ -57,8 +57,8 @@ fn parse(stat: &str, ticks_per_s: u64, at_ns: u64) -> Option<ProcessSample> {
     };
     // In user mode and in the kernel.
     let ticks = number(11)? + number(12)?;
-    let computed = Duration::from_millis(ticks * 1000 / ticks_per_s);
-    Some(ProcessSample { state, cpu_time: computed, time_ns: at_ns, start_time_ticks: number(19)? })
+    let cpu_time = Duration::from_millis(ticks * 1000 / ticks_per_s);
+    Some(ProcessSample { state, cpu_time, time_ns, start_time_ticks: number(19)? })
 }
 
 #[cfg(test)]
@@ -71,12 +71,12 @@ mod tests {
     fn stat_line_is_parsed_with_any_process_name() {
         let line = "12 (a) R (b) S 1 12 12 0 -1 4194560 5 0 0 0 250 51 0 0 20 0 1 0 987 1 2";
         let sample = parse(line, 100, 5).unwrap();
-        let computed = Duration::from_millis(3010);
+        let cpu_time = Duration::from_millis(3010);
         assert_eq!(
             sample,
             ProcessSample {
                 state: SchedulingState::Blocked,
-                cpu_time: computed,
+                cpu_time,
                 time_ns: 5,
                 start_time_ticks: 987
             }
@@ -103,11 +103,11 @@ mod tests {
             }
         }
         let child = KillOnDrop(Command::new("sh").arg("-c").arg(script).spawn().unwrap());
-        let mut dog = Watchdog::default();
+        let mut watchdog = Watchdog::default();
         for _ in 0..500 {
-            dog.add_sample(ProcessSample::read(child.0.id()).unwrap());
-            if let Some(instead) = dog.hung_activity(Duration::from_millis(100)) {
-                return Some(instead);
+            watchdog.add_sample(ProcessSample::read(child.0.id()).unwrap());
+            if let Some(activity) = watchdog.hung_activity(Duration::from_millis(100)) {
+                return Some(activity);
             }
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -117,9 +117,9 @@ mod tests {
     #[test]
     fn spinning_waiting_and_stopped_processes_are_distinguished() {
         // On a busy machine a process may get little CPU time while it is sampled.
-        let at_last = |script| (0..20).find_map(|_| watch_script(script));
-        assert_eq!(at_last("while :; do :; done"), Some(Activity::Computing));
-        assert_eq!(at_last("exec sleep 1000"), Some(Activity::Waiting));
+        let activity_of = |script| (0..20).find_map(|_| watch_script(script));
+        assert_eq!(activity_of("while :; do :; done"), Some(Activity::Computing));
+        assert_eq!(activity_of("exec sleep 1000"), Some(Activity::Waiting));
         assert_eq!(watch_script("kill -STOP $$"), None);
     }
 }

@@ -49,8 +49,8 @@ impl SupervisorWatch {
         }
     }
 
-    /// Returns a closure for the waits of the barrier: `true` until this process is asked to stop or the
-    /// supervisor is lost.
+    /// Returns a closure for the waits of the barrier: `true` until a stop of this process is requested
+    /// or the supervisor is lost.
     pub fn waiting_condition<'w>(
         &'w mut self,
         barrier: &'w Barrier,
@@ -87,13 +87,13 @@ impl SupervisorWatch {
     }
 
     /// Judges the supervisor by a sample of the process with its id; `None` if there is no such process.
-    fn assess_sample(&mut self, seen: Option<ProcessSample>) -> Result<(), SupervisorLossReason> {
-        let seen = seen.filter(|seen| {
-            seen.state != SchedulingState::Exited
-                && *self.start_time_ticks.get_or_insert(seen.start_time_ticks)
-                    == seen.start_time_ticks
+    fn assess_sample(&mut self, sample: Option<ProcessSample>) -> Result<(), SupervisorLossReason> {
+        let sample = sample.filter(|sample| {
+            sample.state != SchedulingState::Exited
+                && *self.start_time_ticks.get_or_insert(sample.start_time_ticks)
+                    == sample.start_time_ticks
         });
-        self.watchdog.add_sample(seen.ok_or(SupervisorLossReason::Exited)?);
+        self.watchdog.add_sample(sample.ok_or(SupervisorLossReason::Exited)?);
         match self.watchdog.hung_activity(self.limit) {
             Some(instead) => Err(SupervisorLossReason::Hung { limit: self.limit, instead }),
             None => Ok(()),
@@ -113,34 +113,34 @@ mod tests {
         let new = || SupervisorWatch::new(&barrier);
         // This process created the barrier, and may run.
         assert!(new().check(&barrier));
-        let seen = |state, at_s: u64, started| {
-            let computed = Duration::ZERO;
+        let sample = |state, time_s: u64, start_time_ticks| {
+            let cpu_time = Duration::ZERO;
             Some(ProcessSample {
                 state,
-                cpu_time: computed,
-                time_ns: at_s * 1_000_000_000,
-                start_time_ticks: started,
+                cpu_time,
+                time_ns: time_s * 1_000_000_000,
+                start_time_ticks,
             })
         };
         assert_eq!(new().assess_sample(None), Err(SupervisorLossReason::Exited));
         assert_eq!(
-            new().assess_sample(seen(SchedulingState::Exited, 0, 7)),
+            new().assess_sample(sample(SchedulingState::Exited, 0, 7)),
             Err(SupervisorLossReason::Exited)
         );
         let mut watch = new();
-        watch.assess_sample(seen(SchedulingState::Stopped, 0, 7)).unwrap();
-        watch.assess_sample(seen(SchedulingState::Stopped, 3600, 7)).unwrap();
+        watch.assess_sample(sample(SchedulingState::Stopped, 0, 7)).unwrap();
+        watch.assess_sample(sample(SchedulingState::Stopped, 3600, 7)).unwrap();
         assert_eq!(
-            watch.assess_sample(seen(SchedulingState::Stopped, 3601, 8)),
+            watch.assess_sample(sample(SchedulingState::Stopped, 3601, 8)),
             Err(SupervisorLossReason::Exited)
         );
-        for at_s in 4000..4003 {
-            watch.assess_sample(seen(SchedulingState::Blocked, at_s, 7)).unwrap();
+        for time_s in 4000..4003 {
+            watch.assess_sample(sample(SchedulingState::Blocked, time_s, 7)).unwrap();
         }
-        let lost = watch.assess_sample(seen(SchedulingState::Blocked, 4003, 7)).unwrap_err();
-        assert_eq!(lost.to_string(), "no sign of life of the supervisor for 3 s while blocked");
+        let reason = watch.assess_sample(sample(SchedulingState::Blocked, 4003, 7)).unwrap_err();
+        assert_eq!(reason.to_string(), "no sign of life of the supervisor for 3 s while blocked");
         watch.record_progress();
-        watch.assess_sample(seen(SchedulingState::Blocked, 4004, 7)).unwrap();
-        watch.assess_sample(seen(SchedulingState::Blocked, 4005, 7)).unwrap();
+        watch.assess_sample(sample(SchedulingState::Blocked, 4004, 7)).unwrap();
+        watch.assess_sample(sample(SchedulingState::Blocked, 4005, 7)).unwrap();
     }
 }

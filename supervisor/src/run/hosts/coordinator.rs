@@ -42,17 +42,17 @@ pub(crate) struct HostServices {
 impl HostServices {
     /// Creates the services of the plant's host, one set for each host.
     pub(crate) fn create(node: &Node, brief: &BridgeBrief) -> Result<Vec<Self>, ServiceError> {
-        let one = Qos::for_hosts(1);
-        let hosts = brief.hosts.iter().enumerate().map(|(place, host)| {
-            let other = (place != brief.here).then_some(host.name.as_str());
+        let qos = Qos::for_hosts(1);
+        let hosts = brief.hosts.iter().enumerate().map(|(index, host)| {
+            let other_host_name = (index != brief.here).then_some(host.name.as_str());
             Ok(HostServices {
-                orders: other
-                    .map(|name| service::orders_topic(name).create(node, one))
+                orders: other_host_name
+                    .map(|name| service::orders_topic(name).create(node, qos))
                     .transpose()?,
-                report: other
-                    .map(|name| service::host_report_topic(name).create(node, one))
+                report: other_host_name
+                    .map(|name| service::host_report_topic(name).create(node, qos))
                     .transpose()?,
-                bridge: service::bridge_topic(&host.name).create(node, one)?,
+                bridge: service::bridge_topic(&host.name).create(node, qos)?,
             })
         });
         hosts.collect()
@@ -82,23 +82,16 @@ struct ReportedState {
     is_silent: bool,
     /// Whether the supervisor left while the run was in progress.
     has_left: bool,
-    /// Whether the supervisor was told that the run has ended, and has reported its robots' states at that time.
+    /// Whether the supervisor knows that the run has ended, and has reported its robots' states at that time.
     confirmed_end: bool,
 }
 
 impl ReportedState {
     /// Returns the state before the first report.
     fn before_first_report() -> ReportedState {
-        let (at, interval) = (Instant::now(), Duration::ZERO);
-        let (is_silent, left, confirmed_end) = (false, false, false);
-        ReportedState {
-            newest_report: None,
-            arrival: at,
-            interval,
-            is_silent,
-            has_left: left,
-            confirmed_end,
-        }
+        let (arrival, interval) = (Instant::now(), Duration::ZERO);
+        let (is_silent, has_left, confirmed_end) = (false, false, false);
+        ReportedState { newest_report: None, arrival, interval, is_silent, has_left, confirmed_end }
     }
 
     /// Updates the state from the header of a report that arrives while the run is in `phase`.
@@ -107,11 +100,13 @@ impl ReportedState {
         self.interval = self.arrival.elapsed();
         self.arrival = Instant::now();
         self.is_silent = false;
-        let is_in = Phase::from_number(header.phase);
+        let reported_phase = Phase::from_number(header.phase);
         match phase {
-            Phase::Gathering | Phase::Running => self.has_left = is_in == Some(Phase::Done),
+            Phase::Gathering | Phase::Running => {
+                self.has_left = reported_phase == Some(Phase::Done)
+            }
             Phase::Ending | Phase::Done => {
-                self.confirmed_end |= !self.has_left && is_in >= Some(Phase::Ending);
+                self.confirmed_end |= !self.has_left && reported_phase >= Some(Phase::Ending);
             }
         }
     }
@@ -148,7 +143,7 @@ fn add_counts(a: &BridgeHeader, b: &BridgeHeader) -> BridgeHeader {
         samples_sent: a.samples_sent + b.samples_sent,
         taken: a.taken + b.taken,
         told_dropped: a.told_dropped + b.told_dropped,
-        dropped: std::array::from_fn(|why| a.dropped[why] + b.dropped[why]),
+        dropped: std::array::from_fn(|index| a.dropped[index] + b.dropped[index]),
         ..*b
     }
 }
@@ -189,15 +184,15 @@ impl Hosts {
             })
         });
         let hosts = hosts.collect::<Result<_, ServiceError>>()?;
-        let (phase, failed, sequence, told) = (Phase::Gathering, false, 0, None);
+        let (phase, has_failed, sequence, last_order) = (Phase::Gathering, false, 0, None);
         Ok(Hosts {
             brief,
             bridge,
             hosts,
             phase,
-            has_failed: failed,
+            has_failed,
             sequence,
-            last_order: told,
+            last_order,
             _services: services,
         })
     }
@@ -215,7 +210,7 @@ impl Hosts {
     /// Returns the robots of a host, by index.
     pub(crate) fn robots_of_host(&self, host: usize) -> Vec<usize> {
         let robots = self.brief.robots.iter().enumerate();
-        robots.filter(|(_, robot)| robot.host == host).map(|(place, _)| place).collect()
+        robots.filter(|(_, robot)| robot.host == host).map(|(index, _)| index).collect()
     }
 
     /// Returns whether a host is reachable.
@@ -240,8 +235,8 @@ impl Hosts {
 
     /// Returns the other hosts, by index.
     fn other_hosts(&self) -> impl Iterator<Item = usize> + use<> {
-        let here = self.brief.here;
-        (0..self.hosts.len()).filter(move |&host| host != here)
+        let own_host = self.brief.here;
+        (0..self.hosts.len()).filter(move |&host| host != own_host)
     }
 
     /// Waits until all hosts have joined and synchronized their clocks, at most for the time in the fleet file.
@@ -251,8 +246,8 @@ impl Hosts {
         cleaner: &Cleaner,
         stop: &StopFlag,
     ) -> Result<(), RunError> {
-        let began = Instant::now();
-        let within = Duration::from_nanos(self.brief.join_within_ns);
+        let start = Instant::now();
+        let timeout = Duration::from_nanos(self.brief.join_within_ns);
         loop {
             self.read_reports(remotes)?;
             self.send_orders(remotes)?;
@@ -262,13 +257,13 @@ impl Hosts {
             while cleaner.next_cleaned_owner().is_some() {
                 self.bridge.restart_after_cleanup()?;
             }
-            let missing: Vec<&str> = self
+            let missing_hosts: Vec<&str> = self
                 .other_hosts()
                 .filter(|&host| !self.is_ready(host))
                 .map(|host| self.host_name(host))
                 .collect();
-            let hosts = missing.join(", ");
-            if missing.is_empty() {
+            let hosts = missing_hosts.join(", ");
+            if missing_hosts.is_empty() {
                 self.phase = Phase::Running;
                 self.last_order = None;
                 return Ok(());
@@ -276,15 +271,20 @@ impl Hosts {
             if stop.is_requested() {
                 return Err(RunError::Interrupted { hosts });
             }
-            if began.elapsed() > within {
-                let own = self.hosts[self.brief.here].bridge_counts();
-                let dropped: Vec<String> =
-                    dropped_counts(&own).map(|(word, count)| format!("{word} {count}")).collect();
-                let dropped = match &dropped[..] {
+            if start.elapsed() > timeout {
+                let own_counts = self.hosts[self.brief.here].bridge_counts();
+                let dropped_text: Vec<String> = dropped_counts(&own_counts)
+                    .map(|(keyword, count)| format!("{keyword} {count}"))
+                    .collect();
+                let dropped_text = match &dropped_text[..] {
                     [] => String::new(),
-                    some => format!("; samples of theirs were dropped: {}", some.join(", ")),
+                    counts => format!("; samples of theirs were dropped: {}", counts.join(", ")),
                 };
-                return Err(RunError::HostsMissing { hosts, waited: within, dropped });
+                return Err(RunError::HostsMissing {
+                    hosts,
+                    waited: timeout,
+                    dropped: dropped_text,
+                });
             }
             std::thread::sleep(POLL_INTERVAL);
         }
@@ -294,10 +294,12 @@ impl Hosts {
     fn is_ready(&self, host: usize) -> bool {
         let host = &self.hosts[host];
         let plant = self.brief.plant as u64;
-        let compared = host.bridge_status.as_ref().is_some_and(|(_, peers, _)| {
+        let has_compared_clocks = host.bridge_status.as_ref().is_some_and(|(_, peers, _)| {
             peers.iter().any(|peer| peer.host == plant && peer.round_trip_ns > 0)
         });
-        host.reported_state.newest_report.is_some() && !host.reported_state.has_left && compared
+        host.reported_state.newest_report.is_some()
+            && !host.reported_state.has_left
+            && has_compared_clocks
     }
 
     /// Sends the wanted states of processes to all hosts, if due.
@@ -305,7 +307,7 @@ impl Hosts {
         &mut self,
         remotes: &[Option<&mut RemoteRobot>],
     ) -> Result<(), RunError> {
-        if self.last_order.is_some_and(|told| told.elapsed() < ORDER_INTERVAL) {
+        if self.last_order.is_some_and(|last_order| last_order.elapsed() < ORDER_INTERVAL) {
             return Ok(());
         }
         self.last_order = Some(Instant::now());
@@ -315,10 +317,10 @@ impl Hosts {
             phase: self.phase as u64,
             failed: u64::from(self.has_failed),
         };
-        for (place, host) in self.hosts.iter().enumerate() {
+        for (index, host) in self.hosts.iter().enumerate() {
             let Some(orders) = &host.orders else { continue };
-            let of_host = remotes.iter().flatten().filter(|remote| remote.host == place);
-            let rows: Vec<OrderRow> = of_host.map(|remote| remote.order()).collect();
+            let host_remotes = remotes.iter().flatten().filter(|remote| remote.host == index);
+            let rows: Vec<OrderRow> = host_remotes.map(|remote| remote.order()).collect();
             send_slice(orders, header, rows.len(), |row| rows[row])?;
         }
         Ok(())
@@ -329,15 +331,15 @@ impl Hosts {
         &mut self,
         remotes: &mut [Option<&mut RemoteRobot>],
     ) -> Result<Vec<HostChange>, RunError> {
-        let mut news = Vec::new();
-        for (place, host) in self.hosts.iter_mut().enumerate() {
+        let mut changes = Vec::new();
+        for (index, host) in self.hosts.iter_mut().enumerate() {
             while let Some(sample) = host.bridge_subscriber.receive()? {
                 let header = *sample.user_header();
-                if let Some((old, ..)) = &host.bridge_status
-                    && old.boot != header.boot
+                if let Some((previous, ..)) = &host.bridge_status
+                    && previous.boot != header.boot
                 {
-                    host.earlier_counts = add_counts(&host.earlier_counts, old);
-                    news.push(HostChange::BridgeRestarted(place));
+                    host.earlier_counts = add_counts(&host.earlier_counts, previous);
+                    changes.push(HostChange::BridgeRestarted(index));
                 }
                 host.bridge_status = Some((header, sample.payload().to_vec(), Instant::now()));
             }
@@ -347,34 +349,35 @@ impl Hosts {
                 for row in sample.payload() {
                     let robot = (row.robot as usize).checked_sub(1);
                     let remote = robot.and_then(|robot| remotes.get_mut(robot)?.as_deref_mut());
-                    if let Some(remote) = remote.filter(|remote| remote.host == place) {
+                    if let Some(remote) = remote.filter(|remote| remote.host == index) {
                         remote.update_report(*row);
                     }
                 }
             }
         }
-        let after = Duration::from_nanos(self.brief.unreachable_after_ns);
+        let timeout = Duration::from_nanos(self.brief.unreachable_after_ns);
         for host in self.other_hosts() {
-            let silent = self.silence_of_host(host);
-            let is_received = silent.is_none_or(|silent| silent <= after);
-            let running = self.phase == Phase::Running;
-            let host_now = &mut self.hosts[host];
-            let reachable = is_received && !host_now.reported_state.has_left;
-            if std::mem::replace(&mut host_now.reachable, reachable) != reachable {
-                host_now.times_unreachable += u64::from(!reachable);
-                news.push(match reachable {
+            let silence = self.silence_of_host(host);
+            let is_received = silence.is_none_or(|silence| silence <= timeout);
+            let is_running = self.phase == Phase::Running;
+            let host_state = &mut self.hosts[host];
+            let is_reachable = is_received && !host_state.reported_state.has_left;
+            if std::mem::replace(&mut host_state.reachable, is_reachable) != is_reachable {
+                host_state.times_unreachable += u64::from(!is_reachable);
+                changes.push(match is_reachable {
                     true => HostChange::ReachableAgain(host),
-                    false if host_now.reported_state.has_left => HostChange::Left(host),
+                    false if host_state.reported_state.has_left => HostChange::Left(host),
                     false => HostChange::Lost(host),
                 });
             }
-            let reported = &mut host_now.reported_state;
-            let is_silent = running && reachable && reported.arrival.elapsed() > REPORT_SILENCE_MAX;
-            if is_silent && !std::mem::replace(&mut reported.is_silent, true) {
-                news.push(HostChange::SupervisorSilent(host));
+            let reported_state = &mut host_state.reported_state;
+            let is_silent =
+                is_running && is_reachable && reported_state.arrival.elapsed() > REPORT_SILENCE_MAX;
+            if is_silent && !std::mem::replace(&mut reported_state.is_silent, true) {
+                changes.push(HostChange::SupervisorSilent(host));
             }
         }
-        Ok(news)
+        Ok(changes)
     }
 
     /// Polls this host's bridge. Returns how it died if it has just exited. Fails if it cannot be restarted.
@@ -384,42 +387,43 @@ impl Hosts {
 
     /// Returns the time since the bridge received a message of a host; `None` while it is unknown.
     fn silence_of_host(&self, host: usize) -> Option<Duration> {
-        let (_, peers, at) = self.hosts[self.brief.here].bridge_status.as_ref()?;
+        let (_, peers, arrival) = self.hosts[self.brief.here].bridge_status.as_ref()?;
         let peer = peers.iter().find(|peer| peer.host == host as u64)?;
-        (peer.silent_ns < u64::MAX).then(|| Duration::from_nanos(peer.silent_ns) + at.elapsed())
+        (peer.silent_ns < u64::MAX)
+            .then(|| Duration::from_nanos(peer.silent_ns) + arrival.elapsed())
     }
 
     /// Announces the end of the run, so that hosts end their processes and deliver their last messages,
-    /// which `meanwhile` reads. Does not wait for unreachable hosts.
+    /// which `read_messages` reads. Does not wait for unreachable hosts.
     pub(crate) fn announce_end(
         &mut self,
         remotes: &mut [Option<&mut RemoteRobot>],
-        failed: bool,
-        mut meanwhile: impl FnMut(),
+        has_failed: bool,
+        mut read_messages: impl FnMut(),
     ) -> Result<(), RunError> {
         self.phase = Phase::Ending;
-        self.has_failed = failed;
+        self.has_failed = has_failed;
         self.last_order = None;
-        let began = Instant::now();
-        while began.elapsed() < HOSTS_END_TIMEOUT {
+        let start = Instant::now();
+        while start.elapsed() < HOSTS_END_TIMEOUT {
             self.read_reports(remotes)?;
             self.send_orders(remotes)?;
-            meanwhile();
-            let done = |host: usize| {
+            read_messages();
+            let is_done = |host: usize| {
                 let report = self.hosts[host].reported_state.newest_report.as_ref();
                 report.is_none_or(|report| Phase::from_number(report.phase) == Some(Phase::Done))
             };
-            if self.other_hosts().all(|host| !self.hosts[host].reachable || done(host)) {
+            if self.other_hosts().all(|host| !self.hosts[host].reachable || is_done(host)) {
                 break;
             }
             std::thread::sleep(POLL_INTERVAL);
         }
         self.phase = Phase::Done;
-        let done = Instant::now();
-        while done.elapsed() < END_ANNOUNCEMENT_TIME {
+        let done_time = Instant::now();
+        while done_time.elapsed() < END_ANNOUNCEMENT_TIME {
             self.read_reports(remotes)?;
             self.send_orders(remotes)?;
-            meanwhile();
+            read_messages();
             std::thread::sleep(POLL_INTERVAL);
         }
         Ok(())
@@ -427,13 +431,13 @@ impl Hosts {
 
     /// Returns the summary of each host for the results.
     pub(crate) fn summaries(&self) -> Vec<HostSummary> {
-        let hosts = self.hosts.iter().enumerate().map(|(place, host)| {
-            let counted = host.bridge_counts();
+        let hosts = self.hosts.iter().enumerate().map(|(index, host)| {
+            let counts = host.bridge_counts();
             let peers = host.bridge_status.as_ref().map_or(&[][..], |(_, peers, _)| peers);
             let plant = peers.iter().find(|peer| peer.host == self.brief.plant as u64);
-            let robots = self.robots_of_host(place).into_iter();
+            let robots = self.robots_of_host(index).into_iter();
             HostSummary {
-                name: self.host_name(place).to_owned(),
+                name: self.host_name(index).to_owned(),
                 robots: robots.map(|robot| self.brief.robots[robot].name.clone()).collect(),
                 reachable: host.reachable,
                 lost: host.times_unreachable,
@@ -443,12 +447,12 @@ impl Hosts {
                 },
                 round_trip_ns: plant.map(|peer| peer.round_trip_ns),
                 stamp_error_ns_max: plant.map(|peer| peer.uncertainty_ns_max),
-                sent: counted.sent,
-                samples_sent: counted.samples_sent,
-                taken: counted.taken,
-                told_dropped: counted.told_dropped,
-                dropped: dropped_counts(&counted)
-                    .map(|(word, count)| (word.to_owned(), count))
+                sent: counts.sent,
+                samples_sent: counts.samples_sent,
+                taken: counts.taken,
+                told_dropped: counts.told_dropped,
+                dropped: dropped_counts(&counts)
+                    .map(|(keyword, count)| (keyword.to_owned(), count))
                     .collect(),
             }
         });

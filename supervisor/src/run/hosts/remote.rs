@@ -44,8 +44,8 @@ impl RemoteRobot {
     }
 
     /// Orders this state for the robot's process.
-    pub(crate) fn order_state(&mut self, wanted: WantedState) {
-        self.wanted_state = wanted;
+    pub(crate) fn order_state(&mut self, state: WantedState) {
+        self.wanted_state = state;
     }
 
     /// Returns the order for the robot's host.
@@ -61,7 +61,7 @@ impl RemoteRobot {
         }
     }
 
-    /// Returns whether the robot's process has exited and was not yet taken by [`Remote::reap`].
+    /// Returns whether the robot's process has exited and was not yet returned by [`RemoteRobot::reap`].
     pub(crate) fn has_ended(&self) -> bool {
         let report = &self.report;
         report.ended == 1 && report.starts == self.starts && self.reaped_count < self.starts
@@ -69,15 +69,15 @@ impl RemoteRobot {
 
     /// Returns the exit status of the robot's process, once for each process; `None` if it has not exited.
     pub(crate) fn reap(&mut self) -> Option<ExitStatus> {
-        let ended = self.has_ended();
-        ended.then(|| {
+        let has_ended = self.has_ended();
+        has_ended.then(|| {
             self.reaped_count = self.starts;
             ExitStatus::from_raw(self.report.status as i32)
         })
     }
 
     /// Returns whether the robot's process exited before its host learned that the run is over, and was not yet
-    /// taken by [`Remote::reap`].
+    /// returned by [`RemoteRobot::reap`].
     pub(crate) fn ended_early(&self) -> bool {
         self.has_ended() && self.report.ended_early == 1
     }
@@ -113,9 +113,9 @@ impl RemoteRobot {
 
     /// Returns whether the stale resources of a dead process of the robot have been removed, once for each process.
     pub(crate) fn take_cleanup(&mut self) -> bool {
-        let cleaned = self.cleaned_count < self.report.cleaned.min(self.reaped_count);
-        self.cleaned_count += u64::from(cleaned);
-        cleaned
+        let is_cleaned = self.cleaned_count < self.report.cleaned.min(self.reaped_count);
+        self.cleaned_count += u64::from(is_cleaned);
+        is_cleaned
     }
 }
 
@@ -149,10 +149,10 @@ mod tests {
         let stopped = PolledState::Stopped as u64;
         let row = ReportRow { robot: 1, starts: 1, state: stopped, ..ReportRow::default() };
         remote.update_report(ReportRow { computed_ns: 7, polled_ns: 9, ..row });
-        let computed = Duration::from_nanos(7);
+        let cpu_time = Duration::from_nanos(7);
         let expected = ProcessSample {
             state: SchedulingState::Stopped,
-            cpu_time: computed,
+            cpu_time,
             time_ns: 9,
             start_time_ticks: 1,
         };

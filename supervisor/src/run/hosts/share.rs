@@ -66,11 +66,11 @@ struct LocalRobot {
 
 impl LocalRobot {
     /// Orders this state for the robot's process, and discards the last polled state.
-    fn order_state(&mut self, wanted: WantedState) -> Result<(), RunError> {
-        self.stopped = wanted == WantedState::Stopped;
+    fn order_state(&mut self, state: WantedState) -> Result<(), RunError> {
+        self.stopped = state == WantedState::Stopped;
         self.report.state = PolledState::NotPolled as u64;
-        let sent = self.process.set_wanted_state(wanted);
-        sent.map_err(|error| RunError::signal_failure(&self.name, error))
+        let result = self.process.set_wanted_state(state);
+        result.map_err(|error| RunError::signal_failure(&self.name, error))
     }
 
     /// Polls the state of the robot's process.
@@ -84,8 +84,9 @@ impl LocalRobot {
             Some(SchedulingState::Stopped) => PolledState::Stopped,
         };
         self.report.state = state as u64;
-        if let Some(ProcessSample { cpu_time: computed, time_ns: at_ns, .. }) = sample {
-            (self.report.computed_ns, self.report.polled_ns) = (computed.as_nanos() as u64, at_ns);
+        if let Some(ProcessSample { cpu_time, time_ns, .. }) = sample {
+            (self.report.computed_ns, self.report.polled_ns) =
+                (cpu_time.as_nanos() as u64, time_ns);
         }
     }
 }
@@ -119,30 +120,34 @@ pub fn run(
     host_dir: &HostDir,
     stop: &StopFlag,
 ) -> Result<HostEnd, RunError> {
-    let mut left_behind = OrphanReaper::watch(&host_dir.logs_path());
-    let own = brief.robots.iter().enumerate().filter(|(_, robot)| robot.host == brief.here);
-    let links = own.clone().map(|(_, robot)| robot.hears).sum();
-    let own: Vec<usize> = own.map(|(place, _)| place).collect();
-    let need = RequiredSpace::for_robots(scenario, own.iter().copied(), links);
-    let run_root = make_run_root(own.len(), need, ViewUse::Off)?;
+    let mut orphan_reaper = OrphanReaper::watch(&host_dir.logs_path());
+    let own_robots = brief.robots.iter().enumerate().filter(|(_, robot)| robot.host == brief.here);
+    let links = own_robots.clone().map(|(_, robot)| robot.hears).sum();
+    let own_robots: Vec<usize> = own_robots.map(|(robot, _)| robot).collect();
+    let required_space = RequiredSpace::for_robots(scenario, own_robots.iter().copied(), links);
+    let run_root = make_run_root(own_robots.len(), required_space, ViewUse::Off)?;
     let launcher = &launcher.clone().with_run_root(run_root.path());
     if scenario.process_programs().next().is_some() {
-        left_behind.start_reaper_process(launcher, run_root.path())?;
+        orphan_reaper.start_reaper_process(launcher, run_root.path())?;
     }
     let brief = BridgeBrief { run_root: run_root.path().into(), ..brief };
     let node = service::create_node("supervisor")?;
     let services = RobotServices::open_for_host(&node, scenario, &brief)?;
     let name = brief.hosts[brief.here].name.as_str();
-    let hosts = Qos::for_hosts(1);
-    let orders = service::orders_topic(name).create(&node, hosts)?;
-    let report = service::host_report_topic(name).create(&node, hosts)?;
-    let bridges = service::bridge_topic(name).create(&node, hosts)?;
+    let qos = Qos::for_hosts(1);
+    let orders = service::orders_topic(name).create(&node, qos)?;
+    let reports = service::host_report_topic(name).create(&node, qos)?;
+    let bridge_status = service::bridge_topic(name).create(&node, qos)?;
     let cleaner = Cleaner::start(&run_root, &node)?;
     shm_capacity::allocate_reserved_memory(run_root.path(), None)?;
-    let told = host_dir.write_brief("bridge", &brief)?;
-    let bridge =
-        HelperProcess::start(HelperKind::Bridge, launcher, told, host_dir.log_path("bridge"))?;
-    let mut share = LocalRun {
+    let bridge_brief = host_dir.write_brief("bridge", &brief)?;
+    let bridge = HelperProcess::start(
+        HelperKind::Bridge,
+        launcher,
+        bridge_brief,
+        host_dir.log_path("bridge"),
+    )?;
+    let mut local_run = LocalRun {
         brief: &brief,
         launcher,
         stop_flag: stop,
@@ -151,8 +156,8 @@ pub fn run(
         cleaner,
         logs: Logs::new(&host_dir.logs_path()),
         orders: orders.subscriber()?,
-        report_publisher: report.publisher(scenario.robots.len())?,
-        bridge_subscriber: bridges.subscriber()?,
+        report_publisher: reports.publisher(scenario.robots.len())?,
+        bridge_subscriber: bridge_status.subscriber()?,
         newest_orders: None,
         unconfirmed_count: 0,
         phase: Phase::Gathering,
@@ -160,16 +165,16 @@ pub fn run(
         last_report_time: None,
         last_poll_time: Instant::now(),
     };
-    let ended = share.run_main_loop();
-    share.leave_if_needed(&ended);
-    share.end_robots();
-    share.bridge.terminate();
-    drop(share);
-    drop((orders, report, bridges, services, node));
+    let end_result = local_run.run_main_loop();
+    local_run.leave_if_needed(&end_result);
+    local_run.end_robots();
+    local_run.bridge.terminate();
+    drop(local_run);
+    drop((orders, reports, bridge_status, services, node));
     if let Err(error) = run_root.remove() {
         tracing::warn!(%error, "could not remove the run root");
     }
-    ended
+    end_result
 }
 
 /// Writes the brief of each robot of this host.
@@ -181,16 +186,20 @@ fn write_robot_briefs(
 ) -> Result<BTreeMap<u64, LocalRobot>, RunError> {
     let briefs = briefs::AgentBriefs::new(scenario);
     let mut robots = BTreeMap::new();
-    for (place, robot) in scenario.robots.iter().enumerate() {
-        if brief.robots[place].host != brief.here {
+    for (robot, robot_entry) in scenario.robots.iter().enumerate() {
+        if brief.robots[robot].host != brief.here {
             continue;
         }
-        let told = briefs.brief(place, Pace::Realtime, run_root);
-        let told =
-            host_dir.write_brief(&robot.name, &AgentBrief { links_by_hand: false, ..told })?;
-        let program = scenario.program(place).map(|program| host_dir.program_command(program));
-        let process = RobotProcess::new(told, program.transpose()?, host_dir.log_path(&robot.name));
-        let (name, number) = (robot.name.clone(), place as u64 + 1);
+        let agent_brief = briefs.brief(robot, Pace::Realtime, run_root);
+        let agent_brief = host_dir
+            .write_brief(&robot_entry.name, &AgentBrief { links_by_hand: false, ..agent_brief })?;
+        let program = scenario.program(robot).map(|program| host_dir.program_command(program));
+        let process = RobotProcess::new(
+            agent_brief,
+            program.transpose()?,
+            host_dir.log_path(&robot_entry.name),
+        );
+        let (name, number) = (robot_entry.name.clone(), robot as u64 + 1);
         let report = ReportRow { robot: number, ..ReportRow::default() };
         robots.insert(number, LocalRobot { name, process, stopped: false, report });
     }
@@ -199,13 +208,13 @@ fn write_robot_briefs(
 
 impl LocalRun<'_> {
     fn run_main_loop(&mut self) -> Result<HostEnd, RunError> {
-        let began = Instant::now();
+        let start = Instant::now();
         loop {
             if self.stop_flag.is_requested() {
                 return Ok(HostEnd::Interrupted);
             }
             self.run_iteration()?;
-            self.check_coordinator_alive(began)?;
+            self.check_coordinator_alive(start)?;
             let Some((header, _)) = self.newest_orders else { continue };
             if header.failed == 1 {
                 self.phase = Phase::Done;
@@ -231,10 +240,10 @@ impl LocalRun<'_> {
         while let Some(sample) = self.bridge_subscriber.receive()? {
             self.unconfirmed_count = sample.user_header().unconfirmed;
         }
-        let mut wanted = None;
+        let mut order_rows = None;
         while let Some(sample) = self.orders.receive()? {
             self.newest_orders = Some((*sample.user_header(), Instant::now()));
-            wanted = Some(sample.payload().to_vec());
+            order_rows = Some(sample.payload().to_vec());
         }
         self.reap_exited();
         if self.last_poll_time.elapsed() >= POLL_INTERVAL {
@@ -242,12 +251,12 @@ impl LocalRun<'_> {
             self.robots.values_mut().for_each(LocalRobot::poll);
         }
         self.logs.truncate_if_due();
-        if let Some(died) = self.bridge.poll(&self.cleaner) {
-            let how = RunError::check_given_up(died)?;
-            tracing::warn!(%how, "the bridge died; restarting it");
+        if let Some(death) = self.bridge.poll(&self.cleaner) {
+            let cause = RunError::check_given_up(death)?;
+            tracing::warn!(how = %cause, "the bridge died; restarting it");
         }
-        while let Some(dead) = self.cleaner.next_cleaned_owner() {
-            match dead {
+        while let Some(owner) = self.cleaner.next_cleaned_owner() {
+            match owner {
                 DeadProcessOwner::Robot(number) => {
                     let robot = self.robots.get_mut(&(number as u64));
                     robot.expect("its clean-up was asked for here").report.cleaned += 1;
@@ -256,7 +265,7 @@ impl LocalRun<'_> {
                 DeadProcessOwner::Ros2 => {}
             }
         }
-        if let (Some(rows), Some((header, _))) = (wanted, self.newest_orders)
+        if let (Some(rows), Some((header, _))) = (order_rows, self.newest_orders)
             && Phase::from_number(header.phase) == Some(Phase::Running)
         {
             self.phase = self.phase.max(Phase::Running);
@@ -267,28 +276,28 @@ impl LocalRun<'_> {
 
     fn wait_for_message_or_exit(&self) {
         let children = self.robots.values().filter_map(|robot| robot.process.child());
-        let mut news: Vec<_> = children.chain(self.bridge.child()).map(death_poll_fd).collect();
-        news.push(PollFd::from_borrowed_fd(self.cleaner.results_fd(), PollFlags::IN));
-        wait_until_readable(&mut news, ITERATION_MAX);
+        let mut poll_fds: Vec<_> = children.chain(self.bridge.child()).map(death_poll_fd).collect();
+        poll_fds.push(PollFd::from_borrowed_fd(self.cleaner.results_fd(), PollFlags::IN));
+        wait_until_readable(&mut poll_fds, ITERATION_MAX);
     }
 
-    /// Starts, signals and ends processes as the orders say.
+    /// Starts, signals and ends processes according to the orders.
     fn apply_orders(&mut self, rows: &[OrderRow]) -> Result<(), RunError> {
         for row in rows {
             let Some(robot) = self.robots.get_mut(&row.robot) else { continue };
             let report = robot.report;
-            let lives = robot.process.child().is_some();
-            if lives {
-                let wanted = match WantedState::from_number(row.wanted) {
+            let is_running = robot.process.child().is_some();
+            if is_running {
+                let state = match WantedState::from_number(row.wanted) {
                     _ if report.starts < row.starts => Some(WantedState::Killed),
-                    Some(wanted) if wanted != WantedState::Killed => {
-                        let stops = wanted == WantedState::Stopped;
-                        (robot.stopped != stops).then_some(wanted)
+                    Some(state) if state != WantedState::Killed => {
+                        let is_stop = state == WantedState::Stopped;
+                        (robot.stopped != is_stop).then_some(state)
                     }
-                    wanted => wanted,
+                    state => state,
                 };
-                if let Some(wanted) = wanted {
-                    robot.order_state(wanted)?;
+                if let Some(state) = state {
+                    robot.order_state(state)?;
                 }
             } else if report.starts < row.starts && report.cleaned == report.starts {
                 // The stale resources of the previous process were removed first.
@@ -325,7 +334,7 @@ impl LocalRun<'_> {
 
     /// Sends a report to the plant's host, if due.
     fn send_report(&mut self) -> Result<(), RunError> {
-        if self.last_report_time.is_some_and(|at| at.elapsed() < REPORT_INTERVAL) {
+        if self.last_report_time.is_some_and(|last| last.elapsed() < REPORT_INTERVAL) {
             return Ok(());
         }
         self.last_report_time = Some(Instant::now());
@@ -343,14 +352,19 @@ impl LocalRun<'_> {
     }
 
     /// Returns an error if the plant's host is silent for too long, because there is no run without it.
-    fn check_coordinator_alive(&self, began: Instant) -> Result<(), RunError> {
+    fn check_coordinator_alive(&self, start: Instant) -> Result<(), RunError> {
         let brief = self.brief;
         match self.newest_orders {
-            Some((_, at)) if at.elapsed() > Duration::from_nanos(brief.silence_ns_max) => {
-                Err(RunError::PlantsHostLost { host: self.plant_host_name(), silent: at.elapsed() })
+            Some((_, arrival))
+                if arrival.elapsed() > Duration::from_nanos(brief.silence_ns_max) =>
+            {
+                Err(RunError::PlantsHostLost {
+                    host: self.plant_host_name(),
+                    silent: arrival.elapsed(),
+                })
             }
-            None if began.elapsed() > Duration::from_nanos(brief.join_within_ns) => {
-                let (hosts, waited) = (self.plant_host_name(), began.elapsed());
+            None if start.elapsed() > Duration::from_nanos(brief.join_within_ns) => {
+                let (hosts, waited) = (self.plant_host_name(), start.elapsed());
                 Err(RunError::HostsMissing { hosts, waited, dropped: String::new() })
             }
             _ => Ok(()),
@@ -359,19 +373,19 @@ impl LocalRun<'_> {
 
     /// Announces to the plant's host that this host leaves, if the run continues there, because its robots
     /// exit next.
-    fn leave_if_needed(&mut self, ended: &Result<HostEnd, RunError>) {
-        let knows = matches!(
-            ended,
+    fn leave_if_needed(&mut self, end_result: &Result<HostEnd, RunError>) {
+        let is_informed = matches!(
+            end_result,
             Ok(HostEnd::RunEnded)
                 | Err(RunError::PlantsHostFailed { .. } | RunError::PlantsHostLost { .. })
         );
-        if knows || self.phase == Phase::Done {
+        if is_informed || self.phase == Phase::Done {
             return;
         }
         self.reap_exited();
         self.phase = Phase::Done;
-        let began = Instant::now();
-        while began.elapsed() < LEAVE_ANNOUNCEMENT_TIME {
+        let start = Instant::now();
+        while start.elapsed() < LEAVE_ANNOUNCEMENT_TIME {
             if let Err(error) = self.send_report() {
                 tracing::warn!(%error, "cannot inform the plant's host that this host leaves");
                 return;
@@ -385,22 +399,22 @@ impl LocalRun<'_> {
         self.reap_exited();
         self.phase = Phase::Ending;
         self.end_robots();
-        let ended = Instant::now();
+        let robots_end = Instant::now();
         self.unconfirmed_count = 1;
-        while ended.elapsed() < DELIVERY_TIMEOUT
-            && (ended.elapsed() < FLUSH_TIME || self.unconfirmed_count > 0)
+        while robots_end.elapsed() < DELIVERY_TIMEOUT
+            && (robots_end.elapsed() < FLUSH_TIME || self.unconfirmed_count > 0)
         {
             self.run_iteration()?;
         }
         self.phase = Phase::Done;
         self.last_report_time = None;
-        let done = Instant::now();
-        let released = |share: &LocalRun<'_>| {
-            share
+        let done_since = Instant::now();
+        let is_released = |local_run: &LocalRun<'_>| {
+            local_run
                 .newest_orders
                 .is_some_and(|(header, _)| Phase::from_number(header.phase) == Some(Phase::Done))
         };
-        while done.elapsed() < COORDINATOR_EXIT_TIMEOUT && !released(self) {
+        while done_since.elapsed() < COORDINATOR_EXIT_TIMEOUT && !is_released(self) {
             self.run_iteration()?;
         }
         Ok(())

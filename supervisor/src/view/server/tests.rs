@@ -16,12 +16,12 @@ fn frame(t_s: f64) -> SceneFrame {
 
 #[test]
 fn slow_client_misses_frames_and_delays_no_other_client() {
-    let bound = bind("127.0.0.1:0".parse().unwrap(), false).unwrap();
-    let url = bound.url();
+    let server = bind("127.0.0.1:0".parse().unwrap(), false).unwrap();
+    let url = server.url();
     let (host, query) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
-    let mut view = bound.serve(crate::view::act::tests::two_robots(), false).unwrap();
-    let began = Instant::now();
-    let come = || {
+    let mut view = server.serve(crate::view::act::tests::two_robots(), false).unwrap();
+    let start = Instant::now();
+    let connect_client = || {
         let mut stream = TcpStream::connect(host).unwrap();
         stream.set_read_timeout(Some(TIMEOUT)).unwrap();
         write!(stream, "GET /events{query} HTTP/1.0\r\nHost: {host}\r\n\r\n").unwrap();
@@ -33,41 +33,44 @@ fn slow_client_misses_frames_and_delays_no_other_client() {
         let frames = data.map(|data| serde_json::from_str::<serde_json::Value>(&data).unwrap());
         frames.filter(|frame| frame["t_s"].is_f64())
     };
-    let idle = come();
-    let mut reader = frames(come());
+    let idle_client = connect_client();
+    let mut reader = frames(connect_client());
     while view.client_count() < 2 {
-        assert!(began.elapsed() < TIMEOUT, "they do not get in");
+        assert!(start.elapsed() < TIMEOUT, "they do not get in");
         std::thread::sleep(Duration::from_millis(1));
     }
     // Far more than the sockets hold. The client that reads gets each of them.
     for number in 0..200 {
-        let before = view.frame_count;
-        while view.frame_count == before {
+        let previous_count = view.frame_count;
+        while view.frame_count == previous_count {
             view.send_frame(frame(f64::from(number)));
         }
         assert_eq!(reader.next().expect("a frame")["t_s"].as_f64(), Some(f64::from(number)));
     }
     // The other client finally reads: it soon gets the newest frame, and the number of missed ones.
-    let mut shown = 0;
-    for frame in frames(idle) {
-        shown += 1;
+    let mut received = 0;
+    for frame in frames(idle_client) {
+        received += 1;
         let (t_s, dropped) = (frame["t_s"].as_f64().unwrap(), frame["dropped"].as_u64().unwrap());
         if t_s == 199.0 {
-            assert!(dropped > 0 && shown + dropped <= 200, "{shown} shown, {dropped} dropped");
+            assert!(
+                dropped > 0 && received + dropped <= 200,
+                "{received} shown, {dropped} dropped"
+            );
             break;
         }
     }
-    assert!(shown < 200, "it got every frame, however old");
+    assert!(received < 200, "it got every frame, however old");
     view.send_end_of_run(0, "done");
 }
 
 /// Starts a server of two robots with these limits. Returns it with its host and the query of its addresses.
 fn start_server(limits: ConnectionLimits, control: bool) -> (View, String, String) {
-    let bound = BoundServer { limits, ..bind("127.0.0.1:0".parse().unwrap(), false).unwrap() };
-    let url = bound.url();
+    let server = BoundServer { limits, ..bind("127.0.0.1:0".parse().unwrap(), false).unwrap() };
+    let url = server.url();
     let (host, query) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
     let (host, query) = (host.to_owned(), query.to_owned());
-    (bound.serve(crate::view::act::tests::two_robots(), control).unwrap(), host, query)
+    (server.serve(crate::view::act::tests::two_robots(), control).unwrap(), host, query)
 }
 
 fn connect(host: &str) -> TcpStream {
@@ -109,14 +112,14 @@ fn connection_without_a_request_is_closed_and_a_stream_stays() {
             break lines.lines().map_while(Result::ok);
         }
     };
-    let silent = connect(&host);
-    let mut half = connect(&host);
-    write!(half, "GET /{query} HTTP/1.1\r\nHost: {host}\r\n").unwrap();
-    assert_eq!(read_to_end(silent), "");
-    assert_eq!(read_to_end(half), "");
+    let silent_client = connect(&host);
+    let mut incomplete = connect(&host);
+    write!(incomplete, "GET /{query} HTTP/1.1\r\nHost: {host}\r\n").unwrap();
+    assert_eq!(read_to_end(silent_client), "");
+    assert_eq!(read_to_end(incomplete), "");
     assert!(view.is_watched(), "the one that listens is still there");
-    let before = view.frame_count;
-    while view.frame_count == before {
+    let previous_count = view.frame_count;
+    while view.frame_count == previous_count {
         view.send_frame(frame(7.0));
     }
     assert!(events.any(|line| line.contains("\"t_s\":7.0")), "and is told");
@@ -127,17 +130,17 @@ fn oldest_silent_connection_is_closed_for_a_new_one() {
     // Connections here are not closed by their timeout, only to make room.
     let limits = ConnectionLimits { silence_max: 10 * TIMEOUT, ..ConnectionLimits::default() };
     let (_view, host, query) = start_server(limits, false);
-    let mut silent: Vec<TcpStream> = (0..64).map(|_| connect(&host)).collect();
+    let mut connections: Vec<TcpStream> = (0..64).map(|_| connect(&host)).collect();
     let page = send_request(&host, &format!("GET /{query}"));
     assert!(page.starts_with("HTTP/1.1 200 ") && page.contains("<script"), "{page}");
-    let newest = silent.split_off(64 - limits.unauthenticated_max + 1);
-    for old in silent {
-        assert_eq!(read_to_end(old), "");
+    let newest = connections.split_off(64 - limits.unauthenticated_max + 1);
+    for connection in connections {
+        assert_eq!(read_to_end(connection), "");
     }
-    for (place, mut young) in newest.into_iter().enumerate() {
-        young.set_nonblocking(true).unwrap();
-        let read = young.read(&mut [0]).map_err(|error| error.kind());
-        assert_eq!(read, Err(ErrorKind::WouldBlock), "{place} of the newest is closed");
+    for (index, mut connection) in newest.into_iter().enumerate() {
+        connection.set_nonblocking(true).unwrap();
+        let read = connection.read(&mut [0]).map_err(|error| error.kind());
+        assert_eq!(read, Err(ErrorKind::WouldBlock), "{index} of the newest is closed");
     }
 }
 
@@ -147,8 +150,8 @@ fn request_without_the_token_is_answered_and_closed() {
     let (_view, host, _) = start_server(limits, false);
     // More requests than concurrent connections, because each response ends its connection.
     for _ in 0..3 * limits.unauthenticated_max {
-        let refused = send_request(&host, "GET /?token=0");
-        assert!(refused.starts_with("HTTP/1.1 403 "), "{refused}");
+        let response = send_request(&host, "GET /?token=0");
+        assert!(response.starts_with("HTTP/1.1 403 "), "{response}");
     }
 }
 
@@ -160,7 +163,7 @@ fn authenticated_connections_are_limited() {
         ..ConnectionLimits::default()
     };
     let (mut view, host, query) = start_server(limits, true);
-    let listen = || {
+    let open_stream = || {
         let mut stream = connect(&host);
         write!(stream, "GET /events{query} HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
         let mut lines = BufReader::new(stream);
@@ -169,13 +172,13 @@ fn authenticated_connections_are_limited() {
         assert!(first.contains(" 200 "), "{first}");
         lines
     };
-    let listening = [listen(), listen()];
-    let refused = send_request(&host, &format!("GET /{query}"));
-    assert!(refused.starts_with("HTTP/1.1 503 "), "{refused}");
-    drop(listening);
-    let began = Instant::now();
+    let streams = [open_stream(), open_stream()];
+    let response = send_request(&host, &format!("GET /{query}"));
+    assert!(response.starts_with("HTTP/1.1 503 "), "{response}");
+    drop(streams);
+    let start = Instant::now();
     while !send_request(&host, &format!("GET /{query}")).starts_with("HTTP/1.1 200 ") {
-        assert!(began.elapsed() < TIMEOUT, "there is no room after they have gone");
+        assert!(start.elapsed() < TIMEOUT, "there is no room after they have gone");
         // The server detects a closed connection at its next write.
         view.send_latency(Vec::new());
     }

@@ -18,12 +18,12 @@ impl Role for ContainedFresh {
     fn target(
         &mut self,
         input: &RoleInput<'_>,
-        heard: &mut Vec<NeighborEstimate>,
+        estimates: &mut Vec<NeighborEstimate>,
     ) -> Option<Target> {
         let no_offset = Target::at_rest(Vec2::zeros());
-        input.neighborhood.estimate_neighbors(input.stamp_ns, |_| no_offset, heard);
+        input.neighborhood.estimate_neighbors(input.stamp_ns, |_| no_offset, estimates);
         let fresh =
-            heard.iter().filter(|neighbor| neighbor.reception_state == ReceptionState::Fresh);
+            estimates.iter().filter(|neighbor| neighbor.reception_state == ReceptionState::Fresh);
         mean_target(fresh.map(|&NeighborEstimate { position, velocity, offset, .. }| {
             (Target { position, velocity }, offset)
         }))

@@ -49,21 +49,22 @@ fn run(path: &Path) -> Result<(), Failure> {
     let node = service::create_node("ros2")?;
     let sources = brief.robots.iter().map(|robot| subscribe_odometry(&node, robot));
     let sources: Vec<_> = sources.collect::<Result<_, _>>()?;
-    let sending = GoalForwarder::open(&brief, &node)?;
-    let Some(wire) = Ros2Session::open(&brief, &stop)? else { return Ok(()) };
-    let mut face = RosPublisher::declare(&wire, &brief, sources, sending)?;
+    let goal_forwarder = GoalForwarder::open(&brief, &node)?;
+    let Some(session) = Ros2Session::open(&brief, &stop)? else { return Ok(()) };
+    let mut publisher = RosPublisher::declare(&session, &brief, sources, goal_forwarder)?;
     tracing::info!(address = %brief.address, domain = brief.domain, "ready for ROS 2");
     let mut timer = Timer::new(brief.period_ns, 0);
     while !stop.is_requested() {
         if timer.wait().is_some() {
-            face.publish().map_err(|why| format!("cannot receive odometry: {why}"))?;
-            face.goal_forwarder
+            publisher.publish().map_err(|error| format!("cannot receive odometry: {error}"))?;
+            publisher
+                .goal_forwarder
                 .forward_goals()
-                .map_err(|why| format!("cannot forward goals: {why}"))?;
+                .map_err(|error| format!("cannot forward goals: {error}"))?;
         }
     }
-    drop(face);
-    wire.close();
+    drop(publisher);
+    session.close();
     Ok(())
 }
 
@@ -100,38 +101,35 @@ struct OdometryForwarder {
 impl RosPublisher {
     /// Declares a node for each robot, with the robot's name, and a node for the run.
     fn declare(
-        wire: &Ros2Session,
+        session: &Ros2Session,
         brief: &Ros2Brief,
         sources: Vec<Subscriber<Odometry>>,
-        sending: GoalForwarder,
+        goal_forwarder: GoalForwarder,
     ) -> Result<RosPublisher, WireError> {
-        let all = wire.announce_node(brief.domain, "phalanx")?;
-        let tf = wire.declare_sender(&all, "/tf", TF)?;
-        let (mut robots, mut nodes, mut receivers) = (Vec::new(), vec![all], Vec::new());
+        let run_node = session.announce_node(brief.domain, "phalanx")?;
+        let tf_sender = session.declare_sender(&run_node, "/tf", TF)?;
+        let (mut robots, mut nodes, mut receivers) = (Vec::new(), vec![run_node], Vec::new());
         for (name, source) in brief.robots.iter().zip(sources) {
-            let node = wire.announce_node(brief.domain, name)?;
-            let odom = wire.declare_sender(&node, &names::odometry_topic(name), ODOMETRY)?;
-            if let Some(take) = sending.goal_handler(name) {
-                receivers.push(wire.declare_receiver(
+            let node = session.announce_node(brief.domain, name)?;
+            let odometry_sender =
+                session.declare_sender(&node, &names::odometry_topic(name), ODOMETRY)?;
+            if let Some(handle_message) = goal_forwarder.goal_handler(name) {
+                receivers.push(session.declare_receiver(
                     &node,
                     &names::goal_topic(name),
                     POSE_STAMPED,
-                    take,
+                    handle_message,
                 )?);
             }
-            robots.push(OdometryForwarder {
-                frame: base_link(name),
-                source,
-                odometry_sender: odom,
-            });
+            robots.push(OdometryForwarder { frame: base_link(name), source, odometry_sender });
             nodes.push(node);
         }
         Ok(RosPublisher {
             ros_offset_ns: ros_offset_ns(),
             robots,
-            tf_sender: tf,
+            tf_sender,
             message_buffer: cdr::Writer::new(),
-            goal_forwarder: sending,
+            goal_forwarder,
             _receivers: receivers,
             _nodes: nodes,
         })

@@ -32,19 +32,19 @@ impl GoalForwarder {
     /// Opens the ports of all robots that accept goals.
     pub fn open(brief: &Ros2Brief, node: &Node) -> Result<GoalForwarder, ServiceError> {
         let receivers = brief.goals.iter().map(|goal| {
-            let (robot, start) = (goal.robot.clone(), goal.start_m.into());
+            let (robot, start_position) = (goal.robot.clone(), goal.start_m.into());
             Ok(GoalReceiver {
                 publisher: service::goal_topic(&robot).open(node)?.publisher()?,
                 robot,
-                start_position: start,
+                start_position,
             })
         });
         let receivers: Vec<GoalReceiver> = receivers.collect::<Result<_, ServiceError>>()?;
-        let counts = || service::goal_counts_topic().open(node)?.publisher();
+        let counts_publisher = || service::goal_counts_topic().open(node)?.publisher();
         Ok(GoalForwarder {
             goal_area: Arc::new(GoalArea::from_brief(brief)),
             inbox: Arc::new(Mutex::new(GoalInbox::new(receivers.len(), clock::now_ns()))),
-            counts_publisher: (!receivers.is_empty()).then(counts).transpose()?,
+            counts_publisher: (!receivers.is_empty()).then(counts_publisher).transpose()?,
             receivers,
             sent_counts: GoalCounts::default(),
         })
@@ -52,19 +52,19 @@ impl GoalForwarder {
 
     /// Returns the handler of goal messages for a robot; `None` if it accepts no goals.
     pub fn goal_handler(&self, robot: &str) -> Option<impl Fn(&[u8]) + Send + Sync + 'static> {
-        let place = self.receivers.iter().position(|receiver| receiver.robot == robot)?;
-        let (arena, inbox) = (self.goal_area.clone(), self.inbox.clone());
-        let start = self.receivers[place].start_position;
+        let receiver_index = self.receivers.iter().position(|receiver| receiver.robot == robot)?;
+        let (goal_area, inbox) = (self.goal_area.clone(), self.inbox.clone());
+        let start_position = self.receivers[receiver_index].start_position;
         Some(move |message: &[u8]| {
-            let to = arena.parse_goal_position(message, start);
-            lock_inbox(&inbox).store_goal(place, to, clock::now_ns());
+            let goal = goal_area.parse_goal_position(message, start_position);
+            lock_inbox(&inbox).store_goal(receiver_index, goal, clock::now_ns());
         })
     }
 
     /// Sends its newest goal to each robot that has one, and the counts of goals to the supervisor.
     pub fn forward_goals(&mut self) -> Result<(), SendError> {
-        let Some(counts) = &self.counts_publisher else { return Ok(()) };
-        let (goals, now): (Vec<_>, _) = {
+        let Some(counts_publisher) = &self.counts_publisher else { return Ok(()) };
+        let (goals, new_counts): (Vec<_>, _) = {
             let inbox = lock_inbox(&self.inbox);
             (
                 (0..self.receivers.len()).map(|robot| inbox.newest_goal(robot)).collect(),
@@ -76,9 +76,9 @@ impl GoalForwarder {
                 receiver.publisher.send_copy(goal)?;
             }
         }
-        if now != self.sent_counts {
-            counts.send_copy(now)?;
-            self.sent_counts = now;
+        if new_counts != self.sent_counts {
+            counts_publisher.send_copy(new_counts)?;
+            self.sent_counts = new_counts;
         }
         Ok(())
     }

@@ -40,7 +40,7 @@ impl Ros2Session {
     /// Listens, or connects to a router, for which it waits without a limit. Returns `None` if the process is
     /// asked to stop.
     pub fn open(brief: &Ros2Brief, stop: &StopFlag) -> Result<Option<Ros2Session>, WireError> {
-        let mut told = false;
+        let mut has_warned = false;
         while !stop.is_requested() {
             match wire::open(&session_config(brief)) {
                 Ok(session) => {
@@ -57,9 +57,9 @@ impl Ros2Session {
                     return Err(WireError::Open(brief.address.to_string(), why));
                 }
                 Err(why) => {
-                    if !told {
+                    if !has_warned {
                         tracing::warn!(address = %brief.address, %why, "waiting for a ROS 2 router");
-                        told = true;
+                        has_warned = true;
                     }
                     std::thread::sleep(RECONNECT_PAUSE);
                 }
@@ -79,14 +79,14 @@ impl Ros2Session {
     /// Declares a sender of a node on a topic.
     pub fn declare_sender(
         &self,
-        of: &AnnouncedNode,
+        owner: &AnnouncedNode,
         topic: &str,
         message: MessageType,
     ) -> Result<Sender, WireError> {
-        let (id, node) = self.allocate_entity_id(of);
+        let (id, node) = self.allocate_entity_id(owner);
         let token = node.publisher_token(id, topic, message);
         let gid = names::derive_gid(&token);
-        let key = names::topic_key(of.domain, topic, message);
+        let key = names::topic_key(owner.domain, topic, message);
         // A slow receiver loses messages, and delays no other.
         let publisher = self
             .session
@@ -103,23 +103,23 @@ impl Ros2Session {
         })
     }
 
-    /// Declares a receiver of a node on a topic until the end of the session. Messages are passed to `take`, on a
-    /// thread of zenoh.
+    /// Declares a receiver of a node on a topic until the end of the session. Messages are passed to `handle_message`,
+    /// on a thread of zenoh.
     pub fn declare_receiver(
         &self,
-        of: &AnnouncedNode,
+        owner: &AnnouncedNode,
         topic: &str,
         message: MessageType,
-        take: impl Fn(&[u8]) + Send + Sync + 'static,
+        handle_message: impl Fn(&[u8]) + Send + Sync + 'static,
     ) -> Result<Receiver, WireError> {
-        let (id, node) = self.allocate_entity_id(of);
+        let (id, node) = self.allocate_entity_id(owner);
         let token = node.subscriber_token(id, topic, message);
-        let key = names::topic_key(of.domain, topic, message);
+        let key = names::topic_key(owner.domain, topic, message);
         let declared = self
             .session
             .declare_subscriber(key.clone())
             .callback(move |sample| match sample.kind() {
-                SampleKind::Put => take(&sample.payload().to_bytes()),
+                SampleKind::Put => handle_message(&sample.payload().to_bytes()),
                 SampleKind::Delete => {}
             })
             .background()
@@ -129,9 +129,17 @@ impl Ros2Session {
     }
 
     /// Returns the next entity number of a node, and that node.
-    fn allocate_entity_id<'n>(&'n self, of: &'n AnnouncedNode) -> (usize, names::NodeName<'n>) {
+    fn allocate_entity_id<'n>(&'n self, owner: &'n AnnouncedNode) -> (usize, names::NodeName<'n>) {
         let id = self.next_entity_id.replace(self.next_entity_id.get() + 1);
-        (id, names::NodeName { domain: of.domain, session: &self.id, id: of.id, name: &of.name })
+        (
+            id,
+            names::NodeName {
+                domain: owner.domain,
+                session: &self.id,
+                id: owner.id,
+                name: &owner.name,
+            },
+        )
     }
 
     fn declare_token(&self, key: String) -> Result<LivelinessToken, WireError> {
@@ -163,8 +171,8 @@ impl Sender {
     /// Sends a message with this ROS time, ns.
     pub fn send(&mut self, ros_ns: u64, message: &[u8]) {
         self.sequence += 1;
-        let beside = names::encode_attachment(self.sequence, ros_ns as i64, &self.gid);
-        let sent = self.publisher.put(message).attachment(beside).wait();
+        let attachment = names::encode_attachment(self.sequence, ros_ns as i64, &self.gid);
+        let sent = self.publisher.put(message).attachment(attachment).wait();
         if let Err(error) = &sent
             && !self.is_failing
         {

@@ -31,50 +31,50 @@ pub(super) fn read_latency_distributions(
     path: &Path,
 ) -> Result<Vec<LatencyDistribution>, ReportError> {
     let Some(text) = read_file(path)? else { return Ok(Vec::new()) };
-    let broken = |place: usize, what: String| {
-        let what = format!("{what}; expected the log of histograms that a run writes");
-        ReportError::MalformedLine(path.into(), place as u64 + 1, what)
+    let malformed = |index: usize, message: String| {
+        let message = format!("{message}; expected the log of histograms that a run writes");
+        ReportError::MalformedLine(path.into(), index as u64 + 1, message)
     };
     let mut deserializer = Deserializer::new();
-    let mut spreads = Vec::new();
-    for (place, entry) in IntervalLogIterator::new(&text).enumerate() {
-        let entry = entry.map_err(|error| broken(place, format!("{error:?}")))?;
+    let mut distributions = Vec::new();
+    for (index, entry) in IntervalLogIterator::new(&text).enumerate() {
+        let entry = entry.map_err(|error| malformed(index, format!("{error:?}")))?;
         let LogEntry::Interval(interval) = entry else { continue };
         let Some(tag) = interval.tag() else { continue };
-        let Some((stage, of)) = tag.as_str().split_once(':') else { continue };
+        let Some((stage, robot_or_edge)) = tag.as_str().split_once(':') else { continue };
         let bytes = STANDARD.decode(interval.encoded_histogram());
-        let bytes = bytes.map_err(|error| broken(place, error.to_string()))?;
+        let bytes = bytes.map_err(|error| malformed(index, error.to_string()))?;
         let histogram: Histogram<u64> = deserializer
             .deserialize(&mut &bytes[..])
-            .map_err(|error| broken(place, error.to_string()))?;
-        let above = exceedance_curve(&histogram);
-        spreads.push(LatencyDistribution {
+            .map_err(|error| malformed(index, error.to_string()))?;
+        let exceedance = exceedance_curve(&histogram);
+        distributions.push(LatencyDistribution {
             stage: stage.into(),
-            robot_or_edge: of.into(),
-            exceedance: above,
+            robot_or_edge: robot_or_edge.into(),
+            exceedance,
         });
     }
-    Ok(spreads)
+    Ok(distributions)
 }
 
 /// Returns values, ns, with the fraction of samples above each.
 fn exceedance_curve(histogram: &Histogram<u64>) -> Vec<(u64, f64)> {
-    let all = histogram.len() as f64;
-    let mut larger = histogram.len();
-    let mut told: Vec<(u64, f64)> = Vec::new();
-    let mut first_of_group = 0.0;
+    let total = histogram.len() as f64;
+    let mut count_above = histogram.len();
+    let mut curve: Vec<(u64, f64)> = Vec::new();
+    let mut group_start_ns = 0.0;
     for step in histogram.iter_recorded() {
-        larger = larger.saturating_sub(step.count_since_last_iteration());
-        let now = (step.value_iterated_to(), larger as f64 / all);
-        let value = now.0 as f64;
-        let near = !told.is_empty() && value <= first_of_group * (1.0 + MERGE_DISTANCE);
+        count_above = count_above.saturating_sub(step.count_since_last_iteration());
+        let point = (step.value_iterated_to(), count_above as f64 / total);
+        let value = point.0 as f64;
+        let is_near = !curve.is_empty() && value <= group_start_ns * (1.0 + MERGE_DISTANCE);
         // The last point, with no sample above, is always kept.
-        if near && larger > 0 {
-            *told.last_mut().expect("it is near to something") = now;
+        if is_near && count_above > 0 {
+            *curve.last_mut().expect("it is near to something") = point;
         } else {
-            first_of_group = value;
-            told.push(now);
+            group_start_ns = value;
+            curve.push(point);
         }
     }
-    told
+    curve
 }

@@ -16,29 +16,29 @@ const FILE_BYTES_MAX: u64 = 1 << 34;
 
 /// Reads a file. Returns `None` if it does not exist.
 pub(super) fn read_file(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
-    let unread = |error| ReportError::Read(path.into(), error);
+    let read_error = |error| ReportError::Read(path.into(), error);
     match fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(unread(error)),
-        Ok(found) if found.len() > FILE_BYTES_MAX => {
-            let bytes = found.len();
-            let why = format!("it has {bytes} bytes, expected at most {FILE_BYTES_MAX}");
-            return Err(unread(io::Error::other(why)));
+        Err(error) => return Err(read_error(error)),
+        Ok(metadata) if metadata.len() > FILE_BYTES_MAX => {
+            let bytes = metadata.len();
+            let reason = format!("it has {bytes} bytes, expected at most {FILE_BYTES_MAX}");
+            return Err(read_error(io::Error::other(reason)));
         }
-        Ok(_) => check_inside_folder(path.parent().unwrap_or(path), path).map_err(unread)?,
+        Ok(_) => check_inside_folder(path.parent().unwrap_or(path), path).map_err(read_error)?,
     }
     let read = regular_file::read(path, SymlinkPolicy::Followed, FILE_BYTES_MAX);
-    read.map(Some).map_err(unread)
+    read.map(Some).map_err(read_error)
 }
 
 /// Parses a JSON file. Returns `None` if it does not exist.
 pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
     let Some(text) = read_file(path)? else { return Ok(None) };
-    let broken = |error: serde_json::Error| {
+    let malformed = |error: serde_json::Error| {
         let what = format!("{error}; expected JSON as a run writes it");
         ReportError::MalformedLine(path.into(), error.line() as u64, what)
     };
-    serde_json::from_slice(&text).map(Some).map_err(broken)
+    serde_json::from_slice(&text).map(Some).map_err(malformed)
 }
 
 /// Passes each line of a table to `take`. Additional columns are ignored, because later versions may have them.
@@ -60,17 +60,17 @@ pub(super) fn for_each_line_of_text<T: DeserializeOwned>(
     text: &[u8],
     mut take: impl FnMut(T) -> Result<(), String>,
 ) -> Result<(), ReportError> {
-    let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |place| place + 1);
-    let mut reader = csv::Reader::from_reader(&text[..whole]);
-    let broken = |line, what| ReportError::MalformedLine(path.into(), line, what);
+    let complete_length = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |i| i + 1);
+    let mut reader = csv::Reader::from_reader(&text[..complete_length]);
+    let malformed = |line, what| ReportError::MalformedLine(path.into(), line, what);
     let mut lines = reader.deserialize::<T>();
     while let Some(line) = lines.next() {
         let end = lines.reader().position().line();
         let line = line.map_err(|error| {
             let at = error.position().map_or(end, csv::Position::line);
-            broken(at, describe_error(&error))
+            malformed(at, describe_error(&error))
         })?;
-        take(line).map_err(|what| broken(end - 1, what))?;
+        take(line).map_err(|what| malformed(end - 1, what))?;
     }
     Ok(())
 }

@@ -43,16 +43,17 @@ const REPAIR_EVENT: &str = "repair";
 /// changes of edges and deputies.
 pub(super) fn state_changes(events: &[EventLine], scene: &Scene) -> Vec<StateChange> {
     let robots = scene.robots.iter().enumerate();
-    let place: HashMap<&str, usize> = robots.map(|(i, robot)| (robot.name.as_str(), i)).collect();
+    let robot_indices: HashMap<&str, usize> =
+        robots.map(|(i, robot)| (robot.name.as_str(), i)).collect();
     let mut states = vec![RobotState::Moving; scene.robots.len()];
     let change = |event: &EventLine| {
-        let robot = *place.get(event.robot.as_str())?;
-        let edge = |spare: bool| {
-            let ends = (*place.get(event.other.as_str())?, robot);
+        let robot = *robot_indices.get(event.robot.as_str())?;
+        let edge = |is_spare: bool| {
+            let edge_ends = (*robot_indices.get(event.other.as_str())?, robot);
             let edges = &mut scene.edges.iter();
-            edges.position(|edge| (edge.from, edge.to) == ends && edge.spare == spare)
+            edges.position(|edge| (edge.from, edge.to) == edge_ends && edge.spare == is_spare)
         };
-        let to = match (event.kind.as_str(), event.state.as_str()) {
+        let new_state = match (event.kind.as_str(), event.state.as_str()) {
             ("kill" | "died", _) => NewState::Robot(robot, RobotState::Dead),
             ("restart", _) => NewState::Robot(robot, RobotState::Starting),
             ("ready" | "thaw" | "led", _) => NewState::Robot(robot, RobotState::Moving),
@@ -68,10 +69,10 @@ pub(super) fn state_changes(events: &[EventLine], scene: &Scene) -> Vec<StateCha
             (REPAIR_EVENT, "unused") => NewState::Edge(edge(true)?, EdgeState::Closed),
             _ => return None,
         };
-        if let NewState::Robot(robot, state) = to {
+        if let NewState::Robot(robot, state) = new_state {
             states[robot] = state;
         }
-        Some(StateChange { t_s: event.t_s, new_state: to })
+        Some(StateChange { t_s: event.t_s, new_state })
     };
     events.iter().filter_map(change).collect()
 }
@@ -82,10 +83,11 @@ pub(super) fn manually_cut_edge(
     scenario: &Scenario,
     t_s: f64,
 ) -> Option<usize> {
-    let cut = events.iter().find(|event| event.kind == "cut" && event.t_s == t_s)?;
+    let cut_event = events.iter().find(|event| event.kind == "cut" && event.t_s == t_s)?;
     let name = |robot: usize| &scenario.robots[robot].name;
-    let ends = |edge: &Edge| (name(edge.from), name(edge.to)) == (&cut.other, &cut.robot);
-    scenario.graph.edges().iter().position(ends)
+    let is_cut_edge =
+        |edge: &Edge| (name(edge.from), name(edge.to)) == (&cut_event.other, &cut_event.robot);
+    scenario.graph.edges().iter().position(is_cut_edge)
 }
 
 /// Returns the repair events in order of time: time, s, robot, and detail.
@@ -100,30 +102,31 @@ pub(super) fn read_signals(
     scenario: &Scenario,
 ) -> Result<Vec<SignalTrack>, ReportError> {
     let robots = scenario.robots.iter().zip(0..);
-    let place: HashMap<&str, usize> = robots.map(|(robot, i)| (robot.name.as_str(), i)).collect();
+    let robot_indices: HashMap<&str, usize> =
+        robots.map(|(robot, i)| (robot.name.as_str(), i)).collect();
     let mut signals: Vec<SignalTrack> = Vec::new();
     for_each_line(path, |line: SignalLine| {
-        let Some(&robot) = place.get(line.robot.as_str()) else {
+        let Some(&robot) = robot_indices.get(line.robot.as_str()) else {
             return Err(format!("{:?} is no robot of scenario.toml", line.robot));
         };
         if !(line.t_s.is_finite() && line.value.is_finite()) {
             return Err("a number is not finite".to_owned());
         }
-        let known = signals.iter().position(|signal| signal.name == line.signal);
-        let signal = known.unwrap_or_else(|| {
+        let known_signal = signals.iter().position(|signal| signal.name == line.signal);
+        let signal_index = known_signal.unwrap_or_else(|| {
             let values = vec![Vec::new(); scenario.robots.len()];
             signals.push(SignalTrack { name: line.signal, values });
             signals.len() - 1
         });
-        signals[signal].values[robot].push((line.t_s, line.value));
+        signals[signal_index].values[robot].push((line.t_s, line.value));
         Ok(())
     })?;
     Ok(signals)
 }
 
 /// Parses the keyword of an edge state in `events.csv`.
-fn parse_edge_state(word: &str) -> Option<EdgeState> {
-    match word {
+fn parse_edge_state(keyword: &str) -> Option<EdgeState> {
+    match keyword {
         "fresh" => Some(EdgeState::Fresh),
         "stale" => Some(EdgeState::Stale),
         "lost" => Some(EdgeState::Lost),
@@ -138,20 +141,20 @@ pub(super) fn read_samples(path: &Path, scenario: &Scenario) -> Result<SampleRec
     let mut record =
         SampleRecord { times_s: Vec::new(), tracks: vec![Vec::new(); robots], decimation: 1 };
     let Some(text) = read_file(path)? else { return Ok(record) };
-    let lines = text.iter().filter(|&&byte| byte == b'\n').count();
-    record.decimation = lines.div_ceil(SAMPLES_MAX).max(1);
+    let line_count = text.iter().filter(|&&byte| byte == b'\n').count();
+    record.decimation = line_count.div_ceil(SAMPLES_MAX).max(1);
     let names = scenario.robots.iter().map(|robot| robot.name.as_str());
-    let mut instants = SampleAssembler {
+    let mut assembler = SampleAssembler {
         record,
         robot_indices: names.zip(0..).collect(),
-        instant_count: lines.saturating_sub(1) / robots.max(1),
+        instant_count: line_count.saturating_sub(1) / robots.max(1),
         instant_number: 0,
         t_s: f64::NEG_INFINITY,
         samples: vec![None; robots],
         missing_samples: robots,
     };
-    for_each_line_of_text(path, &text, |line| instants.add_line(line))?;
-    Ok(instants.record)
+    for_each_line_of_text(path, &text, |line| assembler.add_line(line))?;
+    Ok(assembler.record)
 }
 
 /// Assembler of the lines of each instant.
@@ -170,11 +173,11 @@ struct SampleAssembler<'a> {
 
 impl SampleAssembler<'_> {
     fn add_line(&mut self, line: SampleLine) -> Result<(), String> {
-        let begins = self.missing_samples == self.samples.len();
-        if begins && !(line.t_s.is_finite() && line.t_s >= self.t_s) {
+        let is_first_robot = self.missing_samples == self.samples.len();
+        if is_first_robot && !(line.t_s.is_finite() && line.t_s >= self.t_s) {
             return Err(format!("time {} is not later than the one before", line.t_s));
         }
-        if !begins && line.t_s != self.t_s {
+        if !is_first_robot && line.t_s != self.t_s {
             return Err(format!(
                 "the time changes, but {} robots have no sample yet",
                 self.missing_samples

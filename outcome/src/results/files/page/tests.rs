@@ -15,24 +15,24 @@ use protocol::stage::Stage;
 use std::time::{Duration, SystemTime};
 
 /// Writes all files of a run of three robots that a report reads.
-fn write_example_run(below: &Path) -> PathBuf {
-    let path = below.join("run");
+fn write_example_run(folder: &Path) -> PathBuf {
+    let path = folder.join("run");
     let mut scenario = row_of_three();
     scenario.record_hz = 1e3;
     let mut run_dir = RunDir::create(&path, &scenario).unwrap();
     for tick in 0..8 {
         let errors = [Some(0.1), None, Some(0.3)];
-        let at = [0.0, 1.0, 2.0].map(|x| x + tick as f64 * 0.1);
+        let front_x_m = [0.0, 1.0, 2.0].map(|x| x + tick as f64 * 0.1);
         let alive = [true, tick != 4, true];
-        let nearest = Some((1.0, [0, 1]));
-        let measured = CurrentMetrics {
+        let nearest_pair = Some((1.0, [0, 1]));
+        let metrics = CurrentMetrics {
             errors_m: &errors,
             error_vectors: &[Some(Vec2::new(0.06, -0.08)), None, None],
             ideal_errors_m: &[None, Some(0.2), Some(0.4)],
-            nearest_pair: nearest,
+            nearest_pair,
             ..CurrentMetrics::default()
         };
-        run_dir.write_truth(&header(tick), &rows(at), &alive, measured).unwrap();
+        run_dir.write_truth(&header(tick), &rows(front_x_m), &alive, metrics).unwrap();
     }
     for (t_ns, kind, robot, state, other) in [
         (2_000_000_000, "kill", "r2", "", ""),
@@ -78,20 +78,20 @@ const FILES: [&str; 6] = [
 
 #[test]
 fn run_directory_has_all_poses_and_outcomes() {
-    let place = tempfile::tempdir().unwrap();
-    let run = load_run(&write_example_run(place.path()), &row_of_three()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let run = load_run(&write_example_run(folder.path()), &row_of_three()).unwrap();
     assert_eq!((run.scene.pace.as_str(), run.times_s.len(), run.decimation), ("realtime", 8, 1));
     assert!((run.tracks[2][3].x_m - 2.2).abs() < 1e-12);
     assert_eq!((run.tracks[0][0].error_m, run.tracks[1][0].error_m), (Some(0.1), None));
     assert!(!run.tracks[1][4].is_alive);
-    let died = &run.scene.faults[0];
-    assert_eq!((died.t_s, died.until_s, &died.robots[..]), (2.0, Some(4.0), &[1][..]));
+    let death = &run.scene.faults[0];
+    assert_eq!((death.t_s, death.until_s, &death.robots[..]), (2.0, Some(4.0), &[1][..]));
     let cut = &run.scene.faults[1];
     assert_eq!((cut.t_s, cut.until_s, cut.cuts), (5.0, Some(6.0), Some(0)));
-    let stopped = &run.scene.faults[2];
-    assert_eq!((stopped.t_s, stopped.until_s), (6.0, Some(6.5)));
+    let freeze = &run.scene.faults[2];
+    assert_eq!((freeze.t_s, freeze.until_s), (6.0, Some(6.5)));
     assert_eq!(
-        (stopped.what.as_str(), stopped.robots.len()),
+        (freeze.what.as_str(), freeze.robots.len()),
         ("freeze plant, by another process", 0)
     );
     let frozen = NewState::Robot(2, RobotState::Frozen);
@@ -117,16 +117,16 @@ fn run_directory_has_all_poses_and_outcomes() {
 
 #[test]
 fn error_components_are_the_recorded_ones() {
-    let place = tempfile::tempdir().unwrap();
-    let run = load_run(&write_example_run(place.path()), &row_of_three()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let run = load_run(&write_example_run(folder.path()), &row_of_three()).unwrap();
     let components = [0, 1].map(|robot| run.tracks[robot][0].error_xy_m);
     assert_eq!(components, [Some([0.06, -0.08]), None]);
 }
 
 #[test]
 fn events_without_columns_for_edges_are_read() {
-    let place = tempfile::tempdir().unwrap();
-    let path = write_example_run(place.path());
+    let folder = tempfile::tempdir().unwrap();
+    let path = write_example_run(folder.path());
     let events = "t_s,kind,robot,detail\n2,kill,r2,\"SIGKILL, as planned\"\n2.5,freeze,r2,no process to stop\n\
                   3,contact,r3,stale r2\n4.6,repair,r1,leads\n5,freeze,r3,\"SIGSTOP, as planned\"\n";
     fs::write(path.join("events.csv"), events).unwrap();
@@ -140,39 +140,39 @@ fn events_without_columns_for_edges_are_read() {
 
 #[test]
 fn killed_run_gets_a_report_of_its_written_part() {
-    let place = tempfile::tempdir().unwrap();
-    let path = write_example_run(place.path());
-    let whole = fs::read(path.join("samples.csv")).unwrap();
-    fs::write(path.join("samples.csv"), &whole[..whole.len() - 40]).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = write_example_run(folder.path());
+    let samples = fs::read(path.join("samples.csv")).unwrap();
+    fs::write(path.join("samples.csv"), &samples[..samples.len() - 40]).unwrap();
     for name in ["summary.json", "latency.hlog", "latency_over_time.csv"] {
         fs::remove_file(path.join(name)).unwrap();
     }
     let run = load_run(&path, &row_of_three()).unwrap();
     assert_eq!(run.times_s.len(), 7, "the last instant was incomplete");
-    let WrittenPage { path, cut_short_note: cut_short, is_checked, .. } =
+    let WrittenPage { path, cut_short_note, is_checked, .. } =
         write_page(&path, &row_of_three(), None).unwrap();
-    assert_eq!((cut_short, is_checked), (Some(CUT_SHORT_NOTE), false));
+    assert_eq!((cut_short_note, is_checked), (Some(CUT_SHORT_NOTE), false));
     assert!(fs::read_to_string(path).unwrap().contains("cut short"));
 }
 
 #[test]
 fn summary_without_the_section_of_wall_times_is_read() {
-    let place = tempfile::tempdir().unwrap();
-    let path = write_example_run(place.path());
+    let folder = tempfile::tempdir().unwrap();
+    let path = write_example_run(folder.path());
     let wall = |summary: &str| {
         fs::write(path.join("summary.json"), summary).unwrap();
         load_run(&path, &row_of_three()).unwrap().summary.unwrap().wall
     };
     let section = r#""wall_s": 3.5, "processes": [{ "name": "r1", "starts": 2 }]"#;
-    let now = wall(&format!(r#"{{ "t_s": 1.0, "wall": {{ {section} }} }}"#));
-    assert_eq!((now.wall_s, now.processes[0].starts), (3.5, 2));
-    assert_eq!(wall(&format!(r#"{{ "t_s": 1.0, {section} }}"#)), now);
+    let current = wall(&format!(r#"{{ "t_s": 1.0, "wall": {{ {section} }} }}"#));
+    assert_eq!((current.wall_s, current.processes[0].starts), (3.5, 2));
+    assert_eq!(wall(&format!(r#"{{ "t_s": 1.0, {section} }}"#)), current);
 }
 
 #[test]
 fn invalid_table_line_is_named() {
-    let place = tempfile::tempdir().unwrap();
-    let path = write_example_run(place.path());
+    let folder = tempfile::tempdir().unwrap();
+    let path = write_example_run(folder.path());
     let text = fs::read_to_string(path.join("samples.csv")).unwrap();
     for (from, to, expected) in [
         ("1,r2,", "1,r9,", "samples.csv:6: \"r9\" is no robot of scenario.toml"),
@@ -193,24 +193,25 @@ fn invalid_table_line_is_named() {
 
 #[test]
 fn samples_without_the_columns_of_later_versions_are_read() {
-    let place = tempfile::tempdir().unwrap();
-    let path = write_example_run(place.path());
-    let last = |path: &Path| load_run(path, &row_of_three()).unwrap().tracks[1].last().copied();
-    let now = last(&path).unwrap();
-    assert_eq!(now.ideal_error_m, Some(0.2));
+    let folder = tempfile::tempdir().unwrap();
+    let path = write_example_run(folder.path());
+    let last_sample =
+        |path: &Path| load_run(path, &row_of_three()).unwrap().tracks[1].last().copied();
+    let current = last_sample(&path).unwrap();
+    assert_eq!(current.ideal_error_m, Some(0.2));
     let text = fs::read_to_string(path.join("samples.csv")).unwrap();
     // The newer columns are the last six.
-    let before = text.lines().map(|line| format!("{}\n", line.rsplitn(7, ',').last().unwrap()));
-    fs::write(path.join("samples.csv"), before.collect::<String>()).unwrap();
-    assert_eq!(last(&path), Some(RobotSample { ideal_error_m: None, ..now }));
+    let old_text = text.lines().map(|line| format!("{}\n", line.rsplitn(7, ',').last().unwrap()));
+    fs::write(path.join("samples.csv"), old_text.collect::<String>()).unwrap();
+    assert_eq!(last_sample(&path), Some(RobotSample { ideal_error_m: None, ..current }));
 }
 
 #[test]
 fn command_is_shell_quoted_and_times_are_dates() {
     let read = |name: &str, value: serde_json::Value| format_manifest_entry(name, &value);
     let command = serde_json::json!(["phalanx", "--set", "expect={}", "kill r4 @6", "it's"]);
-    let pasted = r"phalanx --set 'expect={}' 'kill r4 @6' 'it'\''s'";
-    assert_eq!(read("command", command), ("command".to_owned(), pasted.to_owned()));
+    let expected = r"phalanx --set 'expect={}' 'kill r4 @6' 'it'\''s'";
+    assert_eq!(read("command", command), ("command".to_owned(), expected.to_owned()));
     let (name, epoch) = read("epoch_unix_ns", LOCKSTEP_EPOCH_UNIX_NS.into());
     assert_eq!(name, "epoch");
     assert!(epoch.starts_with("2000-01-01 00:00:00 UTC, as of every run in lockstep"), "{epoch}");
@@ -224,19 +225,19 @@ proptest! {
     #[test]
     fn randomly_damaged_run_directory_is_drawn_or_refused(
         file in 0..FILES.len(),
-        cut in any::<bool>(),
-        blows in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+        is_truncated in any::<bool>(),
+        changed_bytes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
     ) {
-        let place = tempfile::tempdir().unwrap();
-        let path = write_example_run(place.path());
+        let folder = tempfile::tempdir().unwrap();
+        let path = write_example_run(folder.path());
         let name = FILES[file];
         let mut bytes = fs::read(path.join(name)).unwrap();
-        for (at, byte) in &blows {
+        for (at, byte) in &changed_bytes {
             let at = at.index(bytes.len());
             bytes[at] = *byte;
         }
-        if cut {
-            bytes.truncate(blows[0].0.index(bytes.len()));
+        if is_truncated {
+            bytes.truncate(changed_bytes[0].0.index(bytes.len()));
         }
         fs::write(path.join(name), bytes).unwrap();
         if let Err(error) = write_page(&path, &row_of_three(), None) {

@@ -28,10 +28,10 @@ fn until_deadline(limit: Duration) -> impl FnMut() -> bool {
 fn create_two_mappings(slots: usize) -> (tempfile::TempDir, Barrier, Barrier) {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("barrier");
-    let made = Barrier::create(&path, slots, 2, TEST_TIMEOUT).unwrap();
+    let created = Barrier::create(&path, slots, 2, TEST_TIMEOUT).unwrap();
     let opened = Barrier::open(&path).unwrap();
     assert_eq!(opened.slots(), slots);
-    (directory, made, opened)
+    (directory, created, opened)
 }
 
 fn begin_and_release_tick(plant: &Barrier, tick: u64) {
@@ -99,17 +99,17 @@ fn alarm_makes_every_wait_recheck() {
     let (_directory, mut plant, mut agents) = create_two_mappings(2);
     /// Returns a closure that is `true` for a few calls, each after an alarm.
     fn until_rechecked_twice() -> impl FnMut() -> bool {
-        let mut left = 3;
+        let mut remaining = 3;
         move || {
-            left -= 1;
-            left > 0
+            remaining -= 1;
+            remaining > 0
         }
     }
     thread::scope(|scope| {
         plant.set_member(0, 0);
         plant.begin_tick(0);
         scope.spawn(move || {
-            let began = Instant::now();
+            let start = Instant::now();
             agents.set_alarm(Alarm::start().unwrap());
             assert_eq!(agents.wait_for_tick(0, agents.epoch(0), until_rechecked_twice()), None);
             assert!(!agents.wait_for_lead_limit(
@@ -119,7 +119,7 @@ fn alarm_makes_every_wait_recheck() {
             ));
             assert!(!agents.pause(0, until_rechecked_twice()));
             // Waits evaluate it no more often than the alarm fires.
-            assert!(began.elapsed() >= 8 * Alarm::PERIOD);
+            assert!(start.elapsed() >= 8 * Alarm::PERIOD);
         });
         scope.spawn(move || {
             plant.set_alarm(Alarm::start().unwrap());
@@ -153,8 +153,8 @@ fn awaited_members_and_begun_ticks_are_reported() {
 
 #[test]
 fn foreign_file_is_refused() {
-    let (directory, made, _opened) = create_two_mappings(2);
-    drop(made);
+    let (directory, created, _opened) = create_two_mappings(2);
+    drop(created);
     let path = directory.path().join("barrier");
     assert!(Barrier::create(&path, 0, 1, TEST_TIMEOUT).is_err());
     let mut bytes = std::fs::read(&path).unwrap();

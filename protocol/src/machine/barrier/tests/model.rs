@@ -144,19 +144,19 @@ pub(super) struct SearchResult {
     pub(super) flaw: Option<String>,
 }
 
-/// Searches all runs of this plot, up to the first error. Steps of the kind `left_out` do nothing.
-pub(super) fn search_all_runs(plot: &EventPlan, left_out: Option<StepKind>) -> SearchResult {
+/// Searches all runs of this plan, up to the first error. Steps of the kind `omitted_step` do nothing.
+pub(super) fn search_all_runs(plan: &EventPlan, omitted_step: Option<StepKind>) -> SearchResult {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("barrier");
-    let barrier = Barrier::create(&path, plot.slots, plot.groups, UNREACHED_TIMEOUT).unwrap();
-    (0..plot.slots).for_each(|slot| barrier.set_member(slot, 0));
-    barrier.pause_at(plot.next_pause_tick(0));
-    Model::new(plot, &barrier, left_out).search()
+    let barrier = Barrier::create(&path, plan.slots, plan.groups, UNREACHED_TIMEOUT).unwrap();
+    (0..plan.slots).for_each(|slot| barrier.set_member(slot, 0));
+    barrier.pause_at(plan.next_pause_tick(0));
+    Model::new(plan, &barrier, omitted_step).search()
 }
 
 impl EventPlan {
     fn next_pause_tick(&self, planned: usize) -> u64 {
-        self.planned_actions.get(planned).map_or(u64::MAX, |&(place, _)| self.ticks[place])
+        self.planned_actions.get(planned).map_or(u64::MAX, |&(index, _)| self.ticks[index])
     }
 
     /// Returns the index of a tick.
@@ -251,27 +251,27 @@ struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    fn new(plot: &'a EventPlan, barrier: &'a Barrier, left_out: Option<StepKind>) -> Model<'a> {
+    fn new(plan: &'a EventPlan, barrier: &'a Barrier, omitted_step: Option<StepKind>) -> Model<'a> {
         let words = list_words(barrier);
         let named = |name: &str, act| {
-            let of_name = words.iter().filter(|(of, _)| *of == name);
-            of_name.map(|(_, word)| Access { word: word.address(), act }).collect::<Vec<_>>()
+            let named_words = words.iter().filter(|(of, _)| *of == name);
+            named_words.map(|(_, word)| Access { word: word.address(), act }).collect::<Vec<_>>()
         };
         // A word with a single writer may be read by it at any time; and no process reads mute words here.
         let own = ["attention_seen", "heartbeats", "mute"];
         let own = own.map(|name| [Act::Load, Act::Store, Act::Add].map(|act| named(name, act)));
         let quiet = [named("epochs", Act::Load), own.concat().concat(), vec![]].map(Rc::from);
-        let left_out =
-            [ProcessKind::Plant, ProcessKind::Supervisor, ProcessKind::Agent].map(|role| {
-                let kind = left_out.filter(|(of, ..)| *of == role);
+        let omitted_accesses = [ProcessKind::Plant, ProcessKind::Supervisor, ProcessKind::Agent]
+            .map(|role| {
+                let kind = omitted_step.filter(|(of, ..)| *of == role);
                 Rc::from(kind.map_or(vec![], |(_, name, act)| named(name, act)))
             });
         Model {
-            plan: plot,
+            plan,
             barrier,
             words,
             quiet_accesses: quiet,
-            omitted_accesses: left_out,
+            omitted_accesses,
             kinds: BTreeSet::new(),
             last_step: None,
         }
@@ -295,18 +295,19 @@ impl<'a> Model<'a> {
             unnoticed_deaths: vec![false; self.plan.slots],
         };
         let mut known = HashSet::from([hasher.hash_one(&first)]);
-        let mut ways = vec![];
+        let mut predecessors = vec![];
         let mut open = vec![(first, 0)];
         while let Some((state, from)) = open.pop() {
             let moves = self.possible_moves(&state);
-            let stuck = || (0..state.processes.len()).find(|&process| is_waiting(&state, process));
+            let find_waiting =
+                || (0..state.processes.len()).find(|&process| is_waiting(&state, process));
             if moves.iter().all(|&next| next >= DEATH_MOVE_OFFSET)
-                && let Some(waits) = stuck()
+                && let Some(waiting) = find_waiting()
             {
-                let what = format!("{:?} {waits} waits for ever", process_kind(waits));
+                let what = format!("{:?} {waiting} waits for ever", process_kind(waiting));
                 return self.into_result(
                     known.len(),
-                    Some(describe_flaw_with_steps(&what, &ways, from, &state)),
+                    Some(describe_flaw_with_steps(&what, &predecessors, from, &state)),
                 );
             }
             for next in moves {
@@ -314,12 +315,22 @@ impl<'a> Model<'a> {
                 let at = state.processes[process].position;
                 let flaw = self.step_process(&mut then, next).err();
                 if flaw.is_some() || known.insert(hasher.hash_one(&then)) {
-                    ways.push(Predecessor { from, process, position: at, step: self.last_step });
+                    predecessors.push(Predecessor {
+                        from,
+                        process,
+                        position: at,
+                        step: self.last_step,
+                    });
                     if let Some(what) = flaw {
-                        let flaw = describe_flaw_with_steps(&what, &ways, ways.len(), &then);
+                        let flaw = describe_flaw_with_steps(
+                            &what,
+                            &predecessors,
+                            predecessors.len(),
+                            &then,
+                        );
                         return self.into_result(known.len(), Some(flaw));
                     }
-                    open.push((then, ways.len()));
+                    open.push((then, predecessors.len()));
                 }
             }
             if known.len() > STATES_MAX {
@@ -336,18 +347,17 @@ impl<'a> Model<'a> {
     /// Returns all possible moves: steps and deaths.
     fn possible_moves(&self, state: &ModelState) -> Vec<usize> {
         let processes = 0..state.processes.len();
-        let mortal = |process: &usize| {
+        let can_die = |process: &usize| {
             state.remaining_deaths > 0
                 && *process >= FIRST_AGENT_INDEX
                 && state.processes[*process].position != ProcessPosition::Dead
         };
-        let deaths = processes.clone().filter(mortal).map(|process| process + DEATH_MOVE_OFFSET);
+        let deaths = processes.clone().filter(can_die).map(|process| process + DEATH_MOVE_OFFSET);
         processes.filter(|&process| self.can_move(state, process)).chain(deaths).collect()
     }
 
     fn can_move(&self, state: &ModelState, process: usize) -> bool {
-        let ModelProcess { position: at, sleep_word: asleep, frozen, .. } =
-            &state.processes[process];
+        let ModelProcess { position: at, sleep_word, frozen, .. } = &state.processes[process];
         let is_ready = |slot: usize| {
             state.processes[FIRST_AGENT_INDEX + slot].position != ProcessPosition::ReadsEpoch
         };
@@ -355,7 +365,7 @@ impl<'a> Model<'a> {
             ProcessPosition::Ended | ProcessPosition::Dead => false,
             _ if *frozen => false,
             // The supervisor checks for exits from time to time.
-            _ if asleep.is_some() => {
+            _ if sleep_word.is_some() => {
                 process == SUPERVISOR_INDEX && state.unnoticed_deaths.contains(&true)
             }
             ProcessPosition::Publishes(0) => (0..self.plan.slots).all(is_ready),
@@ -381,30 +391,30 @@ impl<'a> Model<'a> {
             word.set(value);
         }
         let role = process_kind(next);
-        let (quiet, left_out) =
+        let (quiet, omitted) =
             (&self.quiet_accesses[role as usize], &self.omitted_accesses[role as usize]);
         let at = process.position;
-        let turned = step_call(&mut process.history, quiet, left_out, || self.call(at, next));
+        let outcome = step_call(&mut process.history, quiet, omitted, || self.call(at, next));
         for ((_, word), value) in self.words.iter().zip(&mut state.barrier_words) {
             *value = word.get();
         }
-        if let Some(made) = turned.made_step {
-            let name = self.words.iter().find(|(_, word)| word.address() == made.word);
+        if let Some(made_step) = outcome.made_step {
+            let name = self.words.iter().find(|(_, word)| word.address() == made_step.word);
             let name = name.expect("all words are known").0;
-            self.last_step = Some((name, made.act));
-            if !matches!(made.act, Act::Load | Act::Sleep) {
-                self.kinds.insert((role, name, made.act));
+            self.last_step = Some((name, made_step.act));
+            if !matches!(made_step.act, Act::Load | Act::Sleep) {
+                self.kinds.insert((role, name, made_step.act));
             }
-            if made.act == Act::Wake && !left_out.contains(&made) {
+            if made_step.act == Act::Wake && !omitted.contains(&made_step) {
                 for other in &mut state.processes {
-                    if other.sleep_word == Some(made.word) {
+                    if other.sleep_word == Some(made_step.word) {
                         other.sleep_word = None;
                         other.history.push(WOKEN_RESULT);
                     }
                 }
             }
         }
-        match turned.result {
+        match outcome.result {
             StepResult::HasMoreSteps => {}
             StepResult::Asleep(word) => state.processes[next].sleep_word = Some(word),
             StepResult::Returned(then) => {
@@ -425,11 +435,11 @@ impl<'a> Model<'a> {
     }
 
     fn call_plant(&self, at: ProcessPosition) -> Continuation {
-        let Model { plan: plot, barrier, .. } = self;
-        let patience = || true;
+        let Model { plan, barrier, .. } = self;
+        let keep_waiting = || true;
         match at {
             ProcessPosition::ChecksPauseDue(i) => {
-                let due = barrier.is_pause_due(plot.ticks[i]);
+                let due = barrier.is_pause_due(plan.ticks[i]);
                 continue_at(if due {
                     ProcessPosition::Pauses(i)
                 } else {
@@ -437,19 +447,23 @@ impl<'a> Model<'a> {
                 })
             }
             ProcessPosition::Pauses(i) => {
-                assert!(barrier.pause(plot.ticks[i], patience));
+                assert!(barrier.pause(plan.ticks[i], keep_waiting));
                 continue_at(ProcessPosition::AwaitsLead(i))
             }
             ProcessPosition::AwaitsLead(i) => {
-                assert!(barrier.wait_for_lead_limit(plot.ticks[i], plot.lead_ticks_max, patience));
-                continue_with(move |Model { plan: plot, .. }, state| {
-                    let taken = if state.consumed_truths == 0 {
+                assert!(barrier.wait_for_lead_limit(
+                    plan.ticks[i],
+                    plan.lead_ticks_max,
+                    keep_waiting
+                ));
+                continue_with(move |Model { plan, .. }, state| {
+                    let consumed = if state.consumed_truths == 0 {
                         0
                     } else {
-                        plot.completed_ticks(state.consumed_truths)
+                        plan.completed_ticks(state.consumed_truths)
                     };
-                    let early = plot.ticks[i].saturating_sub(taken) > plot.lead_ticks_max;
-                    if early {
+                    let is_early = plan.ticks[i].saturating_sub(consumed) > plan.lead_ticks_max;
+                    if is_early {
                         Err(format!("tick {i} begins too early"))
                     } else {
                         Ok(ProcessPosition::Begins(i))
@@ -457,12 +471,12 @@ impl<'a> Model<'a> {
                 })
             }
             ProcessPosition::Begins(i) => {
-                barrier.begin_tick(plot.ticks[i]);
+                barrier.begin_tick(plan.ticks[i]);
                 continue_at(ProcessPosition::Releases(i, 0))
             }
             ProcessPosition::Releases(i, group) => {
                 barrier.release_group(group);
-                let last = group + 1 == plot.groups;
+                let last = group + 1 == plan.groups;
                 continue_at(if last {
                     ProcessPosition::AwaitsArrivals(i)
                 } else {
@@ -471,7 +485,7 @@ impl<'a> Model<'a> {
             }
             ProcessPosition::AwaitsArrivals(i) => {
                 barrier
-                    .wait_for_arrivals(plot.ticks[i], patience)
+                    .wait_for_arrivals(plan.ticks[i], keep_waiting)
                     .expect("its patience does not end");
                 continue_with(move |model, state| {
                     let mut expected = model.expected_slots(model.plan.ticks[i]);
@@ -493,16 +507,16 @@ impl<'a> Model<'a> {
     }
 
     fn call_agent(&self, at: ProcessPosition, slot: usize) -> Continuation {
-        let Model { plan: plot, barrier, .. } = self;
+        let Model { plan, barrier, .. } = self;
         match at {
             ProcessPosition::ReadsEpoch => {
                 continue_at(ProcessPosition::AwaitsTick { epoch: barrier.epoch(slot), last: None })
             }
             ProcessPosition::AwaitsTick { epoch, last } => {
-                let ticked = barrier.wait_for_tick(slot, epoch, || true);
-                let (epoch, tick) = ticked.expect("its patience does not end");
-                continue_with(move |Model { plan: plot, .. }, _| {
-                    let at = plot.find_tick(tick)?;
+                let released = barrier.wait_for_tick(slot, epoch, || true);
+                let (epoch, tick) = released.expect("its patience does not end");
+                continue_with(move |Model { plan, .. }, _| {
+                    let at = plan.find_tick(tick)?;
                     if at + 1 != epoch as usize || last.is_some_and(|last| last >= at) {
                         return Err(format!("after {last:?} comes tick {at} at epoch {epoch}"));
                     }
@@ -511,7 +525,7 @@ impl<'a> Model<'a> {
             }
             ProcessPosition::ChecksMembership { epoch, at } => {
                 let since = barrier.first_member_tick(slot);
-                if since.is_none_or(|since| since > plot.ticks[at]) {
+                if since.is_none_or(|since| since > plan.ticks[at]) {
                     return continue_at(ProcessPosition::AwaitsTick { epoch, last: Some(at) });
                 }
                 continue_with(move |_, state| {
@@ -520,7 +534,7 @@ impl<'a> Model<'a> {
                 })
             }
             ProcessPosition::Arrives { epoch, at } => {
-                barrier.arrive(slot, plot.ticks[at]);
+                barrier.arrive(slot, plan.ticks[at]);
                 continue_at(ProcessPosition::AwaitsTick { epoch, last: Some(at) })
             }
             at => unreachable!("an agent is never at {at:?}"),
@@ -528,7 +542,7 @@ impl<'a> Model<'a> {
     }
 
     fn call_supervisor(&self, at: ProcessPosition) -> Continuation {
-        let Model { plan: plot, barrier, .. } = self;
+        let Model { plan, barrier, .. } = self;
         match at {
             ProcessPosition::AwaitsAttention(planned) => {
                 barrier.wait_for_attention(UNREACHED_TIMEOUT);
@@ -541,8 +555,8 @@ impl<'a> Model<'a> {
                 })
             }
             ProcessPosition::Consumes(planned, truths) => {
-                barrier.set_consumed_ticks(plot.completed_ticks(truths));
-                if truths > plot.ticks.len() {
+                barrier.set_consumed_ticks(plan.completed_ticks(truths));
+                if truths > plan.ticks.len() {
                     return continue_at(ProcessPosition::Ended);
                 }
                 continue_with(move |model, state| Ok(model.find_dead_agent(state, planned)))
@@ -558,8 +572,8 @@ impl<'a> Model<'a> {
                 None => continue_at(ProcessPosition::AwaitsAttention(planned)),
                 // The plant is paused; has the ground truth of its tick been received?
                 Some(tick) => continue_with(move |model, state| {
-                    let taken = model.plan.find_tick(tick)? + 1 == state.consumed_truths;
-                    if taken {
+                    let is_consumed = model.plan.find_tick(tick)? + 1 == state.consumed_truths;
+                    if is_consumed {
                         model.act_or_resume(state, planned)
                     } else {
                         Ok(ProcessPosition::AwaitsAttention(planned))
@@ -567,9 +581,9 @@ impl<'a> Model<'a> {
                 }),
             },
             ProcessPosition::RemovesMember(planned) => {
-                let slot = plot.target_agent(planned);
+                let slot = plan.target_agent(planned);
                 barrier.remove_member(slot);
-                if let PlannedAction::Freeze(_) = plot.planned_actions[planned].1 {
+                if let PlannedAction::Freeze(_) = plan.planned_actions[planned].1 {
                     return continue_at(ProcessPosition::ExecutesAction(planned));
                 }
                 continue_with(move |_, state| {
@@ -586,13 +600,13 @@ impl<'a> Model<'a> {
             }
             ProcessPosition::AddsMember(planned) => {
                 barrier.set_member(
-                    plot.target_agent(planned),
-                    plot.ticks[plot.planned_actions[planned].0],
+                    plan.target_agent(planned),
+                    plan.ticks[plan.planned_actions[planned].0],
                 );
                 continue_with(move |model, state| model.act_or_resume(state, planned + 1))
             }
             ProcessPosition::SetsPause(planned) => {
-                barrier.pause_at(plot.next_pause_tick(planned));
+                barrier.pause_at(plan.next_pause_tick(planned));
                 continue_at(ProcessPosition::Resumes(planned))
             }
             ProcessPosition::Resumes(planned) => {
@@ -610,15 +624,15 @@ impl<'a> Model<'a> {
         planned: usize,
     ) -> Result<ProcessPosition, String> {
         let slot = self.plan.target_agent(planned);
-        let struck = &mut state.processes[FIRST_AGENT_INDEX + slot];
+        let agent = &mut state.processes[FIRST_AGENT_INDEX + slot];
         match self.plan.planned_actions[planned].1 {
-            PlannedAction::Freeze(_) => struck.frozen = struck.position != ProcessPosition::Dead,
-            PlannedAction::Thaw(_) if std::mem::take(&mut struck.frozen) => {
+            PlannedAction::Freeze(_) => agent.frozen = agent.position != ProcessPosition::Dead,
+            PlannedAction::Thaw(_) if std::mem::take(&mut agent.frozen) => {
                 return Ok(ProcessPosition::AddsMember(planned));
             }
             PlannedAction::Thaw(_) => {}
             PlannedAction::Replace(_) => {
-                *struck = ModelProcess::new(ProcessPosition::Dead);
+                *agent = ModelProcess::new(ProcessPosition::Dead);
                 state.unnoticed_deaths[slot] = false;
                 return Ok(ProcessPosition::RemovesMember(planned));
             }
@@ -636,7 +650,7 @@ impl<'a> Model<'a> {
     }
 
     fn find_dead_agent(&self, state: &ModelState, planned: usize) -> ProcessPosition {
-        match state.unnoticed_deaths.iter().position(|&unburied| unburied) {
+        match state.unnoticed_deaths.iter().position(|&is_unnoticed| is_unnoticed) {
             Some(dead) => ProcessPosition::RemovesDeadMember(planned, dead),
             None => ProcessPosition::ChecksWhetherPaused(planned),
         }
@@ -645,11 +659,13 @@ impl<'a> Model<'a> {
     /// Starts the next planned action if it is due at the tick at which the plant is paused, or resumes the
     /// plant.
     fn act_or_resume(&self, state: &ModelState, planned: usize) -> Result<ProcessPosition, String> {
-        let ProcessPosition::Pauses(stands) = state.processes[PLANT_INDEX].position else {
+        let ProcessPosition::Pauses(tick_index) = state.processes[PLANT_INDEX].position else {
             return Err("the supervisor acts while the plant moves".into());
         };
         Ok(match self.plan.planned_actions.get(planned) {
-            Some(&(place, _)) if place <= stands => self.plan.position_of_planned_action(planned),
+            Some(&(index, _)) if index <= tick_index => {
+                self.plan.position_of_planned_action(planned)
+            }
             _ => ProcessPosition::SetsPause(planned),
         })
     }
@@ -683,7 +699,7 @@ fn is_waiting(state: &ModelState, process: usize) -> bool {
     let ModelProcess { position: at, frozen, .. } = &state.processes[process];
     match at {
         ProcessPosition::Ended | ProcessPosition::Dead => false,
-        // Agents are asked to end when the run is over.
+        // Agents receive a stop request when the run is over.
         ProcessPosition::AwaitsTick { .. } => {
             !frozen && state.processes[PLANT_INDEX].position != ProcessPosition::Ended
         }
@@ -694,16 +710,16 @@ fn is_waiting(state: &ModelState, process: usize) -> bool {
 /// Returns the description of an error and the steps that lead to it.
 fn describe_flaw_with_steps(
     what: &str,
-    ways: &[Predecessor],
+    predecessors: &[Predecessor],
     mut reached: usize,
     state: &ModelState,
 ) -> String {
     let mut steps = Vec::new();
-    while let Some(Predecessor { from, process, position: at, step: made }) =
-        reached.checked_sub(1).map(|way| &ways[way])
+    while let Some(Predecessor { from, process, position: at, step }) =
+        reached.checked_sub(1).map(|index| &predecessors[index])
     {
-        let made = made.map_or("dies or goes on".to_owned(), |made| format!("{made:?}"));
-        steps.push(format!("  {:?} {process} {at:?}: {made}", process_kind(*process)));
+        let step = step.map_or("dies or goes on".to_owned(), |step| format!("{step:?}"));
+        steps.push(format!("  {:?} {process} {at:?}: {step}", process_kind(*process)));
         reached = *from;
     }
     steps.reverse();

@@ -69,12 +69,12 @@ fn plan_with_all_events() -> EventPlan {
     }
 }
 
-/// Searches a plot exhaustively and expects no error.
-fn check_plan_without_error(plot: EventPlan) {
-    let found = search_all_runs(&plot, None);
-    assert_eq!(found.flaw, None, "{plot:?}");
+/// Searches all runs of a plan and expects no error.
+fn check_plan_without_error(plan: EventPlan) {
+    let result = search_all_runs(&plan, None);
+    assert_eq!(result.flaw, None, "{plan:?}");
     // A model with few states shows little.
-    assert!(found.states > 1000, "{plot:?}: {}", found.states);
+    assert!(result.states > 1000, "{plan:?}: {}", result.states);
 }
 
 #[test]
@@ -128,20 +128,20 @@ const DISPENSABLE_STEPS: [(StepKind, &str); 2] = [
 /// wake-ups.
 #[test]
 fn barrier_without_any_one_step_fails_in_the_model() {
-    let (mut kinds, mut found_out) = (BTreeSet::new(), BTreeSet::new());
-    for plot in [plan_with_plant_ahead(), plan_with_replacement()] {
-        kinds.extend(search_all_runs(&plot, None).kinds);
+    let (mut kinds, mut detected) = (BTreeSet::new(), BTreeSet::new());
+    for plan in [plan_with_plant_ahead(), plan_with_replacement()] {
+        kinds.extend(search_all_runs(&plan, None).kinds);
         for &kind in &kinds {
-            if !found_out.contains(&kind) && search_all_runs(&plot, Some(kind)).flaw.is_some() {
-                found_out.insert(kind);
+            if !detected.contains(&kind) && search_all_runs(&plan, Some(kind)).flaw.is_some() {
+                detected.insert(kind);
             }
         }
     }
-    let not_found: Vec<StepKind> = kinds.difference(&found_out).copied().collect();
+    let not_found: Vec<StepKind> = kinds.difference(&detected).copied().collect();
     assert_eq!(not_found, DISPENSABLE_STEPS.map(|(kind, _)| kind));
     // The nudge exists twice: by the process that changes the members, and by the plant that began a tick
     // meanwhile.
     for role in [ProcessKind::Supervisor, ProcessKind::Plant] {
-        assert!(found_out.contains(&(role, "arrivals", Act::Or)));
+        assert!(detected.contains(&(role, "arrivals", Act::Or)));
     }
 }

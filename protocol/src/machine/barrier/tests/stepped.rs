@@ -1,4 +1,4 @@
-//! The words of the barrier as the model sees them: outside of the model they are ordinary atomics, in it every
+//! The words of the barrier in the model: outside of the model they are ordinary atomics, in it every
 //! access is a step.
 //!
 //! In a turn one process makes one step. To make it, the process calls the barrier's own code again from the
@@ -71,39 +71,39 @@ thread_local! {
 /// Panic payload: the next step belongs to another turn.
 struct TurnEnded;
 
-/// Makes one step of a call that made those of `history`, and appends it. Accesses in `quiet` are not steps: no
-/// other process can observe when they happen. Accesses in `left_out` do nothing.
+/// Makes one step of a call that made those of `history`, and appends it. Accesses in `quiet_accesses` are not steps:
+/// no other process can observe when they happen. Accesses in `omitted_accesses` do nothing.
 pub(in crate::machine::barrier) fn step_call<R>(
     history: &mut Vec<u64>,
-    quiet: &Rc<[Access]>,
-    left_out: &Rc<[Access]>,
+    quiet_accesses: &Rc<[Access]>,
+    omitted_accesses: &Rc<[Access]>,
     call: impl FnOnce() -> R,
 ) -> StepOutcome<R> {
-    let begun = PartialCall {
+    let partial_call = PartialCall {
         history: std::mem::take(history),
         replayed_count: 0,
         made_step: None,
         sleep_address: None,
-        quiet_accesses: quiet.clone(),
-        omitted_accesses: left_out.clone(),
+        quiet_accesses: quiet_accesses.clone(),
+        omitted_accesses: omitted_accesses.clone(),
     };
-    CURRENT_CALL.set(Some(begun));
-    let ran = catch_unwind(AssertUnwindSafe(call));
+    CURRENT_CALL.set(Some(partial_call));
+    let outcome = catch_unwind(AssertUnwindSafe(call));
     let turn = CURRENT_CALL.take().expect("set above");
     *history = turn.history;
-    let ended = match ran {
+    let result = match outcome {
         Ok(returned) => StepResult::Returned(returned),
         Err(panic) if panic.is::<TurnEnded>() => {
             turn.sleep_address.map_or(StepResult::HasMoreSteps, StepResult::Asleep)
         }
         Err(panic) => resume_unwind(panic),
     };
-    StepOutcome { result: ended, made_step: turn.made_step }
+    StepOutcome { result, made_step: turn.made_step }
 }
 
 /// Makes an access, or returns the result that it had; `None` outside of a turn.
 fn step(access: Access, act: impl FnOnce() -> u64, omitted: impl FnOnce() -> u64) -> Option<u64> {
-    let leave = CURRENT_CALL.with_borrow_mut(|turn| {
+    let result = CURRENT_CALL.with_borrow_mut(|turn| {
         let Some(turn) = turn else { return Some(None) };
         if let Some(&result) = turn.history.get(turn.replayed_count) {
             turn.replayed_count += 1;
@@ -120,7 +120,7 @@ fn step(access: Access, act: impl FnOnce() -> u64, omitted: impl FnOnce() -> u64
         turn.replayed_count += 1;
         Some(Some(result))
     });
-    leave.unwrap_or_else(|| resume_unwind(Box::new(TurnEnded)))
+    result.unwrap_or_else(|| resume_unwind(Box::new(TurnEnded)))
 }
 
 /// A word of either width, for saving and restoring its value.
@@ -232,13 +232,13 @@ stepped!(AtomicU64, u64);
 pub(in crate::machine::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> Option<WakeReason> {
     CURRENT_CALL.with_borrow(Option::is_some).then(|| {
         let address = word.address();
-        let sleeps = || {
+        let fall_asleep = || {
             // The kernel compares the value and falls asleep atomically.
-            let same = word.plain().load(Ordering::SeqCst) == value;
-            if same { FALLS_ASLEEP_RESULT } else { WOKEN_RESULT }
+            let is_unchanged = word.plain().load(Ordering::SeqCst) == value;
+            if is_unchanged { FALLS_ASLEEP_RESULT } else { WOKEN_RESULT }
         };
         let access = Access { word: address, act: Act::Sleep };
-        let result = step(access, sleeps, || WOKEN_RESULT).expect("in a turn");
+        let result = step(access, fall_asleep, || WOKEN_RESULT).expect("in a turn");
         if result == FALLS_ASLEEP_RESULT {
             CURRENT_CALL.with_borrow_mut(|turn| {
                 let turn = turn.as_mut().expect("in a turn");

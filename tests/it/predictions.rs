@@ -29,9 +29,9 @@ struct PredictedAndSimulated {
     /// Scenario and fault.
     what: String,
     names: Vec<String>,
-    foretold: Vec<BrokenPrediction>,
+    predicted: Vec<BrokenPrediction>,
     /// Distance of each robot from its slot at the end, m. `None` for dead robots.
-    off_m: Vec<Option<f64>>,
+    error_m: Vec<Option<f64>>,
     violations: u64,
 }
 
@@ -39,24 +39,24 @@ impl PredictedAndSimulated {
     fn new(
         what: String,
         scenario: &Scenario,
-        foretold: Vec<BrokenPrediction>,
+        predicted: Vec<BrokenPrediction>,
         measures: &RunMetrics,
     ) -> PredictedAndSimulated {
         PredictedAndSimulated {
             what,
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
-            foretold,
-            off_m: measures.final_ideal_error_m.iter().map(|(_, off_m)| *off_m).collect(),
+            predicted,
+            error_m: measures.final_ideal_error_m.iter().map(|(_, error_m)| *error_m).collect(),
             violations: measures.violations,
         }
     }
 
     fn is_predicted(&self, robot: usize) -> bool {
-        self.foretold.iter().any(|one| one.robot == robot)
+        self.predicted.iter().any(|one| one.robot == robot)
     }
 
     fn is_seen(&self, robot: usize) -> bool {
-        self.off_m[robot].is_some_and(|off_m| off_m > BOUND_M)
+        self.error_m[robot].is_some_and(|error_m| error_m > BOUND_M)
     }
 
     /// Returns whether exactly the predicted robots are broken.
@@ -70,15 +70,20 @@ impl PredictedAndSimulated {
             format!("{}{}\n", if self.prediction_holds() { "" } else { "DIFFERENT " }, self.what);
         let name = |robot: usize| self.names[robot].as_str();
         for robot in 0..self.names.len() {
-            let one = self.foretold.iter().find(|one| one.robot == robot);
+            let one = self.predicted.iter().find(|one| one.robot == robot);
             if one.is_none() && !self.is_seen(robot) {
                 continue;
             }
             let why = one.map_or("nothing foretold".to_owned(), |one| one.describe(name));
-            let about = one.and_then(|one| one.slot_distance_m);
-            let about = about.map_or(String::new(), |off_m| format!(" (about {off_m:.3} m)"));
-            let off_m = self.off_m[robot].unwrap_or(f64::NAN);
-            let _ = writeln!(text, "    {} off by {off_m:.3} m: {why}{about}", name(robot));
+            let predicted_m = one.and_then(|one| one.slot_distance_m);
+            let predicted_distance =
+                predicted_m.map_or(String::new(), |error_m| format!(" (about {error_m:.3} m)"));
+            let error_m = self.error_m[robot].unwrap_or(f64::NAN);
+            let _ = writeln!(
+                text,
+                "    {} off by {error_m:.3} m: {why}{predicted_distance}",
+                name(robot)
+            );
         }
         text
     }
@@ -101,14 +106,14 @@ fn predict(
     )
 }
 
-fn outcome(case: &SingleFaultCase, whole_again: bool) -> PredictedAndSimulated {
-    let mut scenario = case.scenario(whole_again);
-    if whole_again {
+fn outcome(case: &SingleFaultCase, is_temporary: bool) -> PredictedAndSimulated {
+    let mut scenario = case.scenario(is_temporary);
+    if is_temporary {
         // With small gains the return takes long.
         scenario.duration_ns += scenario.duration_ns / 4;
     }
     let measures = simulate(&scenario);
-    let foretold = match whole_again {
+    let predicted = match is_temporary {
         // All robots return.
         true => Vec::new(),
         false => predict(&scenario, case.broken, case.at_s),
@@ -116,14 +121,14 @@ fn outcome(case: &SingleFaultCase, whole_again: bool) -> PredictedAndSimulated {
     PredictedAndSimulated::new(
         format!("{}: {}", case.scenario, case.what),
         &scenario,
-        foretold,
+        predicted,
         &measures,
     )
 }
 
 /// Simulates these cases and prints the results. Returns the cases whose broken robots differ from the prediction.
-fn different(cases: &[SingleFaultCase], whole_again: bool) -> Vec<PredictedAndSimulated> {
-    let outcomes = map_in_parallel(cases, |case| outcome(case, whole_again));
+fn different(cases: &[SingleFaultCase], is_temporary: bool) -> Vec<PredictedAndSimulated> {
+    let outcomes = map_in_parallel(cases, |case| outcome(case, is_temporary));
     for outcome in &outcomes {
         println!("{}", outcome.describe());
         assert_eq!(outcome.violations, 0, "{}: nearer than d", outcome.what);
@@ -148,8 +153,8 @@ fn different(cases: &[SingleFaultCase], whole_again: bool) -> Vec<PredictedAndSi
 /// Returns all single deaths and cuts of the shipped scenarios, and some of `swarm64`.
 fn all_cases() -> Vec<SingleFaultCase> {
     let swarm = single_faults::cases_of("swarm64").into_iter().step_by(SWARM_EVERY);
-    let settled = swarm.map(|case| SingleFaultCase { at_s: SWARM_AT_S, ..case });
-    single_faults::cases().into_iter().chain(settled).collect()
+    let swarm_after_settling = swarm.map(|case| SingleFaultCase { at_s: SWARM_AT_S, ..case });
+    single_faults::cases().into_iter().chain(swarm_after_settling).collect()
 }
 
 #[test]
@@ -157,7 +162,7 @@ fn robot_with_one_neighbor_is_the_only_one_predicted_broken() {
     let case = single_faults::cases_of("containment").into_iter().find(|c| c.what == "kill r4");
     let outcome = outcome(&case.unwrap(), false);
     let why: Vec<String> = outcome
-        .foretold
+        .predicted
         .iter()
         .map(|one| format!("{}: {}", outcome.names[one.robot], one.describe(|i| &outcome.names[i])))
         .collect();
@@ -172,26 +177,26 @@ fn leader_keeps_its_course_past_stranded_robots() {
     let cases: Vec<SingleFaultCase> =
         cases.filter(|case| about.contains(&case.what.as_str())).collect();
     assert_eq!(cases.len(), about.len());
-    let off_m = map_in_parallel(&cases, |case| {
+    let error_m = map_in_parallel(&cases, |case| {
         let scenario = case.scenario(false);
         let (r5, ell) = (4, scenario.robots[4].front_point_m);
         let lead = scenario.lead_of(r5).expect("r5 leads");
-        let mut off_m = 0f64;
+        let mut error_m = 0f64;
         simulate_watched(&scenario, |header, rows, _| {
             let t_s = header.t_ns as f64 / 1e9;
             if t_s > case.at_s {
                 let m = lead.trajectory.target_at(t_s).position;
-                off_m = off_m.max((front_point(rows[r5].pose(), ell) - m).norm());
+                error_m = error_m.max((front_point(rows[r5].pose(), ell) - m).norm());
             }
         });
-        off_m
+        error_m
     });
-    for (case, off_m) in cases.iter().zip(off_m) {
-        assert!(off_m < 0.005, "{}: {off_m} m", case.what);
+    for (case, error_m) in cases.iter().zip(error_m) {
+        assert!(error_m < 0.005, "{}: {error_m} m", case.what);
     }
 }
 
-/// `cargo test --release --test it -- --ignored foretold::every_single --nocapture`
+/// `cargo test --release --test it -- --ignored predictions::every_single --nocapture`
 #[test]
 #[ignore = "hundreds of runs: minutes"]
 fn every_single_fault_breaks_the_predicted_robots() {
@@ -201,7 +206,7 @@ fn every_single_fault_breaks_the_predicted_robots() {
     assert!(20 * different <= cases.len(), "{different} of {} differ", cases.len());
 }
 
-/// `cargo test --release --test it -- --ignored foretold::every_single --nocapture`
+/// `cargo test --release --test it -- --ignored predictions::every_single --nocapture`
 #[test]
 #[ignore = "a hundred runs: minutes"]
 fn every_single_fault_breaks_the_predicted_robots_with_repair() {
@@ -211,7 +216,7 @@ fn every_single_fault_breaks_the_predicted_robots_with_repair() {
     assert!(20 * different <= cases.len(), "{different} of {} differ", cases.len());
 }
 
-/// `cargo test --release --test it -- --ignored foretold::all_robots_recover --nocapture`
+/// `cargo test --release --test it -- --ignored predictions::all_robots_recover --nocapture`
 #[test]
 #[ignore = "hundreds of runs: minutes"]
 fn all_robots_recover_after_every_temporary_death_and_cut() {

@@ -33,8 +33,8 @@ fn new_folder_can_start_from_any_shipped_scenario() {
         assert!(text.ends_with(&renamed[renamed.find("\nname").unwrap()..]), "{text}");
         phalanx(["check", path.to_str().unwrap()]).exits_with(0);
     }
-    let said = phalanx(["new", "x", "--from", "ring"]).exits_with(2).stderr;
-    assert!(said.contains("ring-6"), "{said}");
+    let output = phalanx(["new", "x", "--from", "ring"]).exits_with(2).stderr;
+    assert!(output.contains("ring-6"), "{output}");
 }
 
 #[test]
@@ -42,42 +42,42 @@ fn velocity_feedback_in_a_ring_is_reported_with_the_fix() {
     let tanh = ["robot_defaults.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
     let mut check = phalanx(["check", "scenarios/ring-6.toml"]);
     check.args(tanh.iter().flat_map(|set| ["--set", set]));
-    let said = check.exits_with(3).stderr;
-    for words in [
+    let output = check.exits_with(3).stderr;
+    for expected in [
         "`law = \"formation-unit\"` and `speed_m_s = 0.1` in place",
         "phalanx new NAME --from ring-6",
     ] {
-        assert!(said.contains(words), "{said}");
+        assert!(output.contains(expected), "{output}");
     }
     // The settings that the hint suggests.
-    let mend = ["robot_defaults.law=formation-unit", "robot_defaults.speed_m_s=0.1"];
-    check.args(mend.iter().flat_map(|set| ["--set", set])).exits_with(0);
+    let fix = ["robot_defaults.law=formation-unit", "robot_defaults.speed_m_s=0.1"];
+    check.args(fix.iter().flat_map(|set| ["--set", set])).exits_with(0);
 }
 
 #[test]
 fn late_fault_and_key_given_as_option_name_the_remedy() {
-    let words = ["check", "scenarios/triangle-kill.toml", "--set", "duration_s=5"];
-    let said = phalanx(words).exits_with(3).stderr;
-    assert!(said.contains("`--set fault=[]`"), "{said}");
-    phalanx(words).args(["--set", "fault=[]", "--set", "expect={}"]).exits_with(0);
+    let arguments = ["check", "scenarios/triangle-kill.toml", "--set", "duration_s=5"];
+    let output = phalanx(arguments).exits_with(3).stderr;
+    assert!(output.contains("`--set fault=[]`"), "{output}");
+    phalanx(arguments).args(["--set", "fault=[]", "--set", "expect={}"]).exits_with(0);
     for (option, key) in [
         (&["--duration", "5"][..], "duration_s=5"),
         (&["--period-s=0.01"], "period_s=0.01"),
         (&["--v_max", "0.2"], "avoidance.speed_max_m_s=0.2"),
         (&["--dt"], "period_s=VALUE"),
     ] {
-        let said = phalanx(["run", "scenarios/triangle.toml"]).args(option).exits_with(2).stderr;
-        let tip = format!("tip: to set a scenario key, use '--set {key}'");
-        assert!(said.contains(&tip), "{said}");
+        let output = phalanx(["run", "scenarios/triangle.toml"]).args(option).exits_with(2).stderr;
+        let expected = format!("tip: to set a scenario key, use '--set {key}'");
+        assert!(output.contains(&expected), "{output}");
         let check = ["check", "scenarios/triangle.toml", "--set", key, "--set", "expect={}"];
         phalanx(check).exits_with(if key.contains("VALUE") { 3 } else { 0 });
     }
-    let words = ["check", "scenarios/triangle.toml", "--set", "duration_s=5"];
-    let said = phalanx(words).exits_with(3).stderr;
-    assert!(said.contains("`--set expect={}`"), "{said}");
+    let arguments = ["check", "scenarios/triangle.toml", "--set", "duration_s=5"];
+    let output = phalanx(arguments).exits_with(3).stderr;
+    assert!(output.contains("`--set expect={}`"), "{output}");
     // An unknown option that is no key gets no such hint.
-    let said = phalanx(["run", "scenarios/triangle.toml", "--flurb"]).exits_with(2).stderr;
-    assert!(!said.contains("--set"), "{said}");
+    let output = phalanx(["run", "scenarios/triangle.toml", "--flurb"]).exits_with(2).stderr;
+    assert!(!output.contains("--set"), "{output}");
 }
 
 #[test]
@@ -87,19 +87,19 @@ fn completions_match_default_binary_and_help_its_verbs() {
         assert!(["sweep", "pace", "completions"].iter().all(|word| text.contains(word)));
     }
     let help = phalanx(["--help"]).exits_with(0).stdout;
-    let lists = |verb: &str| help.contains(&format!("\n  {verb} "));
-    assert!(lists("run") && lists("completions") && !lists("bench"), "{help}");
-    assert_eq!(lists("fleet"), cfg!(feature = "bridge"), "{help}");
+    let lists_verb = |verb: &str| help.contains(&format!("\n  {verb} "));
+    assert!(lists_verb("run") && lists_verb("completions") && !lists_verb("bench"), "{help}");
+    assert_eq!(lists_verb("fleet"), cfg!(feature = "bridge"), "{help}");
 }
 
 #[test]
 fn python_without_the_package_is_reported() {
-    let says = "echo \"ModuleNotFoundError: No module named 'phalanx'\" >&2; exit 1";
+    let failing_script = "echo \"ModuleNotFoundError: No module named 'phalanx'\" >&2; exit 1";
     // A law, and a plant.
     for (law, plant) in [("own.sh", "follow.sh"), ("follow.sh", "own.sh")] {
         let plant = format!("[plant]\nprogram = [\"./{plant}\"]\n");
         let folder = scenario(&format!("[\"./{law}\"]"), &plant);
-        script(folder.path(), "own.sh", says);
+        script(folder.path(), "own.sh", failing_script);
         script(folder.path(), "follow.sh", "sleep 100");
         let ended = run_own(folder.path()).lockstep().finish();
         ended.exits_with(4).assert_leaves_nothing();
@@ -124,24 +124,26 @@ fn samples_have_front_points_and_their_distances() {
             .map(|row| {
                 let (sin, cos) = at(row, "heading_rad").sin_cos();
                 let front = [at(row, "front_x_m"), at(row, "front_y_m")];
-                let off = [
+                let deviation = [
                     front[0] - at(row, "x_m") - 0.045 * cos,
                     front[1] - at(row, "y_m") - 0.045 * sin,
                 ];
-                assert!(off[0].hypot(off[1]) < 1e-12, "{row:?}");
+                assert!(deviation[0].hypot(deviation[1]) < 1e-12, "{row:?}");
                 front
             })
             .collect();
         for [a, b] in [[0, 1], [0, 2], [1, 2]] {
-            let apart_m = (fronts[a][0] - fronts[b][0]).hypot(fronts[a][1] - fronts[b][1]);
-            nearest_m = nearest_m.min(apart_m);
+            let distance_m = (fronts[a][0] - fronts[b][0]).hypot(fronts[a][1] - fronts[b][1]);
+            nearest_m = nearest_m.min(distance_m);
         }
     }
     // The summary uses every tick and the table at most every fifth: the table's minimum is not lower, and at most
     // slightly higher.
-    let least_m = ended.number("/min_distance_m");
-    ended
-        .assert_holds((0.0..1e-3).contains(&(nearest_m - least_m + 1e-12)), format!("{nearest_m}"));
+    let min_distance_m = ended.number("/min_distance_m");
+    ended.assert_holds(
+        (0.0..1e-3).contains(&(nearest_m - min_distance_m + 1e-12)),
+        format!("{nearest_m}"),
+    );
 }
 
 #[test]
@@ -151,12 +153,12 @@ fn reference_marks_required_keys_and_has_the_checker_bounds() {
         let (_, rest) = page.split_once(&format!("\n## `{name}`\n")).expect(name);
         rest.split("\n## ").next().unwrap().to_owned()
     };
-    let row = |of: &str, key: &str| {
-        let section = section(of);
+    let row = |section_name: &str, key: &str| {
+        let section = section(section_name);
         let row = section.lines().find(|line| line.starts_with(&format!("| `{key}` |")));
-        row.unwrap_or_else(|| panic!("{of} {key}")).to_owned()
+        row.unwrap_or_else(|| panic!("{section_name} {key}")).to_owned()
     };
-    for (of, key, words) in [
+    for (section_name, key, expected) in [
         ("fault", "at_s", "| **needed** | 0 to less than `duration_s` |"),
         ("fault", "probability", "| needed by some kinds, see below | above 0, to 1 |"),
         ("fault", "hosts", "| needed by some kinds, see below |"),
@@ -164,8 +166,8 @@ fn reference_marks_required_keys_and_has_the_checker_bounds() {
         ("robot", "law", "| needed in `robot` or in `robot_defaults` |"),
         ("silence", "lost_after_s", "| `stale_after_s` to 1e7 |"),
     ] {
-        let found = row(of, key);
-        assert!(found.contains(words), "{found}");
+        let found = row(section_name, key);
+        assert!(found.contains(expected), "{found}");
     }
     for (heading_rad, code) in [("-6.28", 0), ("6.28", 0), ("6.29", 3)] {
         let set = format!("robot.r1.pose.heading_rad={heading_rad}");
@@ -189,7 +191,7 @@ fn broken_and_ideal_formation_are_explained_where_shown() {
 #[test]
 fn properties_that_survive_any_single_death_are_spelled_out() {
     let text = phalanx(["check", "scenarios/antipodal-8.toml"]).exits_with(0).stdout;
-    let words =
+    let expected =
         "after the permanent failure of any robot, all others keep their leader and their slots";
-    assert!(text.contains(words), "{text}");
+    assert!(text.contains(expected), "{text}");
 }

@@ -47,10 +47,10 @@ impl<J: RecordSink> RunStateMachine<J> {
     ) -> RunStateMachine<J> {
         let robots = &scenario.robots;
         let policies = robots.iter().map(|robot| robot.restart_policy);
-        let hearers = scenario.graph.edges().iter().map(|edge| edge.to);
+        let link_receivers = scenario.graph.edges().iter().map(|edge| edge.to);
         RunStateMachine {
             timeline: Timeline::new(scenario),
-            lifecycles: Lifecycles::new(policies, hearers, restart_before_cleanup),
+            lifecycles: Lifecycles::new(policies, link_receivers, restart_before_cleanup),
             reports: robots.iter().map(|_| RobotReport::new(robots.len())).collect(),
             own_goals_m: robots.iter().map(|robot| robot.goal_m).collect(),
             journal,
@@ -105,14 +105,14 @@ impl<J: RecordSink> RunStateMachine<J> {
     }
 }
 
-/// Passes what a status says about the robot's law to the metrics: its target and its signals.
+/// Passes the target and the signals of a robot's law from its status to the metrics.
 fn add_law_values(metrics: &mut Metrics, robot: usize, header: &StatusHeader) {
     metrics.set_own_target(robot, header.t_ns, header.target());
     metrics.add_signals(robot, header.t_ns, header.signals());
 }
 
 impl RunStateMachine<Metrics> {
-    /// Measures what a status message of a robot's present process says about its law.
+    /// Measures the law values in a status message of a robot's present process.
     pub fn measure_status(&mut self, robot: usize, header: &StatusHeader) {
         add_law_values(&mut self.journal, robot, header);
     }
@@ -124,7 +124,7 @@ impl RunStateMachine<Metrics> {
 }
 
 impl RunStateMachine<Journal<'_>> {
-    /// Records an event of a robot, or of the whole run, from which nothing follows.
+    /// Records an event of a robot, or of the whole run, that has no effects.
     pub fn record_event(
         &mut self,
         now_ns: u64,
@@ -142,8 +142,8 @@ impl RunStateMachine<Journal<'_>> {
         kind: &FaultKind,
         initiator: Initiator,
     ) -> usize {
-        let what = format!("{}, {}", kind.describe(scenario), initiator.keyword());
-        self.journal.metrics.register_fault(what, kind.affected_component(scenario))
+        let description = format!("{}, {}", kind.describe(scenario), initiator.keyword());
+        self.journal.metrics.register_fault(description, kind.affected_component(scenario))
     }
 
     /// Records a ground truth sample.
@@ -185,11 +185,20 @@ impl RunStateMachine<Journal<'_>> {
     ) -> SceneFrame {
         let RunStateMachine { lifecycles, reports, journal, .. } = self;
         let orphaned = journal.metrics.orphaned_robots();
-        let state = |robot: usize| lifecycles.process_state(robot).display_state(orphaned[robot]);
-        let heard = |from: usize, to: usize| reports[to].reception_state(from);
-        let cut = |edge| lifecycles.is_link_cut(edge);
+        let display_state =
+            |robot: usize| lifecycles.process_state(robot).display_state(orphaned[robot]);
+        let reception_state = |from: usize, to: usize| reports[to].reception_state(from);
+        let is_link_cut = |edge| lifecycles.is_link_cut(edge);
         let errors_m = journal.metrics.current_metrics().errors_m;
-        scene::build_frame(scenario, header, rows, errors_m, state, heard, cut)
+        scene::build_frame(
+            scenario,
+            header,
+            rows,
+            errors_m,
+            display_state,
+            reception_state,
+            is_link_cut,
+        )
     }
 
     /// Returns the outcome of the run as far as it follows from the events and the reports.
@@ -216,8 +225,8 @@ impl RecordSink for Metrics {
         match record {
             RunRecord::Note { .. } => {}
             RunRecord::FaultBegan(fault) => self.begin_fault(fault, t_ns),
-            RunRecord::UnplannedDeath { robot, cause: how, at_ns, fault } => {
-                let number = self.record_unplanned_death(robot, &how, at_ns);
+            RunRecord::UnplannedDeath { robot, cause, at_ns, fault } => {
+                let number = self.record_unplanned_death(robot, &cause, at_ns);
                 debug_assert_eq!(number, fault);
             }
             RunRecord::FaultEnded { fault, end, at_ns } => self.end_fault(fault, end, at_ns),

@@ -1,5 +1,5 @@
-//! Conflicts of robots that want to settle too close to each other (Remark 1), and their effect on the robots that
-//! follow them.
+//! Conflicts of robots whose desired positions are too close to each other (Remark 1), and their effect on the robots
+//! that follow them.
 //!
 //! Robots do not come to rest closer than d_f. If two would, a simplified simulation moves all robots from their
 //! planned slots toward the new ones: a robot that yields and finds its slot occupied takes a position at the standoff
@@ -43,38 +43,38 @@ pub(super) struct ConflictResolution {
 }
 
 impl ConflictResolution {
-    /// Resolves the conflicts of robots that want to settle at `places`.
+    /// Resolves the conflicts of robots that would settle at `positions`.
     pub(super) fn resolve(
         p: &FailurePredictor,
         surviving: &SurvivingGraph,
-        places: &[Vec2],
-        behind: &[Option<BrokenPrediction>],
+        positions: &[Vec2],
+        left_behind: &[Option<BrokenPrediction>],
     ) -> ConflictResolution {
         let n = p.robots.len();
         // A moving formation leaves dead robots behind; in one at rest they stay in their slots.
-        let there: Vec<bool> = (0..n)
+        let is_present: Vec<bool> = (0..n)
             .map(|i| match surviving.is_alive[i] {
-                // Nothing is known of where the law of a free robot leads it.
+                // The motion of a free robot is unknown: its law decides where it goes.
                 _ if p.robots[i].reference == Reference::LawTarget => false,
-                true => behind[i].is_none(),
+                true => left_behind[i].is_none(),
                 false => !surviving.is_moving,
             })
             .collect();
-        let mut crowd = ConflictResolution {
-            final_positions: places.to_vec(),
-            is_present: there,
+        let mut resolution = ConflictResolution {
+            final_positions: positions.to_vec(),
+            is_present,
             has_yielded: false,
             alternative_positions: Vec::new(),
         };
-        let stirred = crowd.find_yielding_robots(p, surviving);
-        if !stirred.is_empty() {
-            crowd.move_yielding_robots(p, surviving, &stirred);
-            crowd.has_yielded = true;
+        let yielding = resolution.find_yielding_robots(p, surviving);
+        if !yielding.is_empty() {
+            resolution.move_yielding_robots(p, surviving, &yielding);
+            resolution.has_yielded = true;
             if surviving.is_moving {
-                crowd.alternative_positions = crowd.rotate_around_occupants(p, surviving);
+                resolution.alternative_positions = resolution.rotate_around_occupants(p, surviving);
             }
         }
-        crowd
+        resolution
     }
 
     /// Returns the positions of all robots with the yielding ones rotated by 90, 180 and 270 degrees around the robots
@@ -84,7 +84,7 @@ impl ConflictResolution {
         p: &FailurePredictor,
         surviving: &SurvivingGraph,
     ) -> Vec<Vec<Vec2>> {
-        let off: Vec<(usize, usize)> = (0..p.robots.len())
+        let displaced: Vec<(usize, usize)> = (0..p.robots.len())
             .filter(|&i| self.is_present[i] && follows_others(p, surviving, i))
             .filter_map(|i| {
                 Some((
@@ -93,50 +93,52 @@ impl ConflictResolution {
                 ))
             })
             .collect();
-        let stand: Vec<usize> = off.iter().map(|&(i, _)| i).collect();
-        let behind = surviving.robots_downstream_of(&stand);
-        let free: Vec<usize> = (0..p.robots.len())
-            .filter(|i| behind[*i] && self.is_present[*i] && !stand.contains(i))
+        let displaced_robots: Vec<usize> = displaced.iter().map(|&(i, _)| i).collect();
+        let is_downstream = surviving.robots_downstream_of(&displaced_robots);
+        let followers: Vec<usize> = (0..p.robots.len())
+            .filter(|i| is_downstream[*i] && self.is_present[*i] && !displaced_robots.contains(i))
             .collect();
-        let turned = |quarters: f64| {
-            let mut places = self.final_positions.clone();
-            for &(i, by) in &off {
-                let apart = rotate(
-                    quarters * FRAC_PI_2,
-                    self.final_positions[i] - self.final_positions[by],
+        let rotated = |quarter_turns: f64| {
+            let mut positions = self.final_positions.clone();
+            for &(i, occupant) in &displaced {
+                let relative_position = rotate(
+                    quarter_turns * FRAC_PI_2,
+                    self.final_positions[i] - self.final_positions[occupant],
                 );
-                places[i] = self.final_positions[by] + apart;
+                positions[i] = self.final_positions[occupant] + relative_position;
             }
-            move_to_settled_positions(&surviving.in_neighbors, &free, &mut places).map(|()| places)
+            move_to_settled_positions(&surviving.in_neighbors, &followers, &mut positions)
+                .map(|()| positions)
         };
-        [1.0, 2.0, 3.0].into_iter().filter_map(turned).collect()
+        [1.0, 2.0, 3.0].into_iter().filter_map(rotated).collect()
     }
 
     /// Returns the yielding robots that are closer to another robot than the standoff distance and than planned.
     fn find_yielding_robots(&self, p: &FailurePredictor, surviving: &SurvivingGraph) -> Vec<usize> {
         let n = p.robots.len();
-        // Two robots in their planned slots are as far apart as planned. With few robots off their slots, far
-        // fewer pairs are compared than there are.
-        let off: Vec<bool> =
+        // Two robots in their planned slots have their planned distance. Hence only pairs with a displaced
+        // robot are compared.
+        let is_displaced: Vec<bool> =
             (0..n).map(|i| self.final_positions[i] != p.planned_slots[i]).collect();
-        let off_from: Vec<usize> = (0..n).filter(|&j| off[j]).collect();
-        let mut stirred = Vec::new();
+        let displaced: Vec<usize> = (0..n).filter(|&j| is_displaced[j]).collect();
+        let mut yielding = Vec::new();
         for i in (0..n).filter(|&i| self.is_present[i]) {
-            let all = (if off[i] { i + 1 } else { n })..n;
-            let later = off_from.partition_point(|&j| j <= i);
-            let only_off = if off[i] { &[] } else { &off_from[later..] };
-            for j in all.chain(only_off.iter().copied()).filter(|&j| self.is_present[j]) {
-                let keep_m = p.robots[i].standoff_m.max(p.robots[j].standoff_m);
-                let near_m = p.usual_and_smallest_scale[1]
+            let all = (if is_displaced[i] { i + 1 } else { n })..n;
+            let first_later = displaced.partition_point(|&j| j <= i);
+            let displaced_later = if is_displaced[i] { &[] } else { &displaced[first_later..] };
+            for j in all.chain(displaced_later.iter().copied()).filter(|&j| self.is_present[j]) {
+                let standoff_m = p.robots[i].standoff_m.max(p.robots[j].standoff_m);
+                let distance_m = p.usual_and_smallest_scale[1]
                     * (self.final_positions[i] - self.final_positions[j]).norm();
-                let planned_m = p.usual_and_smallest_scale[1]
+                let planned_distance_m = p.usual_and_smallest_scale[1]
                     * (p.planned_slots[i] - p.planned_slots[j]).norm();
-                if near_m < keep_m && near_m < planned_m - CONVERGED_STEP_M {
-                    stirred.extend([i, j].into_iter().filter(|&i| follows_others(p, surviving, i)));
+                if distance_m < standoff_m && distance_m < planned_distance_m - CONVERGED_STEP_M {
+                    yielding
+                        .extend([i, j].into_iter().filter(|&i| follows_others(p, surviving, i)));
                 }
             }
         }
-        stirred
+        yielding
     }
 
     /// Moves all affected robots from their old positions toward the desired ones.
@@ -144,20 +146,20 @@ impl ConflictResolution {
         &mut self,
         p: &FailurePredictor,
         surviving: &SurvivingGraph,
-        stirred: &[usize],
+        yielding: &[usize],
     ) {
         let n = p.robots.len();
-        let stirred = surviving.robots_downstream_of(stirred);
+        let is_affected = surviving.robots_downstream_of(yielding);
         let moves =
-            |&i: &usize| self.is_present[i] && stirred[i] && follows_others(p, surviving, i);
+            |&i: &usize| self.is_present[i] && is_affected[i] && follows_others(p, surviving, i);
         let movers: Vec<usize> = (0..n).filter(moves).collect();
         movers.iter().for_each(|&i| self.final_positions[i] = p.planned_slots[i]);
         for _ in 0..STEPS_MAX {
-            let before = self.final_positions.clone();
+            let previous_positions = self.final_positions.clone();
             let step = |&i: &usize| self.next_step(p, surviving, i);
             let steps: Vec<Vec2> = movers.iter().map(step).collect();
             for (&i, step) in movers.iter().zip(&steps) {
-                self.final_positions[i] = before[i] + step;
+                self.final_positions[i] = previous_positions[i] + step;
             }
             if steps.iter().all(|step| step.norm() < CONVERGED_STEP_M) {
                 break;
@@ -167,36 +169,38 @@ impl ConflictResolution {
 
     /// Returns the next step of a robot, m.
     fn next_step(&self, p: &FailurePredictor, surviving: &SurvivingGraph, i: usize) -> Vec2 {
-        let here = self.final_positions[i];
+        let position = self.final_positions[i];
         let d_f = p.robots[i].standoff_m / p.usual_and_smallest_scale[1];
-        let wanted = self.desired_position(surviving, i);
-        let taken = self.robot_in_desired_position(p, i, wanted);
-        let gap = taken.map(|j| wanted - self.final_positions[j]);
+        let desired = self.desired_position(surviving, i);
+        let occupant = self.robot_in_desired_position(p, i, desired);
+        let gap = occupant.map(|j| desired - self.final_positions[j]);
         let d_s = gap.map_or(d_f, |gap| d_f + p.robots[i].standoff_excess * (d_f - gap.norm()));
-        let aim = taken.zip(gap).map_or(wanted, |(j, gap)| {
-            let other = self.final_positions[j];
-            let beside = gap + (d_f - gap.norm()) * unit_vector(here - other);
-            other + d_s * unit_vector(beside)
+        let target = occupant.zip(gap).map_or(desired, |(j, gap)| {
+            let occupant_position = self.final_positions[j];
+            let direction = gap + (d_f - gap.norm()) * unit_vector(position - occupant_position);
+            occupant_position + d_s * unit_vector(direction)
         });
-        let mut step = STEP_FRACTION * (aim - here);
-        // A robot farther away than this takes nothing from the step.
+        let mut step = STEP_FRACTION * (target - position);
+        // A robot farther away than this does not change the step.
         let reach_m2 = |step: Vec2| {
             let reach_m = d_f.max(d_s) + step.norm() / RETREAT_FRACTION;
             reach_m * reach_m * (1.0 + RELATIVE_ROUNDING_ERROR_MAX)
         };
         let mut reached_m2 = reach_m2(step);
         for j in (0..p.robots.len()).filter(|&j| j != i && self.is_present[j]) {
-            let apart = here - self.final_positions[j];
-            if apart.norm_squared() > reached_m2 {
+            let separation = position - self.final_positions[j];
+            if separation.norm_squared() > reached_m2 {
                 continue;
             }
-            let n = unit_vector(apart);
-            let keep = if taken == Some(j) { d_f } else { d_s };
-            let lacking = RETREAT_FRACTION * (keep - apart.norm()) - n.dot(&step);
-            // Around the obstacle, unless the desired position is there.
-            let around = if taken.is_some() { Vec2::zeros() } else { Vec2::new(-n.y, n.x) };
-            if lacking > 0.0 {
-                step += lacking * (n + around);
+            let normal = unit_vector(separation);
+            let distance_min = if occupant == Some(j) { d_f } else { d_s };
+            let shortfall =
+                RETREAT_FRACTION * (distance_min - separation.norm()) - normal.dot(&step);
+            // Around the other robot, unless the desired position is occupied.
+            let tangent =
+                if occupant.is_some() { Vec2::zeros() } else { Vec2::new(-normal.y, normal.x) };
+            if shortfall > 0.0 {
+                step += shortfall * (normal + tangent);
                 reached_m2 = reach_m2(step);
             }
         }
@@ -206,9 +210,13 @@ impl ConflictResolution {
 
     /// Returns the desired position of a robot: the mean of its in-neighbors' positions plus offsets.
     fn desired_position(&self, surviving: &SurvivingGraph, i: usize) -> Vec2 {
-        let heard = &surviving.in_neighbors[i];
-        let asked: Vec2 = heard.iter().map(|&(from, c)| self.final_positions[from] + c).sum();
-        if heard.is_empty() { self.final_positions[i] } else { asked / heard.len() as f64 }
+        let in_neighbors = &surviving.in_neighbors[i];
+        let sum: Vec2 = in_neighbors.iter().map(|&(from, c)| self.final_positions[from] + c).sum();
+        if in_neighbors.is_empty() {
+            self.final_positions[i]
+        } else {
+            sum / in_neighbors.len() as f64
+        }
     }
 
     /// Returns the robot that occupies the desired position of a robot that yields, or `None`.
@@ -216,14 +224,14 @@ impl ConflictResolution {
         &self,
         p: &FailurePredictor,
         i: usize,
-        wanted: Vec2,
+        desired: Vec2,
     ) -> Option<usize> {
         if !p.robots[i].yields {
             return None;
         }
         let others = (0..p.robots.len()).filter(|&j| j != i && self.is_present[j]);
         let gap =
-            |j: usize| p.usual_and_smallest_scale[1] * (wanted - self.final_positions[j]).norm();
+            |j: usize| p.usual_and_smallest_scale[1] * (desired - self.final_positions[j]).norm();
         let nearest = others.min_by(|&a, &b| gap(a).total_cmp(&gap(b)));
         nearest.filter(|&j| gap(j) < p.robots[i].standoff_m - OCCUPIED_MARGIN_M)
     }
@@ -242,50 +250,56 @@ impl ConflictResolution {
         surviving: &SurvivingGraph,
     ) -> Vec<Option<(BreakCause, f64)>> {
         let n = p.robots.len();
-        let lives = |i: &usize| surviving.is_alive[*i] && self.is_present[*i];
-        let mut off: Vec<Vec2> = (0..n)
+        let is_considered = |i: &usize| surviving.is_alive[*i] && self.is_present[*i];
+        let mut displacements: Vec<Vec2> = (0..n)
             .map(|i| p.usual_and_smallest_scale[0] * (self.final_positions[i] - p.planned_slots[i]))
             .collect();
         if p.leader.is_none() {
             // The formation is located by the median of the robots that keep a slot.
-            let keeps = |i: &usize| p.robots[*i].reference == Reference::Offsets;
-            let kept: Vec<Vec2> = (0..n).filter(lives).filter(keeps).map(|i| off[i]).collect();
-            let middle = median(&kept);
-            off.iter_mut().for_each(|off| *off -= middle);
+            let keeps_slot = |i: &usize| p.robots[*i].reference == Reference::Offsets;
+            let of_slot_keepers: Vec<Vec2> =
+                (0..n).filter(is_considered).filter(keeps_slot).map(|i| displacements[i]).collect();
+            let center = median(&of_slot_keepers);
+            displacements.iter_mut().for_each(|displacement| *displacement -= center);
         }
-        let off_m = |i: usize| off[i].norm();
-        let farthest_m = |i: usize| {
+        let displacement_m = |i: usize| displacements[i].norm();
+        let displacement_max_m = |i: usize| {
             let others = self
                 .alternative_positions
                 .iter()
-                .map(|places| (places[i] - p.planned_slots[i]).norm());
-            others.map(|off_m| p.usual_and_smallest_scale[0] * off_m).fold(off_m(i), f64::max)
+                .map(|positions| (positions[i] - p.planned_slots[i]).norm());
+            others
+                .map(|distance_m| p.usual_and_smallest_scale[0] * distance_m)
+                .fold(displacement_m(i), f64::max)
         };
         let cause = |i: usize| {
-            let wanted = self.desired_position(surviving, i);
-            let pushed = p.usual_and_smallest_scale[0] * (wanted - self.final_positions[i]).norm()
+            let desired = self.desired_position(surviving, i);
+            let is_pushed_away = p.usual_and_smallest_scale[0]
+                * (desired - self.final_positions[i]).norm()
                 > OCCUPIED_MARGIN_M;
-            let elsewhere = |j: usize| farthest_m(j) > OCCUPIED_MARGIN_M;
+            let is_displaced = |j: usize| displacement_max_m(j) > OCCUPIED_MARGIN_M;
             // The position it would move to because of its lost in-neighbors alone.
-            let same: Vec2 =
+            let without_conflict: Vec2 =
                 surviving.in_neighbors[i].iter().map(|&(j, c)| p.planned_slot(j) + c).sum();
-            let same = same / surviving.in_neighbors[i].len().max(1) as f64;
-            let lost =
-                surviving.lost_in_neighbor[i].filter(|_| (same - p.planned_slots[i]).norm() > 1e-9);
-            let broken_neighbor =
-                surviving.in_neighbors[i].iter().map(|&(j, _)| j).find(|&j| j < n && elsewhere(j));
+            let without_conflict = without_conflict / surviving.in_neighbors[i].len().max(1) as f64;
+            let lost = surviving.lost_in_neighbor[i]
+                .filter(|_| (without_conflict - p.planned_slots[i]).norm() > 1e-9);
+            let broken_neighbor = surviving.in_neighbors[i]
+                .iter()
+                .map(|&(j, _)| j)
+                .find(|&j| j < n && is_displaced(j));
             match (
-                self.robot_in_desired_position(p, i, wanted),
+                self.robot_in_desired_position(p, i, desired),
                 self.nearest_robot(i),
                 lost,
                 broken_neighbor,
             ) {
-                (Some(by), ..) if self.has_yielded => BreakCause::SlotOccupied { occupant: by },
-                (_, Some(by), ..) if self.has_yielded && pushed => {
-                    BreakCause::SlotClaimed { claimant: by }
+                (Some(occupant), ..) if self.has_yielded => BreakCause::SlotOccupied { occupant },
+                (_, Some(claimant), ..) if self.has_yielded && is_pushed_away => {
+                    BreakCause::SlotClaimed { claimant }
                 }
                 (_, _, Some(lost), _) => match surviving.replaced_leader[i] {
-                    Some(of) => BreakCause::TakesLeaderSlot { leader: of },
+                    Some(leader) => BreakCause::TakesLeaderSlot { leader },
                     None => BreakCause::DesiredPositionChanged { lost_in_neighbor: lost },
                 },
                 (.., Some(broken_neighbor)) => {
@@ -294,10 +308,16 @@ impl ConflictResolution {
                 _ => BreakCause::Uncontained,
             }
         };
-        let about_m =
-            |i: usize| if off_m(i) > p.broken_threshold_m { off_m(i) } else { farthest_m(i) };
+        let reported_m = |i: usize| {
+            if displacement_m(i) > p.broken_threshold_m {
+                displacement_m(i)
+            } else {
+                displacement_max_m(i)
+            }
+        };
         let broken = |i: usize| {
-            (lives(&i) && farthest_m(i) > p.broken_threshold_m).then(|| (cause(i), about_m(i)))
+            (is_considered(&i) && displacement_max_m(i) > p.broken_threshold_m)
+                .then(|| (cause(i), reported_m(i)))
         };
         (0..n).map(broken).collect()
     }

@@ -33,23 +33,23 @@ pub struct LiarTolerance {
 impl LiarTolerance {
     /// Computes the robustness, or returns `None` if the scenario has neither Byzantine robots nor resilient laws.
     pub(super) fn compute(scenario: &Scenario) -> Option<LiarTolerance> {
-        let lies = |kind: &FaultKind| matches!(kind, FaultKind::Lie { .. });
+        let is_byzantine = |kind: &FaultKind| matches!(kind, FaultKind::Lie { .. });
         let liars_max = scenario.robots.iter().map(Robot::liars_max).max().unwrap_or(0);
-        if liars_max == 0 && !scenario.faults.iter().any(|fault| lies(&fault.kind)) {
+        if liars_max == 0 && !scenario.faults.iter().any(|fault| is_byzantine(&fault.kind)) {
             return None;
         }
         let (graph, trusted) = (&scenario.graph, trusted_robots(scenario));
-        let is_led = trusted.contains(&true);
+        let has_leader = trusted.contains(&true);
         let is_exact = graph.robot_count() <= EXACT_ROBUSTNESS_ROBOTS_MAX;
         let robust = if is_exact { robustness(graph) } else { robustness_upper_bound(graph) };
-        let strong = is_led.then(|| strong_robustness(graph, &trusted));
+        let strong = has_leader.then(|| strong_robustness(graph, &trusted));
         Some(LiarTolerance {
             liars_max,
             robustness: robust,
             robustness_is_bound: !is_exact,
             strong_robustness: strong,
             among_heard: strong.unwrap_or(robust).saturating_sub(1) / 2,
-            in_all: (is_exact && !is_led).then(|| liars_total_max(graph)),
+            in_all: (is_exact && !has_leader).then(|| liars_total_max(graph)),
         })
     }
 
@@ -58,21 +58,21 @@ impl LiarTolerance {
         let at_most = if self.robustness_is_bound { "at most " } else { "" };
         let robust = format!("the graph is {at_most}{}-robust", self.robustness);
         let count = |count: usize| format!("{count} liar{}", if count == 1 { "" } else { "s" });
-        let heard = count(self.among_heard);
+        let tolerated = count(self.among_heard);
         match (self.strong_robustness, self.in_all) {
             (Some(strong), _) => format!(
-                "{robust}, and strongly {strong}-robust around the leader {}: it tolerates {heard} among the \
+                "{robust}, and strongly {strong}-robust around the leader {}: it tolerates {tolerated} among the \
                  in-neighbors of each robot",
                 leader.unwrap_or_default()
             ),
             (None, Some(in_all)) => format!(
-                "{robust}: without a leader it tolerates {heard} among the in-neighbors of each robot, and \
+                "{robust}: without a leader it tolerates {tolerated} among the in-neighbors of each robot, and \
                  {} in total",
                 count(in_all)
             ),
             (None, None) => {
                 format!(
-                    "{robust}: it tolerates {at_most}{heard} among the in-neighbors of each robot"
+                    "{robust}: it tolerates {at_most}{tolerated} among the in-neighbors of each robot"
                 )
             }
         }
@@ -89,15 +89,16 @@ pub(super) fn check_liar_tolerance(scenario: &Scenario) -> Vec<Finding> {
     let (robots, graph, trusted) = (&scenario.robots, &scenario.graph, trusted_robots(scenario));
     let name = |i: usize| robots[i].name.as_str();
     let leader = scenario.leader().map_or("a leader", name);
-    let careful: Vec<usize> = (0..robots.len()).filter(|&i| robots[i].liars_max() > 0).collect();
-    if careful.is_empty() {
+    let resilient: Vec<usize> = (0..robots.len()).filter(|&i| robots[i].liars_max() > 0).collect();
+    if resilient.is_empty() {
         return Vec::new();
     }
-    let heard = |i: usize| graph.incoming_edges(i).map(|edge| edge.from);
+    let senders = |i: usize| graph.incoming_edges(i).map(|edge| edge.from);
     let needed = |i: usize| 2 * robots[i].liars_max() + 1;
-    let few = |&&i: &&usize| !heard(i).any(|from| trusted[from]) && heard(i).count() < needed(i);
-    if let Some(&i) = careful.iter().find(few) {
-        let (liars_max, count) = (robots[i].liars_max(), heard(i).count());
+    let has_too_few =
+        |&&i: &&usize| !senders(i).any(|from| trusted[from]) && senders(i).count() < needed(i);
+    if let Some(&i) = resilient.iter().find(has_too_few) {
+        let (liars_max, count) = (robots[i].liars_max(), senders(i).count());
         return vec![error_finding(
             format!("robot.{}.liars_max", name(i)),
             format!(
@@ -114,33 +115,34 @@ pub(super) fn check_liar_tolerance(scenario: &Scenario) -> Vec<Finding> {
     let follows_others = |&i: &usize| {
         robots[i].role.reference == Reference::Offsets
             && robots[i].liars_max() == 0
-            && heard(i).any(|from| !trusted[from])
+            && senders(i).any(|from| !trusted[from])
     };
-    let careless: Vec<usize> = (0..robots.len()).filter(follows_others).collect();
-    let takes_part = |i: usize| match robots[i].liars_max() {
-        0 => (!careless.contains(&i)).then_some(usize::MAX),
+    let unprotected: Vec<usize> = (0..robots.len()).filter(follows_others).collect();
+    let senders_needed = |i: usize| match robots[i].liars_max() {
+        0 => (!unprotected.contains(&i)).then_some(usize::MAX),
         _ => Some(needed(i)),
     };
     let mut findings = Vec::new();
-    let left = bootstrap_percolation_failures(graph, &trusted, takes_part);
-    let left: Vec<&str> = left.into_iter().filter(|i| careful.contains(i)).map(name).collect();
-    if let Some(first) = left.first() {
-        let most = careful.iter().map(|&i| robots[i].liars_max()).max().unwrap_or(0);
+    let unreached = bootstrap_percolation_failures(graph, &trusted, senders_needed);
+    let unreached: Vec<&str> =
+        unreached.into_iter().filter(|i| resilient.contains(i)).map(name).collect();
+    if let Some(first) = unreached.first() {
+        let liars_max = resilient.iter().map(|&i| robots[i].liars_max()).max().unwrap_or(0);
         findings.push(error_finding(
             format!("robot.{first}.liars_max"),
             format!(
-                "the graph does not tolerate liars_max = {most}: none of {} hears {leader}, or 2 liars_max + \
+                "the graph does not tolerate liars_max = {liars_max}: none of {} hears {leader}, or 2 liars_max + \
                  1 robots outside of this group with a reliable position",
-                format_list(&left, NAMES_MAX)
+                format_list(&unreached, NAMES_MAX)
             ),
             format!(
                 "expected a graph that is strongly {}-robust around {leader}, or a smaller `liars_max`",
-                2 * most + 1
+                2 * liars_max + 1
             ),
         ));
     }
-    if let Some(&i) = careless.first() {
-        let all: Vec<&str> = careless.iter().map(|&i| name(i)).collect();
+    if let Some(&i) = unprotected.first() {
+        let all: Vec<&str> = unprotected.iter().map(|&i| name(i)).collect();
         findings.push(warning_finding(
             format!("robot.{}.law", name(i)),
             format!(
@@ -150,11 +152,11 @@ pub(super) fn check_liar_tolerance(scenario: &Scenario) -> Vec<Finding> {
             "expected `law = \"formation-robust\"` for all robots that keep a slot",
         ));
     }
-    let lying_leader = scenario.faults.iter().find_map(|fault| match fault.kind {
+    let byzantine_leader = scenario.faults.iter().find_map(|fault| match fault.kind {
         FaultKind::Lie { robot, .. } if trusted[robot] => Some(robot),
         _ => None,
     });
-    findings.extend(lying_leader.map(|i| {
+    findings.extend(byzantine_leader.map(|i| {
         warning_finding(
             "fault",
             format!("{} is Byzantine, but trusted: no robot discards its values", name(i)),

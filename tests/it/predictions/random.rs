@@ -28,41 +28,42 @@ const UNCERTAIN_DISTANCE: f64 = 0.25;
 /// Draws a formation of 3 to 7 robots, with or without a leader; some have slots, some are contained. `None` if robots
 /// would settle too close to each other.
 fn draw_scenario(seed: u64) -> Option<Scenario> {
-    let mut random = SplitMix64::new(seed);
+    let mut rng = SplitMix64::new(seed);
     // Laws, gains, speeds and the guard are taken from a shipped scenario.
     let mut drawn = scenario("escort", &["expect={}", "period_s=0.02"]);
     let role = |name: &str| drawn.robots.iter().find(|robot| robot.name == name).unwrap().clone();
     let [leads, keeps, contained] = ["lead", "left", "f1"].map(role);
-    let leader = random.draw_bool(0.75);
-    let keepers = random.draw_between(2, 4) as usize;
-    let inside = random.draw_between(0, 3) as usize;
+    let leader = rng.draw_bool(0.75);
+    let keepers = rng.draw_between(2, 4) as usize;
+    let inside = rng.draw_between(0, 3) as usize;
     let n = keepers + inside;
     drawn.robots = (0..n)
         .map(|i| {
-            let like = match i {
+            let model = match i {
                 0 if leader => &leads,
                 _ if i < keepers => &keeps,
                 _ => &contained,
             };
-            let mut robot = like.clone();
+            let mut robot = model.clone();
             robot.name = format!("r{}", i + 1);
             robot
         })
         .collect();
-    let mut place = || Vec2::new(6.0 * random.draw_unit() - 3.0, 6.0 * random.draw_unit() - 3.0);
-    let places: Vec<Vec2> = (0..n).map(|_| place()).collect();
+    let mut draw_position = || Vec2::new(6.0 * rng.draw_unit() - 3.0, 6.0 * rng.draw_unit() - 3.0);
+    let positions: Vec<Vec2> = (0..n).map(|_| draw_position()).collect();
     let mut edges: Vec<Edge> = Vec::new();
     for to in usize::from(leader)..n {
         // First an in-neighbor with a lower index, so that the first robot reaches all; then any permitted one.
         let contained = to >= keepers;
-        let first = (to > 0).then(|| random.draw_between(0, to as u64 - 1) as usize);
-        let more = random.draw_between(0, 2);
+        let first = (to > 0).then(|| rng.draw_between(0, to as u64 - 1) as usize);
+        let more = rng.draw_between(0, 2);
         let among = if contained { n } else { keepers } as u64 - 1;
-        let others = (0..more).map(|_| random.draw_between(0, among) as usize).collect::<Vec<_>>();
+        let others = (0..more).map(|_| rng.draw_between(0, among) as usize).collect::<Vec<_>>();
         for from in first.into_iter().chain(others) {
             let new = from != to && edges.iter().all(|edge| (edge.from, edge.to) != (from, to));
             if new {
-                let offset_m = if contained { Vec2::zeros() } else { places[to] - places[from] };
+                let offset_m =
+                    if contained { Vec2::zeros() } else { positions[to] - positions[from] };
                 edges.push(Edge { from, to, offset_m });
             }
         }
@@ -71,7 +72,7 @@ fn draw_scenario(seed: u64) -> Option<Scenario> {
     drawn.lead = drawn.lead.filter(|_| leader);
     if let Some(lead) = &mut drawn.lead {
         let center_m = [0.0, 0.0];
-        lead.trajectory = match random.draw_between(0, 2) {
+        lead.trajectory = match rng.draw_between(0, 2) {
             0 => Trajectory::Still { center_m },
             1 => Trajectory::Line { center_m, velocity_m_s: [0.2, 0.1] },
             _ => Trajectory::Circle { center_m, radius_m: 3.0, period_s: 90.0 },
@@ -79,21 +80,21 @@ fn draw_scenario(seed: u64) -> Option<Scenario> {
     }
     drawn.duration_ns = DURATION_S * 1_000_000_000;
     drawn.faults.clear();
-    let settled = settled_positions(&drawn.graph, 0)?;
-    let apart = |i: usize, j: usize| (settled[i] - settled[j]).norm() > APART_M;
-    let all_apart = (0..n).all(|i| (0..i).all(|j| apart(i, j)));
+    let slots = settled_positions(&drawn.graph, 0)?;
+    let are_apart = |i: usize, j: usize| (slots[i] - slots[j]).norm() > APART_M;
+    let are_all_apart = (0..n).all(|i| (0..i).all(|j| are_apart(i, j)));
     // In a formation without a leader, laws that use velocities may feed them back forever.
-    let echoes = !leader && edges_into(&drawn, 0) > 0;
-    if !all_apart || echoes {
+    let has_feedback = !leader && edges_into(&drawn, 0) > 0;
+    if !are_all_apart || has_feedback {
         return None;
     }
     let start = drawn.lead.as_ref().map(|lead| lead.trajectory.target_at(0.0));
     let heading_rad = start.map_or(0.0, |m| m.velocity.y.atan2(m.velocity.x));
     let origin = start.map_or(Vec2::zeros(), |m| m.position);
-    for (robot, place) in drawn.robots.iter_mut().zip(&settled) {
-        let turned = formation::front_point::rotate(heading_rad, *place);
+    for (robot, position) in drawn.robots.iter_mut().zip(&slots) {
+        let rotated = formation::front_point::rotate(heading_rad, *position);
         let back = robot.front_point_m * Vec2::new(heading_rad.cos(), heading_rad.sin());
-        let axle = origin + turned - back;
+        let axle = origin + rotated - back;
         robot.start = Pose { x_m: axle.x, y_m: axle.y, heading_rad };
     }
     Some(drawn)
@@ -105,9 +106,9 @@ fn edges_into(scenario: &Scenario, robot: usize) -> usize {
 
 /// Draws a fault: the death of a robot or the cut of an edge.
 fn draw_fault(mut scenario: Scenario, seed: u64) -> (Scenario, FailingComponent) {
-    let mut random = SplitMix64::new(!seed);
+    let mut rng = SplitMix64::new(!seed);
     let (robots, edges) = (scenario.robots.len() as u64, scenario.graph.edges().len() as u64);
-    let drawn = random.draw_between(0, robots + edges - 1);
+    let drawn = rng.draw_between(0, robots + edges - 1);
     let (broken, kind) = match drawn.checked_sub(robots) {
         None => {
             let robot = drawn as usize;
@@ -126,7 +127,7 @@ fn draw_fault(mut scenario: Scenario, seed: u64) -> (Scenario, FailingComponent)
 fn outcome(seed: u64) -> Option<PredictedAndSimulated> {
     let mut draws = (0..DRAWS_MAX).map(|draw| draw_scenario(DRAWS_MAX * seed + draw));
     let (scenario, broken) = draw_fault(draws.find_map(|drawn| drawn)?, seed);
-    let foretold = predict(&scenario, broken, AT_S);
+    let predicted = predict(&scenario, broken, AT_S);
     let edges: Vec<String> = scenario
         .graph
         .edges()
@@ -140,17 +141,17 @@ fn outcome(seed: u64) -> Option<PredictedAndSimulated> {
         "seed {seed}: {broken:?} of {} ({contained:?} contained; {lead:?})",
         edges.join(" ")
     );
-    Some(PredictedAndSimulated::new(what, &scenario, foretold, &simulate(&scenario)))
+    Some(PredictedAndSimulated::new(what, &scenario, predicted, &simulate(&scenario)))
 }
 
 /// Returns whether the prediction is uncertain: the predicted distance of a robot is close to the bound.
 fn is_near_bound(outcome: &PredictedAndSimulated) -> bool {
-    let near = |off_m: f64| (off_m - BOUND_M).abs() < UNCERTAIN_DISTANCE * BOUND_M;
+    let near = |error_m: f64| (error_m - BOUND_M).abs() < UNCERTAIN_DISTANCE * BOUND_M;
     outcome
-        .foretold
+        .predicted
         .iter()
         .filter_map(|one| one.slot_distance_m)
-        .chain(outcome.off_m.iter().filter_map(|m| *m))
+        .chain(outcome.error_m.iter().filter_map(|m| *m))
         .any(near)
 }
 

@@ -13,9 +13,9 @@ use protocol::service::{Publisher, SendError, send_slice};
 
 use crate::view::{ClientRequest, RequestedAction, View};
 use experiment::scenario::{FaultKind, Scenario};
-use run::course::RunStateMachine;
 use run::journal::Journal;
 use run::lifecycle::{Initiator, LifecycleEvent, Lifecycles, ProcessState};
+use run::state_machine::RunStateMachine;
 
 /// Reason for rejecting a request.
 pub(super) type Refusal = String;
@@ -72,37 +72,37 @@ impl<'a> InteractiveActions<'a> {
     pub(super) fn register_action(
         &mut self,
         now_ns: u64,
-        act: RequestedAction,
+        action: RequestedAction,
         scenario: &Scenario,
-        course: &mut RunStateMachine<Journal<'_>>,
+        state_machine: &mut RunStateMachine<Journal<'_>>,
     ) -> Result<LifecycleEvent, Refusal> {
-        self.check_possible(act, scenario, course)?;
+        self.check_possible(action, scenario, state_machine)?;
         self.executed_action_count += 1;
         let initiator = Initiator::LiveViewClient;
-        Ok(match act {
+        Ok(match action {
             RequestedAction::Kill(robot) => {
                 let kill = FaultKind::Kill { robot, restart_after_ns: None };
-                let fault = course.register_fault(scenario, &kill, initiator);
+                let fault = state_machine.register_fault(scenario, &kill, initiator);
                 LifecycleEvent::Kill { robot, fault, restart_at_ns: None, initiator }
             }
             RequestedAction::Freeze(robot) => {
                 let fault =
-                    course.register_fault(scenario, &FaultKind::Freeze { robot }, initiator);
+                    state_machine.register_fault(scenario, &FaultKind::Freeze { robot }, initiator);
                 LifecycleEvent::Freeze { robot, fault, has_planned_thaw: false, initiator }
             }
             RequestedAction::Thaw(robot) => {
-                let fault = course.lifecycles().freezing_fault(robot).expect("it is frozen");
+                let fault = state_machine.lifecycles().freezing_fault(robot).expect("it is frozen");
                 LifecycleEvent::Thaw { robot, fault, initiator }
             }
             RequestedAction::Restart(robot) => LifecycleEvent::Restart { robot },
             RequestedAction::Cut(edge) => {
-                record_link_change(course, now_ns, "cut", scenario, edge);
+                record_link_change(state_machine, now_ns, "cut", scenario, edge);
                 let cut = FaultKind::Link { edge, kind: LinkFaultKind::Cut };
-                let fault = course.register_fault(scenario, &cut, initiator);
+                let fault = state_machine.register_fault(scenario, &cut, initiator);
                 LifecycleEvent::CutLink { edge, fault }
             }
             RequestedAction::RepairEdge(edge) => {
-                record_link_change(course, now_ns, "mend", scenario, edge);
+                record_link_change(state_machine, now_ns, "mend", scenario, edge);
                 LifecycleEvent::RepairLink { edge }
             }
         })
@@ -111,24 +111,25 @@ impl<'a> InteractiveActions<'a> {
     /// Returns an error if the action is impossible in the present state.
     fn check_possible(
         &self,
-        act: RequestedAction,
+        action: RequestedAction,
         scenario: &Scenario,
-        course: &RunStateMachine<Journal<'_>>,
+        state_machine: &RunStateMachine<Journal<'_>>,
     ) -> Result<(), Refusal> {
-        let is = |robot: usize| match course.lifecycles().process_state(robot) {
+        let state_text = |robot: usize| match state_machine.lifecycles().process_state(robot) {
             ProcessState::Starting => "starting",
             ProcessState::Moving => "moving",
             ProcessState::Frozen => "frozen",
             ProcessState::Exiting | ProcessState::Dead => "dead",
         };
-        let require_robot_state = |robot: usize, expected: &[&str]| match is(robot) {
+        let require_robot_state = |robot: usize, expected: &[&str]| match state_text(robot) {
             found if expected.contains(&found) => Ok(()),
             found => {
-                let (name, expected) = (course.journal.robot_name(robot), expected.join(" or "));
+                let (name, expected) =
+                    (state_machine.journal.robot_name(robot), expected.join(" or "));
                 Err(format!("{name} is {found}, but must be {expected}"))
             }
         };
-        let of_edge = |edge: usize, cut: bool| {
+        let require_link_state = |edge: usize, is_cut: bool| {
             let link = edge_text(scenario, edge);
             if self.link_fault_publishers.is_empty() {
                 return Err(format!(
@@ -136,61 +137,61 @@ impl<'a> InteractiveActions<'a> {
                      interactively with --pace realtime"
                 ));
             }
-            match (course.lifecycles().is_link_cut(edge), cut) {
+            match (state_machine.lifecycles().is_link_cut(edge), is_cut) {
                 (true, false) => Err(format!("{link} is already cut")),
                 (false, true) => Err(format!("{link} was not cut interactively")),
                 _ => Ok(()),
             }
         };
-        match act {
+        match action {
             RequestedAction::Kill(robot) => {
                 require_robot_state(robot, &["starting", "moving", "frozen"])
             }
             RequestedAction::Freeze(robot) => require_robot_state(robot, &["moving"]),
             RequestedAction::Thaw(robot) => require_robot_state(robot, &["frozen"]),
             RequestedAction::Restart(robot) => require_robot_state(robot, &["dead"]),
-            RequestedAction::Cut(edge) => of_edge(edge, false),
-            RequestedAction::RepairEdge(edge) => of_edge(edge, true),
+            RequestedAction::Cut(edge) => require_link_state(edge, false),
+            RequestedAction::RepairEdge(edge) => require_link_state(edge, true),
         }
     }
 
     /// Sends to a robot which of its incoming links are cut interactively. The robot may be a replacement.
     pub(super) fn send_cut_links(
         &self,
-        hearer: usize,
+        receiver: usize,
         scenario: &Scenario,
         lifecycles: &Lifecycles,
     ) -> Result<(), SendError> {
-        let Some(publisher) = self.link_fault_publishers.get(hearer) else { return Ok(()) };
+        let Some(publisher) = self.link_fault_publishers.get(receiver) else { return Ok(()) };
         let edges = scenario.graph.edges().iter().enumerate();
         let links: Vec<LinkFaultByHand> = edges
-            .filter(|(_, edge)| edge.to == hearer)
-            .map(|(place, edge)| LinkFaultByHand {
+            .filter(|(_, edge)| edge.to == receiver)
+            .map(|(index, edge)| LinkFaultByHand {
                 robot: edge.from as u64 + 1,
-                cut: u64::from(lifecycles.is_link_cut(place)),
+                cut: u64::from(lifecycles.is_link_cut(index)),
             })
             .collect();
-        send_slice(publisher, (), links.len(), |place| links[place])?;
+        send_slice(publisher, (), links.len(), |index| links[index])?;
         Ok(())
     }
 }
 
 /// Records that a link was cut or restored.
 fn record_link_change(
-    course: &mut RunStateMachine<Journal<'_>>,
+    state_machine: &mut RunStateMachine<Journal<'_>>,
     t_ns: u64,
     kind: &'static str,
     scenario: &Scenario,
     edge: usize,
 ) {
-    let ends = scenario.graph.edges()[edge];
+    let link = scenario.graph.edges()[edge];
     let detail = format!("{}, {}", edge_text(scenario, edge), Initiator::LiveViewClient.keyword());
-    course.journal.add_link_event(t_ns, kind, [ends.from, ends.to], detail);
+    state_machine.journal.add_link_event(t_ns, kind, [link.from, link.to], detail);
 }
 
 /// Returns the names of the robots at the ends of an edge.
 fn edge_text(scenario: &Scenario, edge: usize) -> String {
-    let ends = scenario.graph.edges()[edge];
+    let link = scenario.graph.edges()[edge];
     let name = |robot: usize| &scenario.robots[robot].name;
-    format!("{}->{}", name(ends.from), name(ends.to))
+    format!("{}->{}", name(link.from), name(link.to))
 }

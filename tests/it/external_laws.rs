@@ -90,14 +90,14 @@ impl Pentagon {
     #[track_caller]
     pub fn assert_output_by_hand(
         &self,
-        words: &[&Path],
+        arguments: &[&Path],
         code: i32,
         parts: &[&str],
         lines_max: usize,
     ) {
-        let said = (self.by_hand)(self.folder.path(), words).exits_with(code).stderr;
-        assert!(parts.iter().all(|part| said.contains(part)), "{said}");
-        assert!(said.lines().count() <= lines_max, "{said}");
+        let output = (self.by_hand)(self.folder.path(), arguments).exits_with(code).stderr;
+        assert!(parts.iter().all(|part| output.contains(part)), "{output}");
+        assert!(output.lines().count() <= lines_max, "{output}");
     }
 
     /// Checks the program with a brief of another version of the supervisor, which has additional keys.

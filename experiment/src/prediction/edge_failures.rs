@@ -19,20 +19,22 @@ pub struct SingleCutPredictor<'p> {
 impl<'p> SingleCutPredictor<'p> {
     pub(super) fn new(predictor: &'p FailurePredictor) -> SingleCutPredictor<'p> {
         let edges = predictor.rewiring.edges().iter();
-        let ends = edges.map(|edge| [edge.from, edge.to]).collect();
-        let rests =
+        let edge_ends = edges.map(|edge| [edge.from, edge.to]).collect();
+        let is_undisturbed =
             predictor.deputies.is_empty() && predictor.broken_robots(&[], &[], None).is_empty();
-        let moving = predictor.leader_motion.as_ref().is_some_and(|course| course.is_moving(None));
-        let intact = rests.then(|| SurvivingGraph::compute(predictor, &[], &[], moving));
-        let intact = intact.filter(|whole| {
-            let in_place = |heard: &Vec<(usize, Vec2)>, i| {
-                heard.is_empty() || predictor.recovers_slot(heard, i)
+        let is_moving =
+            predictor.leader_motion.as_ref().is_some_and(|motion| motion.is_moving(None));
+        let intact =
+            is_undisturbed.then(|| SurvivingGraph::compute(predictor, &[], &[], is_moving));
+        let intact = intact.filter(|graph| {
+            let keeps_slot = |in_neighbors: &Vec<(usize, Vec2)>, i| {
+                in_neighbors.is_empty() || predictor.recovers_slot(in_neighbors, i)
             };
-            let mut rows = whole.in_neighbors.iter().enumerate();
-            rows.all(|(i, heard)| in_place(heard, i))
-                && whole.robots_left_behind(predictor).iter().all(Option::is_none)
+            let mut rows = graph.in_neighbors.iter().enumerate();
+            rows.all(|(i, in_neighbors)| keeps_slot(in_neighbors, i))
+                && graph.robots_left_behind(predictor).iter().all(Option::is_none)
         });
-        SingleCutPredictor { predictor, edge_ends: ends, intact_graph: intact }
+        SingleCutPredictor { predictor, edge_ends, intact_graph: intact }
     }
 
     /// Returns the robots that the permanent cut of this edge alone breaks, as [`FailurePredictor::broken_robots`]
@@ -56,31 +58,37 @@ impl<'p> SingleCutPredictor<'p> {
             return true;
         }
         let n = self.predictor.robots.len();
-        let row = SurvivingNeighbors::compute(self.predictor, to, &[], &[edge]);
-        let mut known = vec![false; n];
-        intact.in_neighbors[to].iter().for_each(|&(other, _)| known[other] = true);
-        let mut new = row.in_neighbors.iter().filter(|(other, _)| *other < n && !known[*other]);
-        row.replaced_leader.is_none()
-            && !row.in_neighbors.is_empty()
-            && row.in_neighbors.iter().all(|&(other, _)| other < n)
-            && self.predictor.recovers_slot(&row.in_neighbors, to)
+        let neighbors = SurvivingNeighbors::compute(self.predictor, to, &[], &[edge]);
+        let mut is_known = vec![false; n];
+        intact.in_neighbors[to].iter().for_each(|&(other, _)| is_known[other] = true);
+        let mut new =
+            neighbors.in_neighbors.iter().filter(|(other, _)| *other < n && !is_known[*other]);
+        neighbors.replaced_leader.is_none()
+            && !neighbors.in_neighbors.is_empty()
+            && neighbors.in_neighbors.iter().all(|&(other, _)| other < n)
+            && self.predictor.recovers_slot(&neighbors.in_neighbors, to)
             && new.all(|&(other, _)| intact.robots_downstream_of(&[to])[other])
-            && is_connected(intact, from, to, &row.in_neighbors)
+            && is_connected(intact, from, to, &neighbors.in_neighbors)
     }
 }
 
-/// Returns whether `from` reaches `to`, directly or over other robots, if `heard` are the in-neighbors of `to`.
-fn is_connected(intact: &SurvivingGraph, from: usize, to: usize, heard: &[(usize, Vec2)]) -> bool {
+/// Returns whether `from` reaches `to`, directly or over other robots, if `in_neighbors` are the in-neighbors of `to`.
+fn is_connected(
+    intact: &SurvivingGraph,
+    from: usize,
+    to: usize,
+    in_neighbors: &[(usize, Vec2)],
+) -> bool {
     let n = intact.in_neighbors.len();
-    let mut seen = vec![false; n];
-    seen[to] = true;
-    let mut open = vec![heard];
+    let mut is_visited = vec![false; n];
+    is_visited[to] = true;
+    let mut open = vec![in_neighbors];
     while let Some(row) = open.pop() {
         if row.iter().any(|&(other, _)| other == from) {
             return true;
         }
         for &(other, _) in row.iter().filter(|(other, _)| *other < n) {
-            if !std::mem::replace(&mut seen[other], true) {
+            if !std::mem::replace(&mut is_visited[other], true) {
                 open.push(&intact.in_neighbors[other]);
             }
         }

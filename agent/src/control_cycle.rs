@@ -12,7 +12,7 @@ use std::borrow::Borrow;
 
 use formation::desired::Target;
 use protocol::brief::{AgentBrief, Pace};
-use protocol::latency::LatencyRecorder;
+use protocol::latency::{LatencyRecorder, robot_rows_per_tick};
 use protocol::law_message::{Broadcast, GapCounter, SendDecision, SentCounts};
 use protocol::message::{Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader};
 use protocol::stage::{LatenessCause, Stage};
@@ -134,7 +134,7 @@ impl ControlCycle {
                 .collect(),
             measurements: LatencyRecorder::for_incarnation(
                 controller.incarnation(),
-                measurements_per_tick_max(&brief),
+                robot_rows_per_tick(brief.senders().count()),
             ),
             brief,
             controller,
@@ -411,11 +411,6 @@ impl ControlCycle {
         };
         self.cycle_start_ns = now_ns;
     }
-}
-
-/// Returns the maximum number of values that an agent measures in one tick.
-fn measurements_per_tick_max(brief: &AgentBrief) -> usize {
-    3 + 2 * brief.senders().count()
 }
 
 #[cfg(test)]

@@ -271,6 +271,24 @@ mod tests {
     }
 
     #[test]
+    fn command_of_a_dead_incarnation_is_counted_and_moves_nothing() {
+        let mut stepper = stepper_with_pace(Pace::Lockstep);
+        for count in 1..=2 {
+            let command = ReceivedCommand {
+                robot: 0,
+                command: command(0, count, 0.4, 0.0),
+                received_ns: 0,
+                is_from_dead_incarnation: true,
+            };
+            stepper.step([Ok::<_, StepError>(command)], || 0).unwrap();
+            assert_eq!(
+                (stepper.world.truth_header().commands_old, robot_x_m(&stepper)),
+                (count, 0.0)
+            );
+        }
+    }
+
+    #[test]
     fn delayed_command_is_accepted_once_it_is_due() {
         let mut brief = PlantBrief { pace: Pace::Lockstep, ..brief(&[0.0]) };
         let kind = LinkFaultKind::Delay { delay_ns: 10 * NS_PER_MS, jitter_ns: 0 };

@@ -16,8 +16,13 @@ const CAPACITY_ROWS_MIN: usize = 1024;
 /// that the plant may have in lockstep.
 const CAPACITY_TICKS_MIN: usize = 16;
 
-/// Returns the capacity of a recorder for at most `measurements_per_tick_max` values per tick: the maximum length of a
-/// batch.
+/// Returns the maximum number of values that a robot with this number of senders measures in one tick: of a wake-up, of
+/// the cause of its lateness, of odometry and of the computation, and of the delivery and the age of each beacon.
+pub fn robot_rows_per_tick(senders: usize) -> usize {
+    4 + 2 * senders
+}
+
+/// Returns the capacity of a recorder for at most `rows_per_tick` values per tick: the maximum length of a batch.
 pub fn recorder_capacity(rows_per_tick: usize) -> usize {
     CAPACITY_ROWS_MIN.max(CAPACITY_TICKS_MIN * rows_per_tick)
 }
@@ -34,7 +39,7 @@ pub struct LatencyRecorder {
 }
 
 impl LatencyRecorder {
-    /// Creates a recorder for at most `measurements_per_tick_max` values per tick, with room for many ticks.
+    /// Creates a recorder for at most `rows_per_tick` values per tick, with room for many ticks.
     pub fn for_incarnation(incarnation: u64, rows_per_tick: usize) -> LatencyRecorder {
         LatencyRecorder::new(incarnation, recorder_capacity(rows_per_tick))
     }

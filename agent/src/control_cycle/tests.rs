@@ -230,6 +230,25 @@ fn late_wake_ups_are_recorded_with_the_next_sample() {
 }
 
 #[test]
+fn late_cycle_with_all_beacons_has_the_most_measurements() {
+    let mut robot = control_cycle_with(|brief| {
+        brief.pace = Pace::Realtime;
+        brief.neighbors.truncate(1);
+    });
+    let mut run_late_cycle = |at_ms| {
+        robot.wake_up_at_ms(at_ms, 0);
+        let wake = WakeUp { due_ns: START_NS + at_ms * NS_PER_MS, lateness_ns: NS_PER_MS };
+        robot.record_lateness(&wake, LatenessCause::Core);
+        robot.run_cycle_at(at_ms, Some(at_ms), &[at_ms - 2]);
+        robot.record_sent(START_NS + at_ms * NS_PER_MS);
+        robot.measurements.batch().1.len()
+    };
+    run_late_cycle(10);
+    let second = run_late_cycle(20);
+    assert_eq!(run_late_cycle(30) - second, robot_rows_per_tick(1));
+}
+
+#[test]
 fn news_is_reported_at_once_and_status_every_100_ms() {
     for pace in [Pace::Realtime, Pace::Lockstep] {
         let mut robot = control_cycle_with(|brief| {

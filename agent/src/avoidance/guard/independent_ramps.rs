@@ -155,3 +155,69 @@ impl Guard {
             })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Returns the rectangle that contains 0 and has this extent in each direction.
+    fn rectangle([low_x, low_y, high_x, high_y]: [f64; 4]) -> VelocityRectangle {
+        VelocityRectangle { low: -Vec2::new(low_x, low_y), high: Vec2::new(high_x, high_y) }
+    }
+
+    fn extents(maximum: f64) -> impl Strategy<Value = [f64; 4]> {
+        prop::array::uniform4(0.0..maximum)
+    }
+
+    proptest! {
+        /// A corner with one component of the new y and the other one of `held` has at most the maximum speed, and
+        /// exactly that if the rectangle was reduced.
+        #[test]
+        fn part_within_speed_is_the_largest(held in extents(0.5), whole in extents(2.0)) {
+            let (held, whole) = (rectangle(held), rectangle(whole));
+            let part = whole.within_speed(held, 1.0);
+            let rest = Vec2::new(held.extent().y, held.extent().x);
+            for k in [0, 1] {
+                for (found, before) in [(part.low[k], whole.low[k]), (part.high[k], whole.high[k])] {
+                    let speed = Vec2::new(found, rest[k]).norm();
+                    prop_assert!(speed <= 1.0 + 1e-12);
+                    prop_assert!(found == before || (speed - 1.0).abs() < 1e-12);
+                    prop_assert!(found * before >= 0.0);
+                }
+            }
+        }
+
+        /// Each component of the new y satisfies the half-plane with the worst other component of `held`, and lies on
+        /// its boundary if the rectangle was reduced.
+        #[test]
+        fn part_within_a_side_is_the_largest(
+            held in extents(0.2), whole in extents(2.0), angle in -3.2..3.2f64, boundary_distance in 0.2..1.0f64,
+        ) {
+            let (held, whole) = (rectangle(held), rectangle(whole));
+            let side = HalfPlane { normal: rotate(angle, Vec2::x()), boundary_distance };
+            let part = whole.within_side(held, side);
+            for (k, other) in [(0, 1), (1, 0)] {
+                let worst = (side.normal[other] * held.low[other]).min(side.normal[other] * held.high[other]);
+                let margin = |component: f64| side.normal[k] * component + worst + boundary_distance;
+                for (found, before) in [(part.low[k], whole.low[k]), (part.high[k], whole.high[k])] {
+                    prop_assert!(margin(found) >= -1e-12);
+                    prop_assert!(found == before || margin(found).abs() < 1e-12);
+                    prop_assert!(found == before || margin(before) < 0.0);
+                }
+            }
+        }
+
+        #[test]
+        fn half_planes_contain_the_points_of_the_rectangle(
+            whole in extents(1.0), (x, y) in (-1.0..1.0f64, -1.0..1.0f64), angle in -3.2..3.2f64,
+        ) {
+            let whole = rectangle(whole);
+            let is_inside = whole.including(Vec2::new(x, y)) == whole;
+            let u = rotate(angle, Vec2::new(x, y));
+            let sides = whole.half_planes(angle);
+            prop_assert_eq!(sides.iter().all(|side| side.normal.dot(&u) >= -side.boundary_distance), is_inside);
+        }
+    }
+}

@@ -55,7 +55,8 @@ impl StatusForwarder {
                 let latency = latency.open(node)?.subscriber()?;
                 local_robots.push(LocalRobot { robot, status, latency });
             } else if bridged_robot.host != brief.here && has_plant {
-                let rows_max = latency::recorder_capacity(3 + 2 * bridged_robot.hears);
+                let rows_max =
+                    latency::recorder_capacity(latency::robot_rows_per_tick(bridged_robot.hears));
                 let message_bytes_max =
                     if brief.records_messages { bridged_robot.message_bytes_max } else { 0 };
                 let status_bytes_max =

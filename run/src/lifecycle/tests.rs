@@ -487,3 +487,72 @@ fn unreplaced_death_during_start_up_ends_the_run() {
         );
     }
 }
+
+#[test]
+fn queries_follow_a_robot_through_its_lifecycle() {
+    let mut lifecycles = Lifecycles::new([POLICY; 2].into_iter(), 0..2, true);
+    assert!(lifecycles.is_any_process_starting());
+    for robot in 0..2 {
+        lifecycles.handle_event(0, LifecycleEvent::StatusReported { robot, takes_part: true });
+    }
+    assert!(!lifecycles.is_any_process_starting());
+    let initiator = Initiator::Plan;
+    let freeze = LifecycleEvent::Freeze { robot: 1, fault: 7, has_planned_thaw: true, initiator };
+    lifecycles.handle_event(1, freeze);
+    assert_eq!([0, 1].map(|robot| lifecycles.freezing_fault(robot)), [None, Some(7)]);
+    lifecycles.handle_event(2, LifecycleEvent::Thaw { robot: 1, fault: 7, initiator });
+    assert_eq!(lifecycles.freezing_fault(1), None);
+    lifecycles.handle_event(2, LifecycleEvent::CutLink { edge: 1, fault: 8 });
+    assert_eq!([0, 1].map(|edge| lifecycles.is_link_cut(edge)), [false, true]);
+
+    let death = ProcessDeath {
+        robot: 1,
+        cause: "signal 9".into(),
+        exited_successfully: false,
+        is_infrastructure_failure: false,
+        is_before_motion: false,
+        last_seen_alive_ns: 3,
+        fault: 9,
+    };
+    assert_eq!(lifecycles.alive_robots(), [true, true]);
+    lifecycles.handle_event(3, LifecycleEvent::ProcessDied(death));
+    assert_eq!(lifecycles.alive_robots(), [true, false]);
+    assert_eq!([0, 1].map(|robot| lifecycles.will_be_replaced(robot)), [false, true]);
+    lifecycles.handle_event(3 + POLICY.delay_ns, LifecycleEvent::TimePassed);
+    assert_eq!([0, 1].map(|robot| lifecycles.incarnation(robot)), [0, 1]);
+    assert!(lifecycles.is_any_process_starting() && !lifecycles.will_be_replaced(1));
+    let failed: Vec<(usize, String)> = lifecycles.failed_robots().collect();
+    assert!(matches!(&failed[..], [(1, cause)] if cause.contains("signal 9")), "{failed:?}");
+    let status = LifecycleEvent::StatusReported { robot: 1, takes_part: true };
+    lifecycles.handle_event(20, status);
+    assert_eq!(
+        (lifecycles.alive_robots(), lifecycles.failed_robots().count()),
+        (&[true, true][..], 0)
+    );
+
+    let reason = "no report".to_owned();
+    let event = LifecycleEvent::HostUnreachable { robot: 0, fault: 10, reason: reason.clone() };
+    lifecycles.handle_event(30, event);
+    assert_eq!([0, 1].map(|robot| lifecycles.is_unreachable(robot)), [true, false]);
+    assert_eq!(lifecycles.unreachable_robots().collect::<Vec<_>>(), [(0, "no report")]);
+    lifecycles.handle_event(31, LifecycleEvent::HostReachable { robot: 0, reason });
+    assert!(!lifecycles.is_unreachable(0));
+}
+
+#[test]
+fn robot_without_a_leader_is_displayed_as_orphaned_while_it_moves() {
+    use ProcessState::{Dead, Exiting, Frozen, Moving, Starting};
+    let states = [Starting, Moving, Frozen, Exiting, Dead];
+    let displayed = |orphaned: bool| states.map(|state| state.display_state(orphaned));
+    let connected = [
+        RobotState::Starting,
+        RobotState::Moving,
+        RobotState::Frozen,
+        RobotState::Dead,
+        RobotState::Dead,
+    ];
+    assert_eq!(displayed(false), connected);
+    let mut orphaned = connected;
+    orphaned[1] = RobotState::Orphaned;
+    assert_eq!(displayed(true), orphaned);
+}

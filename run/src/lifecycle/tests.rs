@@ -378,6 +378,19 @@ fn event_kinds(effects: &[Effect]) -> Vec<&str> {
     kinds.collect()
 }
 
+/// Returns the unplanned death of a robot's process, reported under this fault.
+fn death_by_signal(robot: usize, fault: usize) -> ProcessDeath {
+    ProcessDeath {
+        robot,
+        cause: "signal 9".into(),
+        exited_successfully: false,
+        is_infrastructure_failure: false,
+        is_before_motion: false,
+        last_seen_alive_ns: 2,
+        fault,
+    }
+}
+
 #[test]
 fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
     let mut harness = LifecycleHarness::new(false);
@@ -399,16 +412,7 @@ fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
         initiator: Initiator::Plan,
     };
     assert!(lifecycles.handle_event(2, kill).contains(&Effect::Order(DriverOrder::Kill(1))));
-    let death = ProcessDeath {
-        robot: 1,
-        cause: "signal 9".into(),
-        exited_successfully: false,
-        is_infrastructure_failure: false,
-        is_before_motion: false,
-        last_seen_alive_ns: 2,
-        fault: 9,
-    };
-    let effects = lifecycles.handle_event(3, LifecycleEvent::ProcessDied(death));
+    let effects = lifecycles.handle_event(3, LifecycleEvent::ProcessDied(death_by_signal(1, 9)));
     assert_eq!(event_kinds(&effects), ["died"]);
     assert!(effects.contains(&Effect::Record(RunRecord::FaultEnded {
         fault: 7,
@@ -505,17 +509,8 @@ fn queries_follow_a_robot_through_its_lifecycle() {
     lifecycles.handle_event(2, LifecycleEvent::CutLink { edge: 1, fault: 8 });
     assert_eq!([0, 1].map(|edge| lifecycles.is_link_cut(edge)), [false, true]);
 
-    let death = ProcessDeath {
-        robot: 1,
-        cause: "signal 9".into(),
-        exited_successfully: false,
-        is_infrastructure_failure: false,
-        is_before_motion: false,
-        last_seen_alive_ns: 3,
-        fault: 9,
-    };
     assert_eq!(lifecycles.alive_robots(), [true, true]);
-    lifecycles.handle_event(3, LifecycleEvent::ProcessDied(death));
+    lifecycles.handle_event(3, LifecycleEvent::ProcessDied(death_by_signal(1, 9)));
     assert_eq!(lifecycles.alive_robots(), [true, false]);
     assert_eq!([0, 1].map(|robot| lifecycles.will_be_replaced(robot)), [false, true]);
     lifecycles.handle_event(3 + POLICY.delay_ns, LifecycleEvent::TimePassed);
@@ -540,7 +535,7 @@ fn queries_follow_a_robot_through_its_lifecycle() {
 }
 
 #[test]
-fn robot_without_a_leader_is_displayed_as_orphaned_while_it_moves() {
+fn robot_without_a_leader_is_shown_as_orphaned_while_moving() {
     use ProcessState::{Dead, Exiting, Frozen, Moving, Starting};
     let states = [Starting, Moving, Frozen, Exiting, Dead];
     let displayed = |orphaned: bool| states.map(|state| state.display_state(orphaned));

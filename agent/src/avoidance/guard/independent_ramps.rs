@@ -175,13 +175,13 @@ mod tests {
         /// A corner with one component of the new y and the other one of `held` has at most the maximum speed, and
         /// exactly that if the rectangle was reduced.
         #[test]
-        fn part_within_speed_is_the_largest(held in extents(0.5), whole in extents(2.0)) {
-            let (held, whole) = (rectangle(held), rectangle(whole));
+        fn part_within_speed_is_the_largest(held in extents(0.5), original in extents(2.0)) {
+            let (held, original) = (rectangle(held), rectangle(original));
             let speed_max = 0.8;
-            let part = whole.within_speed(held, speed_max);
+            let part = original.within_speed(held, speed_max);
             let rest = Vec2::new(held.extent().y, held.extent().x);
             for k in [0, 1] {
-                for (found, before) in [(part.low[k], whole.low[k]), (part.high[k], whole.high[k])] {
+                for (found, before) in [(part.low[k], original.low[k]), (part.high[k], original.high[k])] {
                     let speed = Vec2::new(found, rest[k]).norm();
                     prop_assert!(speed <= speed_max + 1e-12);
                     prop_assert!(found == before || (speed - speed_max).abs() < 1e-12);
@@ -194,15 +194,15 @@ mod tests {
         /// its boundary if the rectangle was reduced.
         #[test]
         fn part_within_a_side_is_the_largest(
-            held in extents(0.2), whole in extents(2.0), angle in -3.2..3.2f64, boundary_distance in 0.2..1.0f64,
+            held in extents(0.2), original in extents(2.0), angle in -3.2..3.2f64, boundary_distance in 0.2..1.0f64,
         ) {
-            let (held, whole) = (rectangle(held), rectangle(whole));
+            let (held, original) = (rectangle(held), rectangle(original));
             let side = HalfPlane { normal: rotate(angle, Vec2::x()), boundary_distance };
-            let part = whole.within_side(held, side);
+            let part = original.within_side(held, side);
             for (k, other) in [(0, 1), (1, 0)] {
                 let worst = (side.normal[other] * held.low[other]).min(side.normal[other] * held.high[other]);
                 let margin = |component: f64| side.normal[k] * component + worst + boundary_distance;
-                for (found, before) in [(part.low[k], whole.low[k]), (part.high[k], whole.high[k])] {
+                for (found, before) in [(part.low[k], original.low[k]), (part.high[k], original.high[k])] {
                     prop_assert!(margin(found) >= -1e-12);
                     prop_assert!(found == before || margin(found).abs() < 1e-12);
                     prop_assert!(found == before || margin(before) < 0.0);
@@ -212,12 +212,12 @@ mod tests {
 
         #[test]
         fn half_planes_contain_the_points_of_the_rectangle(
-            whole in extents(1.0), (x, y) in (-1.0..1.0f64, -1.0..1.0f64), angle in -3.2..3.2f64,
+            extent in extents(1.0), (x, y) in (-1.0..1.0f64, -1.0..1.0f64), angle in -3.2..3.2f64,
         ) {
-            let whole = rectangle(whole);
-            let is_inside = whole.including(Vec2::new(x, y)) == whole;
+            let area = rectangle(extent);
+            let is_inside = area.including(Vec2::new(x, y)) == area;
             let u = rotate(angle, Vec2::new(x, y));
-            let sides = whole.half_planes(angle);
+            let sides = area.half_planes(angle);
             prop_assert_eq!(sides.iter().all(|side| side.normal.dot(&u) >= -side.boundary_distance), is_inside);
         }
     }

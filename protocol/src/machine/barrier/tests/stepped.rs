@@ -71,8 +71,8 @@ thread_local! {
 /// Panic payload: the next step belongs to another turn.
 struct TurnEnded;
 
-/// Makes one step of a call that made those of `history`, and appends it. Accesses in `quiet_accesses` are not steps:
-/// no other process can observe when they happen. Accesses in `omitted_accesses` do nothing.
+/// Makes the next step of a call whose earlier steps are `history`, and appends it. Accesses in `quiet_accesses` are
+/// not steps: no other process can observe when they happen. Accesses in `omitted_accesses` do nothing.
 pub(in crate::machine::barrier) fn step_call<R>(
     history: &mut Vec<u64>,
     quiet_accesses: &Rc<[Access]>,

@@ -348,14 +348,19 @@ mod tests {
 
     #[test]
     fn motion_has_to_keep_up_with_real_time() {
-        // Each read of the clock takes 50 times as long as a plant tick.
-        let now_ns = Cell::new(0);
-        let clock = || now_ns.replace(now_ns.get() + 50 * NS_PER_MS);
-        let brief = PlantBrief { duration_ns: u64::MAX, ..brief(&[0.0]) };
-        let mut stepper = SimulationStepper::new(&brief, UnicycleMotion::new(&brief));
-        let mut step = || stepper.step(std::iter::empty::<Result<_, StepError>>(), clock);
-        now_ns.set(10 * NS_PER_MS);
-        assert!(step().is_ok(), "once may be by chance");
-        assert!(matches!(step(), Err(StepError::PlantTooSlow(_))));
+        // From the start, and after 100 s in time.
+        for start_s in [0, 100] {
+            let now_ns = Cell::new(start_s * 1000 * NS_PER_MS);
+            let brief = PlantBrief { duration_ns: u64::MAX, ..brief(&[0.0]) };
+            let mut stepper = SimulationStepper::new(&brief, UnicycleMotion::new(&brief));
+            let no_commands = || std::iter::empty::<Result<_, StepError>>();
+            stepper.step(no_commands(), || now_ns.get()).unwrap();
+            // Each read of the clock takes 50 times as long as a plant tick.
+            let clock = || now_ns.replace(now_ns.get() + 50 * NS_PER_MS);
+            now_ns.set(now_ns.get() + 10 * NS_PER_MS);
+            assert!(stepper.step(no_commands(), clock).is_ok(), "once may be by chance");
+            let result = stepper.step(no_commands(), clock);
+            assert!(matches!(result, Err(StepError::PlantTooSlow(_))), "{start_s}");
+        }
     }
 }

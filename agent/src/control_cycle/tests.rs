@@ -258,17 +258,18 @@ fn news_is_reported_at_once_and_status_every_100_ms() {
         let mut report =
             |at_ms, beacons: &[u64]| robot.run_cycle_at(at_ms, Some(at_ms), beacons).status_is_due;
         assert!(!report(0, &[]) && !report(99, &[]));
-        assert!(report(100, &[98]), "r5 is heard");
+        assert!(report(100, &[98]), "r5 is received for the first time");
         assert!(!report(110, &[]));
-        assert!(report(120, &[98]), "it said that before: refused");
-        assert!(report(125, &[98, 98]), "two are no less news than one");
+        assert!(report(120, &[98]), "the same beacon again is refused");
+        assert!(report(125, &[98, 98]), "two refused beacons are reported like one");
         assert!(!report(126, &[]));
-        assert!(report(170, &[98]), "one is refused, and r5 was silent");
+        assert!(report(170, &[98]), "one beacon is refused, and r5 was silent");
         assert!(!report(190, &[]));
-        assert!(report(201, &[]), "it is lost");
+        assert!(report(201, &[]), "r5 is lost");
         assert!(!report(300, &[]));
         assert_eq!(report(301, &[]), pace == Pace::Realtime);
         assert!(!report(302, &[]));
+        assert!(report(401, &[400]), "r5 is received again, and 100 ms have passed");
         assert_eq!(robot.status().0.beacons_refused, 4);
     }
 }

@@ -76,6 +76,8 @@ fn invalid_commands_are_refused_and_counted_by_kind() {
     let header = world.truth_header();
     let refused = [header.commands_late, header.commands_old, header.commands_not_finite];
     assert_eq!((refused, header.commands_expired), ([3, 2, 4], 1));
+    // Both commands are at most 20 ms old: one is replaced at 60 ms with 15 ms, the other one expires.
+    assert_eq!(header.command_age_ns_max, 20 * NS_PER_MS);
     assert_eq!(world.truth().next().unwrap().commanded, 0);
 }
 
@@ -90,6 +92,13 @@ fn command_is_scaled_to_speed_limit_and_wheel_limits() {
         (None, vec![], (1.0 + 1e-6, 0.0), 1.0 / (1.0 + 1e-6), 1),
         // An excess within rounding is not counted.
         (None, vec![], (1.0 + 1e-12, 0.0), 1.0 / (1.0 + 1e-12), 0),
+        (
+            None,
+            vec![],
+            (1.0 + RELATIVE_SPEED_TOLERANCE, 0.0),
+            1.0 / (1.0 + RELATIVE_SPEED_TOLERANCE),
+            0,
+        ),
         // |v| + 0.1 |w| = 0.6 m/s.
         (wheels(0.3), vec![], (0.4, -2.0), 0.5, 0),
         (wheels(0.7), limit(0.3), (0.4, -2.0), 0.5, 0),
@@ -139,12 +148,15 @@ fn nearest_neighbors_are_sensed_in_order_and_cut_is_flagged() {
     ] {
         let mut brief = PlantBrief { velocities_sensed, ..brief(&[0.0]) };
         let body = brief.robots[0].clone();
-        // A lattice with many equal distances, not ordered by distance.
+        // A lattice of front points with many equal distances, not ordered by distance. Without velocities
+        // the distances are exact, so that neighbors at the same distance stay in the order of the brief.
+        let turn_rad = if velocities_sensed { 0.1 } else { 0.0 };
         let start = |i: usize| Pose {
             x_m: (i * 37 % 100 / 10) as f64,
             y_m: (i * 37 % 10) as f64,
-            heading_rad: 0.1 * i as f64,
+            heading_rad: turn_rad * i as f64,
         };
+        let body = BodyBrief { front_point_m: 0.125, ..body };
         brief.robots = (0..robots).map(|i| BodyBrief { start: start(i), ..body.clone() }).collect();
         let count_max = if velocities_sensed { half } else { PROXIMITY_MAX };
         for (robot, radius_m) in
@@ -176,7 +188,7 @@ fn nearest_neighbors_are_sensed_in_order_and_cut_is_flagged() {
             assert!(sample.proximity_front_points().eq(positions), "{robots} {robot} {radius_m}");
             let velocities = neighbors.iter().filter(|_| velocities_sensed).map(|&other| {
                 let BodyState { pose, twist } = world.states[other];
-                front_velocity(pose.heading_rad, 0.1, twist)
+                front_velocity(pose.heading_rad, 0.125, twist)
             });
             assert!(sample.proximity_velocities().eq(velocities), "{robots} {robot} {radius_m}");
         }
@@ -233,20 +245,34 @@ fn noise_is_drawn_per_number_during_the_fault() {
     }
 }
 
-/// Robots of 0.1, 0.2 and 0.3 m: the closest pair keeps its distance in both cases.
+/// Returns the brief of a team with these positions on the x axis and sizes, m, with front points at 0.125 m.
+fn brief_of_a_team(x_m: &[f64], keep_m: &[f64]) -> PlantBrief {
+    let mut brief = brief(x_m);
+    for (body, &keep_m) in brief.robots.iter_mut().zip(keep_m) {
+        body.front_point_m = 0.125;
+        body.member = Some(MemberBrief {
+            keep_m,
+            speed_max_m_s: None,
+            command_lifetime_ns: 20 * NS_PER_MS,
+            class: 0,
+        });
+    }
+    brief
+}
+
 #[test]
 fn any_pair_of_a_team_below_the_sum_of_its_sizes_is_counted() {
-    for (third_x_m, violations) in [(0.80, 1), (0.82, 0)] {
-        let mut brief = brief(&[0.0, 0.31, third_x_m]);
-        for (body, keep_m) in brief.robots.iter_mut().zip([0.1, 0.2, 0.3]) {
-            body.member = Some(MemberBrief {
-                keep_m,
-                speed_max_m_s: None,
-                command_lifetime_ns: 20 * NS_PER_MS,
-                class: 0,
-            });
-        }
-        assert_eq!(World::new(&brief).truth_header().violations, violations, "{third_x_m}");
+    for (x_m, keep_m, violations) in [
+        // The closest pair keeps its distance in both cases.
+        ([0.0, 0.31, 0.80], [0.1, 0.2, 0.3], 1),
+        ([0.0, 0.31, 0.82], [0.1, 0.2, 0.3], 0),
+        // A distance equal to the sum is kept.
+        ([0.0, 0.75, 1.75], [0.25, 0.5, 0.5], 0),
+        // Large robots far beyond the sensing radius of 3 m.
+        ([0.0, 1.0, 59.0], [30.0, 0.5, 30.0], 1),
+    ] {
+        let world = World::new(&brief_of_a_team(&x_m, &keep_m));
+        assert_eq!(world.truth_header().violations, violations, "{x_m:?}");
     }
 }
 

@@ -235,10 +235,13 @@ impl LifecycleHarness {
             self.apply_effect(effect);
         }
         for robot in &self.robots {
-            let can_reply = |process: Process| !process.is_stopped && process.kill_count == 0;
-            assert!(
-                !robot.is_barrier_member || robot.process.is_some_and(can_reply),
-                "{robot:?} is waited for"
+            let can_reply = |process: Process| {
+                process.has_reported && !process.is_stopped && process.kill_count == 0
+            };
+            assert_eq!(
+                robot.is_barrier_member,
+                robot.process.is_some_and(can_reply),
+                "the barrier waits for the robots that answer: {robot:?}"
             );
         }
         let pending = self.robots.iter().any(|robot| match robot.process {
@@ -448,6 +451,62 @@ fn external_stop_is_a_freeze_without_a_signal() {
     assert!(!effects.iter().chain(&thaw_effects).any(|effect| supervisor_signals.contains(effect)));
 }
 
+/// Returns the recorded ends of faults.
+fn fault_ends(effects: &[Effect]) -> Vec<(usize, FaultEnd)> {
+    let ends = effects.iter().filter_map(|effect| match effect {
+        Effect::Record(RunRecord::FaultEnded { fault, end, .. }) => Some((*fault, *end)),
+        _ => None,
+    });
+    ends.collect()
+}
+
+#[test]
+fn freeze_without_a_planned_thaw_is_permanent() {
+    for (has_planned_thaw, ends) in [(true, vec![]), (false, vec![(7, FaultEnd::Permanent)])] {
+        let mut harness = LifecycleHarness::new(true);
+        harness.apply_action(Action::ReportStatus { robot: 1, takes_part: true });
+        let (robot, fault, initiator) = (1, 7, Initiator::Plan);
+        let freeze = LifecycleEvent::Freeze { robot, fault, has_planned_thaw, initiator };
+        assert_eq!(fault_ends(&harness.lifecycles.handle_event(1, freeze)), ends);
+    }
+}
+
+#[test]
+fn death_of_a_replacement_belongs_to_the_fault_that_it_repairs() {
+    let policy = RestartPolicy { restarts_max: 1, window_ns: 5_000_000_000, ..POLICY };
+    let mut lifecycles = Lifecycles::new([policy].into_iter(), std::iter::empty(), true);
+    let status = LifecycleEvent::StatusReported { robot: 0, takes_part: true };
+    lifecycles.handle_event(0, status);
+
+    let effects = lifecycles.handle_event(3, LifecycleEvent::ProcessDied(death_by_signal(0, 7)));
+    let starts_fault = |effects: &[Effect]| {
+        let is_start =
+            |effect: &Effect| matches!(effect, Effect::Record(RunRecord::UnplannedDeath { .. }));
+        effects.iter().any(is_start)
+    };
+    let warns_of_replacement = |effects: &[Effect]| match effects.last() {
+        Some(Effect::Order(DriverOrder::WarnOfDeath { is_replacement, .. })) => *is_replacement,
+        other => panic!("no warning, but {other:?}"),
+    };
+    assert!(starts_fault(&effects) && !warns_of_replacement(&effects));
+    assert_eq!(fault_ends(&effects), [], "a replacement is due");
+    let failure = |lifecycles: &Lifecycles| lifecycles.failed_robots().next().expect("a loss").1;
+    let text = failure(&lifecycles);
+    assert!(text.ends_with("had not been started at the end"), "{text}");
+
+    lifecycles.handle_event(3 + policy.delay_ns, LifecycleEvent::TimePassed);
+    let text = failure(&lifecycles);
+    assert!(text.ends_with("was not ready at the end"), "{text}");
+
+    let death = LifecycleEvent::ProcessDied(death_by_signal(0, 8));
+    let mut effects = lifecycles.handle_event(20, death);
+    assert_eq!(fault_ends(&effects), [(7, FaultEnd::Permanent)], "no further restart");
+    effects.pop();
+    assert!(!starts_fault(&effects) && warns_of_replacement(&effects));
+    let text = failure(&lifecycles);
+    assert!(text.contains("after 1 restarts within 5 s"), "{text}");
+}
+
 #[test]
 fn replacement_receives_link_cuts_from_before_its_start() {
     let mut harness = LifecycleHarness::new(true);
@@ -530,8 +589,11 @@ fn queries_follow_a_robot_through_its_lifecycle() {
     lifecycles.handle_event(30, event);
     assert_eq!([0, 1].map(|robot| lifecycles.is_unreachable(robot)), [true, false]);
     assert_eq!(lifecycles.unreachable_robots().collect::<Vec<_>>(), [(0, "no report")]);
-    lifecycles.handle_event(31, LifecycleEvent::HostReachable { robot: 0, reason });
+    assert_eq!(lifecycles.alive_robots(), [false, true]);
+    let effects = lifecycles.handle_event(31, LifecycleEvent::HostReachable { robot: 0, reason });
     assert!(!lifecycles.is_unreachable(0));
+    assert_eq!(lifecycles.alive_robots(), [true, true]);
+    assert_eq!(fault_ends(&effects), [(10, FaultEnd::Repaired)]);
 }
 
 #[test]

@@ -297,6 +297,46 @@ fn request_is_limited_by_braking_time_and_reach() {
 }
 
 #[test]
+fn independent_ramps_permit_the_maximum_speed() {
+    let mut brief = turtlebot3_burger_brief();
+    brief.limits.as_mut().unwrap().ramp = Ramp::Independent;
+    let twist = Guard::new(&brief).steer(&sample(0, 0.0, &[]), Vec2::new(0.22, 0.0));
+    assert!((twist.v_m_s - 0.22).abs() < 1e-9 && twist.w_rad_s.abs() < 1e-12, "{twist:?}");
+}
+
+/// A plane has no preferred direction: the same scene, turned, has the same twist.
+#[test]
+fn certified_twist_does_not_depend_on_the_direction_of_the_axes() {
+    let with_ramp = |ramp| {
+        let mut brief = turtlebot3_burger_brief();
+        brief.limits.as_mut().unwrap().ramp = ramp;
+        brief
+    };
+    for brief in [brief(), with_ramp(Ramp::Together), with_ramp(Ramp::Independent)] {
+        let d = brief.avoidance.distance_min_m;
+        let mut limited_count = 0;
+        for (distance_m, angle) in [(0.01, 0.3), (0.03, -0.5), (0.06, 0.9), (0.1, 0.0)] {
+            let vectors = [(distance_m, angle), (0.2, angle + 2.0)]
+                .map(|(excess_m, angle)| rotate(angle, Vec2::new(-(d + excess_m), 0.0)));
+            let tried = Twist::new(0.15, 0.4);
+            let certified = |turn: f64| {
+                let vectors = vectors.map(|z| rotate(turn, z));
+                let sample = Sample { twist: Twist::ZERO, ..sample(0, turn, &vectors) };
+                Guard::new(&brief).certify(&sample, tried)
+            };
+            let twist = certified(0.0);
+            limited_count += usize::from(twist != tried);
+            for turn in [0.7, 1.6, 2.9, -2.2] {
+                let turned = certified(turn);
+                let difference = (turned.v_m_s - twist.v_m_s).hypot(turned.w_rad_s - twist.w_rad_s);
+                assert!(difference < 1e-6, "{distance_m} {turn}: {turned:?}, {twist:?}");
+            }
+        }
+        assert!(limited_count > 0, "no neighbor limited a twist");
+    }
+}
+
+#[test]
 fn uncertified_approach_brakes() {
     let neighbor_vectors = [Vec2::new(-0.301, 0.0)];
     let now = Twist::new(0.2, 0.0);

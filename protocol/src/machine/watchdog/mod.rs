@@ -146,26 +146,20 @@ mod tests {
 
     #[test]
     fn cpu_share_of_at_least_a_tenth_counts_as_wall_time() {
-        let computing = Some(Activity::Computing);
-        // Alone, and with other processes of the run with a pending response.
-        assert_eq!(
-            [59, 60].map(|duration_s| hung_activity_at_usage(10, 1.0, duration_s)),
-            [None, computing]
-        );
-        assert_eq!(
-            [119, 120].map(|duration_s| hung_activity_at_usage(5, 0.5, duration_s)),
-            [None, computing]
-        );
-        // A process that got more than its share used that much.
-        assert_eq!(
-            [59, 60].map(|duration_s| hung_activity_at_usage(100, 0.5, duration_s)),
-            [None, computing]
-        );
-        // A starved process: only its used CPU time counts.
-        assert_eq!(
-            [666, 667].map(|duration_s| hung_activity_at_usage(9, 1.0, duration_s)),
-            [None, computing]
-        );
+        // Usage in per cent of a core, the process's share of the cores, and the last duration, s, at which it is not hung.
+        for (per_cent, cpu_fraction, last_s) in [
+            (10, 1.0, 59),
+            // With other processes of the run with a pending response.
+            (5, 0.5, 119),
+            // A process that got more than its share used that much.
+            (100, 0.5, 59),
+            // A starved process: only its used CPU time counts.
+            (9, 1.0, 666),
+        ] {
+            let hung = [last_s, last_s + 1]
+                .map(|duration_s| hung_activity_at_usage(per_cent, cpu_fraction, duration_s));
+            assert_eq!(hung, [None, Some(Activity::Computing)], "{per_cent} %");
+        }
         assert_eq!(hung_activity_at_usage(0, 1.0, 100_000), None);
     }
 

@@ -3,7 +3,7 @@
 use crate::Vec2;
 
 /// A desired position in `map`, m, and its velocity, m/s.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Target {
     /// Desired position (alpha*), m.
     pub position: Vec2,
@@ -13,11 +13,13 @@ pub struct Target {
 
 impl Target {
     /// Returns a target with velocity 0 at `position`.
+    #[inline]
     pub fn at_rest(position: Vec2) -> Target {
         Target { position, velocity: Vec2::zeros() }
     }
 
     /// Returns the target after `dt_s` seconds at its constant velocity.
+    #[inline]
     pub fn extrapolate(self, dt_s: f64) -> Target {
         Target { position: self.position + dt_s * self.velocity, ..self }
     }

@@ -58,6 +58,7 @@ pub struct Drive {
 
 impl Drive {
     /// Creates the drive of a robot with this controlled point, m, and turn rate limit, rad/s.
+    #[inline]
     pub fn new(kind: DriveKind, ell_m: f64, turn_rate_max_rad_s: Option<f64>) -> Drive {
         Drive {
             kind,
@@ -68,6 +69,7 @@ impl Drive {
     }
 
     /// Returns the drive with a minimum turning radius, m; unchanged for `None`.
+    #[inline]
     pub fn with_turning_radius(self, turning_radius_min_m: Option<f64>) -> Drive {
         let curvature_max_per_m =
             turning_radius_min_m.map_or(f64::INFINITY, |radius_m| 1.0 / radius_m);

@@ -39,6 +39,7 @@ impl LeaderFrame {
     }
 
     /// Returns the frame extrapolated by `age_s`, with constant turn acceleration and constant scale rate.
+    #[inline]
     pub fn extrapolate(self, age_s: f64) -> LeaderFrame {
         let turn_rate_gain = self.turn_acceleration_rad_s2 * age_s;
         LeaderFrame {
@@ -61,6 +62,7 @@ impl LeaderFrame {
     }
 
     /// Returns [`LeaderFrame::transform_offset`] of this instant, for several offsets.
+    #[inline]
     pub fn offset_transform(&self) -> OffsetTransform {
         OffsetTransform { frame: *self, rotation: Rotation::from_angle(self.heading_rad) }
     }

@@ -412,18 +412,15 @@ impl<M: Motion> World<M> {
             }
         }
         let count = in_range_count.min(count_max);
-        let is_exact = self.active_sensor_faults(body, Sensor::Proximity).next().is_none();
         for (item, (point, (_, other))) in sample.near.iter_mut().zip(&nearest[..count]).enumerate()
         {
-            let alpha = self.front_points[*other];
-            let noise = match is_exact {
-                true => Vec2::zeros(),
-                false => self.position_noise_m(body, Sensor::Proximity, item as u64 + 1),
-            };
-            *point = [alpha.x + noise.x, alpha.y + noise.y];
+            let noise = self.position_noise_m(body, Sensor::Proximity, item as u64 + 1);
+            *point = (self.front_points[*other] + noise).into();
         }
-        for (class, (_, other)) in sample.near_class.iter_mut().zip(&nearest[..count]) {
-            *class = self.robots[*other].body.member.map_or(0, |member| member.class);
+        if self.has_pair_distances {
+            for (class, (_, other)) in sample.near_class.iter_mut().zip(&nearest[..count]) {
+                *class = self.robots[*other].body.member.map_or(0, |member| member.class);
+            }
         }
         if self.senses_velocities {
             for (sensed, (_, other)) in sample.near[count_max..].iter_mut().zip(&nearest[..count]) {
@@ -439,7 +436,12 @@ impl<M: Motion> World<M> {
     }
 
     /// Returns the noise of the position with number `item` in this tick's sample, m.
+    #[inline]
     fn position_noise_m(&self, body: &BodyBrief, sensor: Sensor, item: u64) -> Vec2 {
+        // Most robots have no faulty sensor.
+        if body.sensor_faults.is_empty() {
+            return Vec2::zeros();
+        }
         let faults = self.active_sensor_faults(body, sensor);
         faults.map(|fault| Vec2::from(fault.position_error_m(self.tick, item))).sum()
     }
@@ -537,7 +539,8 @@ impl WheelLimits for BodyBrief {
 /// Returns `twist`, scaled down until no wheel of an axle with the track `track_m` exceeds `speed_max_m_s`.
 fn limit_wheel_speed(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
     let fastest = twist.planar_speed_m_s() + 0.5 * track_m * twist.w_rad_s.abs();
-    if fastest > speed_max_m_s { twist.scale_by(speed_max_m_s / fastest) } else { twist }
+    // At rest the quotient may be NaN, and `min` returns the other value.
+    twist.scale_by((speed_max_m_s / fastest).min(1.0))
 }
 
 #[cfg(test)]

@@ -74,6 +74,7 @@ pub struct EdgeAgeIntegrator {
 
 impl EdgeAgeIntegrator {
     /// Records that a newer sample was received at `now_ns`.
+    #[inline]
     pub fn record_sample(&mut self, stamp_ns: u64, now_ns: u64) {
         self.integrate_until(now_ns);
         self.stamp_ns = Some(stamp_ns);
@@ -87,6 +88,7 @@ impl EdgeAgeIntegrator {
         std::mem::take(&mut self.sums)
     }
 
+    #[inline]
     fn integrate_until(&mut self, now_ns: u64) {
         let Some(stamp_ns) = self.stamp_ns.filter(|_| now_ns > self.integrated_until_ns) else {
             return;

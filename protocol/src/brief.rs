@@ -533,6 +533,7 @@ pub struct BodyBrief {
 
 impl BodyBrief {
     /// Returns the robot's drive.
+    #[inline]
     pub fn drive(&self) -> Drive {
         Drive::new(self.drive_kind, self.front_point_m, self.turn_rate_max_rad_s)
             .with_turning_radius(self.turning_radius_min_m)

@@ -57,6 +57,7 @@ impl LatencyRecorder {
 
     /// Records one value, ns. `from`: scenario index, from 1, of the robot whose beacon or command was measured;
     /// 0 for none. If the recorder is full, the value is dropped and counted.
+    #[inline]
     pub fn record(&mut self, stage: Stage, from: usize, value_ns: u64) {
         if self.rows.len() < self.rows_max {
             self.rows.push(LatencyRow { stage: stage as u32, from: from as u32, value_ns });

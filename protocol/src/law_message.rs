@@ -237,6 +237,7 @@ impl SendDecision {
     /// # Errors
     ///
     /// The message does not have the declared format, or the law does not declare what it does.
+    #[inline]
     pub fn check(
         &self,
         format: Option<&MessageFormat>,
@@ -283,6 +284,7 @@ pub struct SentCounts {
 
 impl SentCounts {
     /// Counts what leaves with the answer to the sample of `tick`.
+    #[inline]
     pub fn count_sent(&mut self, tick: u64, decision: &SendDecision) {
         self.beacons += u64::from(*decision != SendDecision::Withheld);
         if let SendDecision::Message(bytes) = decision {

@@ -80,9 +80,18 @@ macro_rules! message {
         $($(#[$field_doc:meta])* $field:ident: $type:ty,)+
     }) => {
         $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, Default)]
+        #[derive(Debug, Clone, Copy, PartialEq)]
         #[repr(C)]
         pub struct $name { $($(#[$field_doc])* pub $field: $type,)+ }
+
+        impl Default for $name {
+            /// Returns the message whose fields are all 0.
+            #[inline]
+            fn default() -> $name {
+                // SAFETY: plain numbers only, for which 0 is a valid value.
+                unsafe { core::mem::zeroed() }
+            }
+        }
 
         const _: () = assert!(0 $(+ size_of::<$type>())+ == size_of::<$name>(), "no padding");
 
@@ -174,18 +183,21 @@ impl Odometry {
     }
 
     /// Returns the front points of the robots within the sensing radius, nearest first, m.
+    #[inline]
     pub fn proximity_front_points(&self) -> impl Iterator<Item = Vec2> {
         let count = (self.proximity_count as usize).min(self.proximity_max());
         self.near[..count].iter().map(|&[x, y]| Vec2::new(x, y))
     }
 
     /// Returns the classes of these robots, in the same order.
+    #[inline]
     pub fn near_classes(&self) -> &[u8] {
         let count = (self.proximity_count as usize).min(self.proximity_max());
         &self.near_class[..count]
     }
 
     /// Returns the velocities of these front points, m/s, in the same order; empty if they are not sensed.
+    #[inline]
     pub fn proximity_velocities(&self) -> impl Iterator<Item = Vec2> {
         let (count_max, count) = (self.proximity_max(), self.proximity_count as usize);
         let sensed = if self.velocities_sensed == 1 { count.min(count_max) } else { 0 };
@@ -193,6 +205,7 @@ impl Odometry {
     }
 
     /// Returns the nearest points of the walls within the sensing radius, nearest first, m.
+    #[inline]
     pub fn nearest_wall_points(&self) -> impl Iterator<Item = Vec2> {
         let count = (self.walls_count as usize).min(WALLS_MAX);
         self.walls[..count].iter().map(|&[x, y]| Vec2::new(x, y))
@@ -232,6 +245,7 @@ impl Command {
     }
 
     /// Returns whether a working robot could have sent this. NaN is not plausible.
+    #[inline]
     pub fn is_plausible(&self) -> bool {
         self.v_m_s.abs() <= SPEED_MAX_M_S
             && self.side_m_s.abs() <= SPEED_MAX_M_S
@@ -320,12 +334,14 @@ impl Beacon {
     }
 
     /// Returns whether all numbers are finite.
+    #[inline]
     pub fn is_finite(&self) -> bool {
         let motion = [self.x_m, self.y_m, self.vx_m_s, self.vy_m_s];
         motion.iter().chain(&self.frame_numbers()).all(|number| number.is_finite())
     }
 
     /// Returns whether a working robot could have sent this, so that no law overflows on it.
+    #[inline]
     pub fn is_plausible(&self) -> bool {
         let is_within =
             |numbers: &[f64], max: f64| numbers.iter().all(|number| number.abs() <= max);
@@ -467,6 +483,7 @@ impl Goal {
     }
 
     /// Returns whether the target is within the coordinate limit. NaN is not plausible.
+    #[inline]
     pub fn is_plausible(&self) -> bool {
         self.x_m.abs() <= POSITION_MAX_M && self.y_m.abs() <= POSITION_MAX_M
     }

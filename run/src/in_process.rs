@@ -224,15 +224,14 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
             let idle_ns = now_ns.saturating_sub(sensed_ns);
             let law_output = compute_law_output(index, cycle);
             let outbox = cycle.act(law_output);
-            if let Some(answer) = outbox.answer {
+            if let Some(answer) = &outbox.answer {
                 let sent_ns = clock_ns();
                 now_ns = sent_ns;
                 cycle.record_sent(sent_ns.saturating_sub(idle_ns));
                 beacons[index] = answer.outgoing_broadcast();
-                let command = answer.command;
                 commands.push(ReceivedCommand {
                     robot: index,
-                    command,
+                    command: answer.command,
                     received_ns: sent_ns,
                     is_from_dead_incarnation: false,
                 });

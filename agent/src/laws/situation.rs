@@ -55,7 +55,7 @@ impl Situation<'static> {
 }
 
 /// Estimate of one received robot.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct NeighborEstimate {
     /// Index in the scenario, from 1.
     pub index: usize,

@@ -9,7 +9,7 @@
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::desired::Target;
-use formation::drive::DriveKind;
+use formation::drive::{Drive, DriveKind};
 use formation::frame::LeaderFrame;
 use formation::front_point::{
     front_point, front_speed, towed_heading, towing_velocity, twist_for_front_velocity,
@@ -251,6 +251,7 @@ impl FormationMotion {
         // Position of each slot when its distance from all walls was last computed, and that distance, m.
         let mut last_checked = vec![(Vec2::zeros(), 0.0); robots.len()];
         let mut headings_rad: Vec<f64> = robots.iter().map(|r| r.start.heading_rad).collect();
+        let drives: Vec<Drive> = robots.iter().map(Robot::drive).collect();
         let mut previous: Option<Vec<Vec2>> = None;
         for (t_s, target, frame) in leader_motion_samples(scenario, leader_rad, step_s, steps)? {
             headings_rad[leader] = frame.heading_rad;
@@ -266,7 +267,7 @@ impl FormationMotion {
                 .map(|&slot| target.velocity + frame.transform_offset(slot).velocity)
                 .collect();
             for (i, robot) in robots.iter().enumerate().filter(|(i, _)| !settled.is_unknown[*i]) {
-                if i != leader && robot.drive().moves_along_heading() {
+                if i != leader && drives[i].moves_along_heading() {
                     let last_rad = previous.as_ref().map(|_| headings_rad[i]);
                     let twist = axle_twist(velocities[i], last_rad, &mut headings_rad[i], step_s);
                     motion.peak_speeds[i].update_peaks(
@@ -275,7 +276,7 @@ impl FormationMotion {
                         twist,
                         t_s,
                     );
-                    motion.update_peak_curvature(i, robot, twist, t_s);
+                    motion.update_peak_curvature(i, drives[i], twist, t_s);
                     continue;
                 }
                 if i != leader && robot.drive_kind.is_differential() {
@@ -287,7 +288,7 @@ impl FormationMotion {
                         }
                     };
                 }
-                let twist = match (robot.drive_kind, robot.drive().turns_freely()) {
+                let twist = match (robot.drive_kind, drives[i].turns_freely()) {
                     (DriveKind::Omni, _) => Twist::new(velocities[i].norm(), 0.0),
                     (DriveKind::Differential | DriveKind::Ackermann, true) => {
                         Twist::new(velocities[i].norm(), frame.turn_rate_rad_s)
@@ -302,7 +303,7 @@ impl FormationMotion {
                 };
                 let peak_times_s = &mut motion.peak_times_s[i];
                 motion.peak_speeds[i].update_peaks(peak_times_s, robot, twist, t_s);
-                motion.update_peak_curvature(i, robot, twist, t_s);
+                motion.update_peak_curvature(i, drives[i], twist, t_s);
             }
             motion.trajectory_speed_max_m_s =
                 motion.trajectory_speed_max_m_s.max(target.velocity.norm());
@@ -314,9 +315,9 @@ impl FormationMotion {
     }
 
     /// Updates the largest curvature of the path of robot `i` with a twist at `t_s`, if it is a car that moves.
-    fn update_peak_curvature(&mut self, i: usize, robot: &Robot, twist: Twist, t_s: f64) {
+    fn update_peak_curvature(&mut self, i: usize, drive: Drive, twist: Twist, t_s: f64) {
         let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
-        if robot.drive().is_car() && v > SLOT_SPEED_MIN_M_S && w / v > self.peak_curvatures[i].0 {
+        if drive.is_car() && v > SLOT_SPEED_MIN_M_S && w / v > self.peak_curvatures[i].0 {
             self.peak_curvatures[i] = (w / v, t_s);
         }
     }

@@ -83,6 +83,9 @@ impl Walls {
         noise_m: impl Fn(usize) -> Vec2,
         sample: &mut Odometry,
     ) {
+        if self.obstacles.is_empty() {
+            return;
+        }
         let mut nearest: [Option<NearestObstacle>; WALLS_MAX] = [None; WALLS_MAX];
         let mut in_range_count = 0;
         for wall in self.obstacles.obstacles_within(alpha, radius_m) {
@@ -112,6 +115,7 @@ impl Walls {
 mod tests {
     use formation::obstacle::Obstacle;
     use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Span};
+    use protocol::message::PROXIMITY_MAX;
 
     use super::super::World;
     use super::*;
@@ -181,17 +185,23 @@ mod tests {
             world.advance(t_ms * NS_PER_MS);
             let sample = world.odometry(0);
             let truth = [Vec2::new(0.4, 0.0), Vec2::new(0.0, 0.4)];
-            let errors: Vec<f64> =
-                sample.nearest_wall_points().zip(truth).map(|(a, b)| (a - b).norm()).collect();
+            let errors: Vec<Vec2> =
+                sample.nearest_wall_points().zip(truth).map(|(a, b)| a - b).collect();
             assert!(
                 t_ms != 1 || sample.proximity_valid == 0 && sample.walls == [[0.0; 2]; WALLS_MAX]
             );
             errors_m.push(errors);
         }
         assert_eq!(errors_m[0].len(), 2);
-        assert!(errors_m[0].iter().all(|error_m| *error_m < 1e-12) && errors_m[1].is_empty());
-        let [a, b] = errors_m[2][..] else { panic!("{errors_m:?}") };
-        assert!(a > 0.0 && b > 0.0 && a != b && a.max(b) <= 0.05, "{errors_m:?}");
+        assert!(errors_m[0].iter().all(|error_m| error_m.norm() < 1e-12) && errors_m[1].is_empty());
+        // Numbered after the noise of the robots in range.
+        let fault = &brief.robots[0].sensor_faults[1];
+        for (item, error_m) in (PROXIMITY_MAX as u64 + 1..).zip(&errors_m[2]) {
+            let expected_m = Vec2::from(fault.position_error_m(world.tick(), item));
+            assert!(expected_m.norm() > 0.0 && expected_m.norm() <= 0.05, "{expected_m}");
+            assert!((error_m - expected_m).norm() < 1e-12, "{errors_m:?}");
+        }
+        assert_eq!(errors_m[2].len(), 2);
     }
 
     #[test]

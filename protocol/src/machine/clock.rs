@@ -12,6 +12,7 @@ use crate::wake::WakeUp;
 const NS_PER_S: u64 = 1_000_000_000;
 
 /// Returns the CLOCK_MONOTONIC time, ns.
+#[inline]
 pub fn now_ns() -> u64 {
     // The C library is used because rustix looks up the vDSO itself, which valgrind does not provide.
     let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };

@@ -78,6 +78,7 @@ impl Incarnations {
     }
 
     /// Returns whether the plant accepts commands of this incarnation of a robot. `robot`: scenario index from 0.
+    #[inline]
     pub fn is_accepted(&self, robot: usize, incarnation: u64) -> bool {
         incarnation >= self.robot_word(robot).load(SeqCst)
     }

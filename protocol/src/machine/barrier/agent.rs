@@ -62,6 +62,7 @@ impl Barrier {
     }
 
     /// Marks a slot as arrived at a tick. Call it after all messages of that tick are sent.
+    #[inline]
     pub fn arrive(&self, slot: usize, tick: u64) {
         let slot_words = &self.all_slots()[slot];
         let previous = self.arrived_ticks()[slot].swap(tick + 1, SeqCst);
@@ -95,6 +96,7 @@ impl Barrier {
     }
 
     /// Returns whether a slot that has arrived at this tick sent no beacon. Valid until two ticks later.
+    #[inline]
     pub fn has_no_beacon(&self, slot: usize, tick: u64) -> bool {
         self.all_slots()[slot].mute[tick as usize & 1].load(SeqCst) & !BEACON_WITHHELD_FLAG
             == tick + 1

@@ -96,6 +96,7 @@ impl Barrier {
     }
 
     /// Returns the first tick at which a slot is a member; `None` if it is not a member.
+    #[inline]
     pub fn first_member_tick(&self, slot: usize) -> Option<u64> {
         Some(self.all_slots().get(slot)?.since.load(SeqCst)).filter(|&since| since != NEVER_TICK)
     }
@@ -105,6 +106,7 @@ impl Barrier {
         (0..self.slots).filter(|&slot| self.first_member_tick(slot).is_some())
     }
 
+    #[inline]
     fn is_expected(&self, slot: &Slot, tick: u64) -> bool {
         // `NEVER_TICK` is later than any tick.
         slot.since.load(SeqCst) <= tick

@@ -55,6 +55,7 @@ impl StopFlag {
     }
 
     /// Returns whether a stop of the process was requested.
+    #[inline]
     pub fn is_requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

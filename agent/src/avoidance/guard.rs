@@ -140,8 +140,8 @@ pub(super) const METHOD: AvoidanceRow = AvoidanceRow {
 
 /// Returns the radius, m, beyond which no robot and no wall matters.
 fn sensing_radius_m(conditions: &MethodConditions<'_>) -> f64 {
-    let [robots, walls] = [known_robots_radius_m(conditions), known_walls_radius_m(conditions)];
-    if conditions.avoidance.clearance_m > 0.0 { robots.max(walls) } else { robots }
+    // Without walls the clearance is 0, and the second radius is less than the first.
+    known_robots_radius_m(conditions).max(known_walls_radius_m(conditions))
 }
 
 /// Returns the radius within which all robots must be known, m: the maximum of d + Z and of the radius that the

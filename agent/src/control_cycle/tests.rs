@@ -505,8 +505,8 @@ fn status_is_due_for_each_reason_and_for_several() {
         let parts = Parts::with_law(&goal, Box::new(law)).unwrap();
         let controller = Controller::with_parts(&goal, 0, parts);
         let mut robot = ControlCycle::new(goal, controller, START_NS);
-        // At 100 ms it is due by the time as well.
-        for at_ms in [10, 100, 110] {
+        // At 110 ms it is due by the time as well.
+        for at_ms in [10, 110, 120] {
             let outbox = robot.run_cycle_at(at_ms, Some(at_ms), &[]);
             assert!(outbox.status_is_due, "{records_signal} {sends_message} {at_ms}");
             assert_eq!(outbox.recorded_message, if sends_message { &[7][..] } else { &[] });

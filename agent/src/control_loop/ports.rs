@@ -160,15 +160,23 @@ impl Ports {
     /// Returns the newest beacon of each sender (real time only), and the queued ones before it if they may carry
     /// messages. Each one is received when the iterator reaches it.
     pub fn receive_newest_beacons(&self) -> impl Iterator<Item = Result<ReceivedBeacon, Failure>> {
-        (0..self.senders.len()).flat_map(move |sender_index| {
-            let next = move || self.receive_beacon(sender_index).transpose();
-            let queued = std::iter::from_fn(move || {
-                let has_messages = self.senders[sender_index].has_messages;
-                if has_messages { next() } else { None }
-            });
-            let copy =
-                move |sample: BeaconSample| copy_beacon(sender_index, &sample, clock::now_ns());
-            next().into_iter().chain(queued).map(move |sample| sample.map(copy))
+        let (mut sender_index, mut is_first) = (0, true);
+        // One function in place of nested iterators, between which beacons would be copied.
+        std::iter::from_fn(move || {
+            while let Some(sender) = self.senders.get(sender_index) {
+                if is_first || sender.has_messages {
+                    is_first = false;
+                    match self.receive_beacon(sender_index) {
+                        Ok(Some(sample)) => {
+                            return Some(Ok(copy_beacon(sender_index, &sample, clock::now_ns())));
+                        }
+                        Ok(None) => {}
+                        Err(failure) => return Some(Err(failure)),
+                    }
+                }
+                (sender_index, is_first) = (sender_index + 1, true);
+            }
+            None
         })
     }
 

@@ -264,12 +264,12 @@ fn brief_of_a_team(x_m: &[f64], keep_m: &[f64]) -> PlantBrief {
 fn any_pair_of_a_team_below_the_sum_of_its_sizes_is_counted() {
     for (x_m, keep_m, violations) in [
         // The closest pair keeps its distance in both cases.
-        ([0.0, 0.31, 0.80], [0.1, 0.2, 0.3], 1),
-        ([0.0, 0.31, 0.82], [0.1, 0.2, 0.3], 0),
+        ([0.0, 0.31, 0.80, 9.0], [0.1, 0.2, 0.3, 0.1], 1),
+        ([0.0, 0.31, 0.82, 9.0], [0.1, 0.2, 0.3, 0.1], 0),
         // A distance equal to the sum is kept.
-        ([0.0, 0.75, 1.75], [0.25, 0.5, 0.5], 0),
-        // Large robots far beyond the sensing radius of 3 m.
-        ([0.0, 1.0, 59.0], [30.0, 0.5, 30.0], 1),
+        ([0.0, 0.75, 1.75, 9.0], [0.25, 0.5, 0.5, 0.5], 0),
+        // Large robots, farther apart than the sensing radius of 3 m and than the closest pair.
+        ([0.0, 59.0, 200.0, 201.0], [30.0, 30.0, 0.5, 0.5], 1),
     ] {
         let world = World::new(&brief_of_a_team(&x_m, &keep_m));
         assert_eq!(world.truth_header().violations, violations, "{x_m:?}");

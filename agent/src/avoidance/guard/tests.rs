@@ -336,6 +336,52 @@ fn certified_twist_does_not_depend_on_the_direction_of_the_axes() {
     }
 }
 
+/// Returns a scene with these polar coordinates of neighbors, as excess over d and direction, and a requested twist.
+fn crowded_scenes(brief: &AgentBrief) -> impl Iterator<Item = (Vec<Vec2>, Twist)> {
+    let d = brief.avoidance.distance_min_m;
+    let v_max = brief.avoidance.speed_max_m_s;
+    let requests = [(0.7, 1.0), (0.3, -2.5), (-0.5, 1.5), (0.1, 4.0), (0.9, -0.5)];
+    (0..20).flat_map(move |scene| {
+        let neighbors = (0..1 + scene % 4).map(|i| {
+            let (excess_m, angle) = (0.004 * (scene + 3 * i) as f64, 1.3 * (scene + 2 * i) as f64);
+            rotate(angle, Vec2::new(d + excess_m, 0.0))
+        });
+        let neighbors: Vec<Vec2> = neighbors.collect();
+        requests.map(|(v, w)| (neighbors.clone(), Twist::new(v * v_max, w)))
+    })
+}
+
+/// The range of turn rates that the certificate covers is widened by the twist found, and in the last pass to all turn
+/// rates, so that a robot that stops at once never lacks a certificate.
+#[test]
+fn range_of_turn_rates_is_widened_until_it_contains_the_twist() {
+    let mut passes = [0; 3];
+    let brief = AgentBrief { pace: Pace::Lockstep, ..brief() };
+    for (vectors, request) in crowded_scenes(&brief) {
+        let mut guard = Guard::new(&brief);
+        let tried = guard.scale_into_twist_set(request);
+        let sample = sample(1_000_000_000, 0.4, &vectors);
+        let granted = guard.grant_twist(&sample, Twist::ZERO, tried);
+        let granted = granted.expect("a certified twist");
+
+        let mut bounds = MotionBounds::default();
+        guard.widen_bounds(&mut bounds, Twist::ZERO);
+        guard.widen_bounds(&mut bounds, tried);
+        let found = [0, 1].map(|_| {
+            let twist = guard.certified_twist_near(&sample, tried, bounds);
+            let [low, high] = bounds.turn_rate_range;
+            guard.widen_bounds(&mut bounds, twist);
+            (twist, (low..=high).contains(&twist.w_rad_s))
+        });
+        let first = found.iter().position(|(_, is_in_range)| *is_in_range);
+        passes[first.unwrap_or(2)] += 1;
+        if let Some(pass) = first {
+            assert_eq!(granted, found[pass].0, "{vectors:?} {request:?}");
+        }
+    }
+    assert!(passes.iter().all(|&count| count > 0), "scenes of each kind: {passes:?}");
+}
+
 #[test]
 fn uncertified_approach_brakes() {
     let neighbor_vectors = [Vec2::new(-0.301, 0.0)];

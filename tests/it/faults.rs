@@ -126,7 +126,7 @@ fn robot_that_gives_up_repeatedly_exits_4() {
 /// frozen.
 #[track_caller]
 fn assert_was_stopped(ended: &FinishedRun, process_name: &str, events: [&str; 2]) {
-    ended.exits_with(0).assert_leaves_nothing();
+    ended.exits_with(130).assert_leaves_nothing();
     let warned = format!(" WARN {process_name} was stopped by another process");
     ended.assert_holds(ended.stderr.contains(&warned), "it is told");
     ended.assert_holds(
@@ -145,13 +145,15 @@ fn assert_was_stopped(ended: &FinishedRun, process_name: &str, events: [&str; 2]
 
 #[test]
 fn robot_stopped_in_real_time_is_reported_and_misses_deadlines() {
-    let mut running = run("triangle").set("duration_s=3").set("expect={}").start();
+    let mut running = run("triangle").set("duration_s=1000").set("expect={}").start();
     running.wait_for_event("contact");
     let pid = running.pid_of("r2");
     signal_pid(pid, Signal::STOP);
     running.wait_for("lost", |run| run.events().contains("lost r2").then_some(()));
     running.wait_for_event("freeze");
     signal_pid(pid, Signal::CONT);
+    running.wait_for_line(" WARN r2 was resumed after ");
+    running.signal(Signal::INT);
     let ended = running.finish();
     let events =
         ["freeze,r2,\"SIGSTOP, by another process\"", "thaw,r2,\"SIGCONT, by another process\""];
@@ -162,7 +164,7 @@ fn robot_stopped_in_real_time_is_reported_and_misses_deadlines() {
 
 #[test]
 fn stopped_real_time_plant_is_reported_and_run_continues() {
-    let mut running = run("triangle").set("duration_s=4").set("expect={}").start();
+    let mut running = run("triangle").set("duration_s=1000").set("expect={}").start();
     running.wait_for_event("contact");
     let pid = running.pid_of("plant");
     signal_pid(pid, Signal::STOP);
@@ -170,6 +172,8 @@ fn stopped_real_time_plant_is_reported_and_run_continues() {
     // Run time continues during the stop.
     std::thread::sleep(std::time::Duration::from_millis(500));
     signal_pid(pid, Signal::CONT);
+    running.wait_for_line(" WARN the plant was resumed after ");
+    running.signal(Signal::INT);
     let ended = running.finish();
     let events = ["freeze,,\"SIGSTOP of the plant, by", "thaw,,\"SIGCONT of the plant, by"];
     assert_was_stopped(&ended, "the plant", events);

@@ -3,6 +3,7 @@
 //!
 //! Each test has its own tmpfs in a private mount namespace.
 
+use std::cell::Cell;
 use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -58,6 +59,20 @@ fn wait_until_all_are_ready(running: &mut RunInProgress) {
     });
 }
 
+/// Waits until the supervisor has allocated the memory of the files that the robots created when they connected: the
+/// use of the file system no longer grows.
+fn wait_until_memory_is_allocated(running: &mut RunInProgress, tmpfs: &Path) {
+    let last_use_and_polls = Cell::new((0, 0));
+    running.wait_for("memory that is allocated", |_| {
+        let space = rustix::fs::statvfs(tmpfs).ok()?;
+        let in_use = space.f_blocks - space.f_bfree;
+        let (last_use, polls) = last_use_and_polls.get();
+        let polls = if in_use == last_use { polls + 1 } else { 0 };
+        last_use_and_polls.set((in_use, polls));
+        (polls >= 40).then_some(())
+    });
+}
+
 #[test]
 fn small_or_full_tmpfs_is_refused_before_the_start() {
     for (kib, taken_kib, problem) in [(64, 0, "too small"), (8192, 8000, "full")] {
@@ -86,7 +101,9 @@ fn memory_filled_after_the_start_does_not_affect_robots() {
     // In lockstep no queue grows because the machine is busy.
     let mut running = run.lockstep().set("duration_s=300").start();
     wait_until_all_are_ready(&mut running);
-    fill(&tmpfs_of(&running));
+    let tmpfs = tmpfs_of(&running);
+    wait_until_memory_is_allocated(&mut running, &tmpfs);
+    fill(&tmpfs);
     let ended = running.finish();
     ended.exits_with(0);
     ended.assert_holds(ended.number("/t_s") == 300.0, "the run continued to its end");

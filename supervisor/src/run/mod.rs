@@ -337,7 +337,8 @@ impl<'a> Run<'a> {
     /// Returns the events of processes that were stopped or resumed from outside of the run.
     fn check_stopped_processes(&mut self) -> Result<Vec<LifecycleEvent>, RunError> {
         let Run { scenario, detectors, state_machine, processes, time_mode, .. } = self;
-        detectors.external_stops.detect_stops(scenario, state_machine, processes, time_mode)
+        let now_ns = self.receivers.now_ns();
+        detectors.external_stops.detect_stops(scenario, state_machine, processes, time_mode, now_ns)
     }
 
     /// Reports a standstill of the supervisor in real time, postpones all deadlines by it, and processes

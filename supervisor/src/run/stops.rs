@@ -28,7 +28,8 @@ pub(super) struct ExternalStops {
     /// Time after which a stopped process ends a lockstep run; `None` means never.
     unattended_timeout: Option<Duration>,
     last_poll: Instant,
-    plant_stop: Option<ProcessStop>,
+    /// Stop of the plant, and the run time of the newest ground truth sample then, ns.
+    plant_stop: Option<(ProcessStop, u64)>,
     /// Stop of each robot's process, in scenario order.
     robot_stops: Vec<Option<ProcessStop>>,
 }
@@ -60,7 +61,8 @@ impl ExternalStops {
         stops.map(move |(robot, _)| FailedRobot { robot, cause: cause.into() })
     }
 
-    /// Checks, if due, which processes were stopped or resumed. Returns the events of those whose stop counts.
+    /// Checks, if due, which processes were stopped or resumed. Returns the events of those whose stop counts. `now_ns`
+    /// is the run time of the newest ground truth sample.
     ///
     /// # Errors
     /// A process has been stopped in lockstep for longer than the limit.
@@ -70,6 +72,7 @@ impl ExternalStops {
         state_machine: &mut RunStateMachine<Journal<'_>>,
         processes: &mut Processes,
         time_mode: &TimeMode,
+        now_ns: u64,
     ) -> Result<Vec<LifecycleEvent>, RunError> {
         if self.last_poll.elapsed() < POLL_INTERVAL {
             return Ok(Vec::new());
@@ -78,8 +81,11 @@ impl ExternalStops {
         let continues = time_mode.continues_despite_stopped_process();
         let mut events = Vec::new();
         match (self.plant_stop, processes.plant.is_stopped()) {
-            (None, true) => events.extend(self.handle_plant_stop(state_machine, continues)),
-            (Some(stopped), false) => events.extend(self.handle_plant_resume(stopped)),
+            (None, true) => events.extend(self.handle_plant_stop(state_machine, continues, now_ns)),
+            // In real time the run time of the resumption is that of the next sample.
+            (Some((stop, stopped_at_ns)), false) if !continues || now_ns > stopped_at_ns => {
+                events.extend(self.handle_plant_resume(stop));
+            }
             _ => {}
         }
         processes.children_mut().for_each(|child| child.kill_if_over_memory_limit());
@@ -118,7 +124,8 @@ impl ExternalStops {
             |stop: &Option<ProcessStop>| stop.is_some_and(|stop| stop.start_time.elapsed() > limit);
         let robot = self.robot_stops.iter().position(is_over_limit);
         let robot = robot.map(|robot| scenario.robots[robot].name.as_str());
-        match robot.or(is_over_limit(&self.plant_stop).then_some("the plant")) {
+        let plant_stop = self.plant_stop.map(|(stop, _)| stop);
+        match robot.or(is_over_limit(&plant_stop).then_some("the plant")) {
             Some(process) => Err(RunError::ProcessStopped { process: process.into(), limit }),
             None => Ok(()),
         }
@@ -128,6 +135,7 @@ impl ExternalStops {
         &mut self,
         state_machine: &mut RunStateMachine<Journal<'_>>,
         continues: bool,
+        now_ns: u64,
     ) -> Option<LifecycleEvent> {
         warn_stopped("the plant", "no robot moves until it is resumed (SIGCONT)");
         let initiator = Initiator::OtherProcess;
@@ -135,7 +143,8 @@ impl ExternalStops {
             let description = format!("freeze plant, {}", initiator.keyword());
             state_machine.journal.metrics.register_fault(description, AffectedComponent::default())
         });
-        self.plant_stop = Some(ProcessStop { start_time: Instant::now(), fault_index: fault });
+        let stop = ProcessStop { start_time: Instant::now(), fault_index: fault };
+        self.plant_stop = Some((stop, now_ns));
         fault.map(|fault| LifecycleEvent::PlantStopped { fault, initiator })
     }
 

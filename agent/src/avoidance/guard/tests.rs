@@ -336,7 +336,7 @@ fn certified_twist_does_not_depend_on_the_direction_of_the_axes() {
     }
 }
 
-/// Returns a scene with these polar coordinates of neighbors, as excess over d and direction, and a requested twist.
+/// Returns scenes of one to four neighbors at most 0.12 m beyond d, each with a requested twist.
 fn crowded_scenes(brief: &AgentBrief) -> impl Iterator<Item = (Vec<Vec2>, Twist)> {
     let d = brief.avoidance.distance_min_m;
     let v_max = brief.avoidance.speed_max_m_s;

@@ -48,6 +48,13 @@ fn turtlebot3_burger_brief() -> AgentBrief {
     brief
 }
 
+/// Returns the brief of this robot with another kind of ramp.
+fn turtlebot3_burger_brief_with(ramp: Ramp) -> AgentBrief {
+    let mut brief = turtlebot3_burger_brief();
+    brief.limits.as_mut().unwrap().ramp = ramp;
+    brief
+}
+
 #[test]
 fn guard_refuses_a_brief_outside_the_assumptions() {
     let refusal = |change: &dyn Fn(&mut AvoidanceBrief)| {
@@ -298,8 +305,7 @@ fn request_is_limited_by_braking_time_and_reach() {
 
 #[test]
 fn independent_ramps_permit_the_maximum_speed() {
-    let mut brief = turtlebot3_burger_brief();
-    brief.limits.as_mut().unwrap().ramp = Ramp::Independent;
+    let brief = turtlebot3_burger_brief_with(Ramp::Independent);
     let twist = Guard::new(&brief).steer(&sample(0, 0.0, &[]), Vec2::new(0.22, 0.0));
     assert!((twist.v_m_s - 0.22).abs() < 1e-9 && twist.w_rad_s.abs() < 1e-12, "{twist:?}");
 }
@@ -307,12 +313,9 @@ fn independent_ramps_permit_the_maximum_speed() {
 /// A plane has no preferred direction: the same scene, turned, has the same twist.
 #[test]
 fn certified_twist_does_not_depend_on_the_direction_of_the_axes() {
-    let with_ramp = |ramp| {
-        let mut brief = turtlebot3_burger_brief();
-        brief.limits.as_mut().unwrap().ramp = ramp;
-        brief
-    };
-    for brief in [brief(), with_ramp(Ramp::Together), with_ramp(Ramp::Independent)] {
+    let [together, independent] =
+        [Ramp::Together, Ramp::Independent].map(turtlebot3_burger_brief_with);
+    for brief in [brief(), together, independent] {
         let d = brief.avoidance.distance_min_m;
         let mut limited_count = 0;
         for (distance_m, angle) in [(0.01, 0.3), (0.03, -0.5), (0.06, 0.9), (0.1, 0.0)] {
@@ -352,7 +355,7 @@ fn crowded_scenes(brief: &AgentBrief) -> impl Iterator<Item = (Vec<Vec2>, Twist)
 }
 
 /// The range of turn rates that the certificate covers is widened by the twist found, and in the last pass to all turn
-/// rates, so that a robot that stops at once never lacks a certificate.
+/// rates, so that a robot that stops at once always has a certificate.
 #[test]
 fn range_of_turn_rates_is_widened_until_it_contains_the_twist() {
     let mut passes = [0; 3];

@@ -76,6 +76,12 @@ pub struct OffsetTransform {
 }
 
 impl OffsetTransform {
+    /// Returns the unit vector of the frame's heading.
+    #[inline]
+    pub fn direction(&self) -> Vec2 {
+        self.rotation.unit_vector()
+    }
+
     /// Returns the desired relative position C_ji and its derivative C'_ji for the static offset c_ji, m.
     #[inline]
     pub fn apply(&self, c_ji: Vec2) -> Target {

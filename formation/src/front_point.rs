@@ -33,6 +33,12 @@ pub fn twist_for_front_velocity(heading_rad: f64, ell_m: f64, u: Vec2) -> Twist 
     Twist::new(body.x, body.y / ell_m)
 }
 
+/// Returns the twist as [`twist_for_front_velocity`], with the unit vector `direction` of the heading.
+#[inline]
+pub fn twist_for_front_velocity_along(direction: Vec2, ell_m: f64, u: Vec2) -> Twist {
+    Twist::new(direction.dot(&u), direction.perp(&u) / ell_m)
+}
+
 /// Returns the speed of the front point, m/s: |A(theta) (v, w)| = hypot(v, ell w), at any heading.
 #[inline]
 pub fn front_speed(ell_m: f64, twist: Twist) -> f64 {
@@ -60,6 +66,27 @@ pub fn towed_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 
                     portable_math::cos(half_rad),
                 ),
     )
+}
+
+/// Returns the unit vector of the heading after a motion as in [`towed_heading`], from the unit vector `direction`. It
+/// is faster, and differs by rounding.
+#[inline]
+pub fn towed_direction(direction: Vec2, ell_m: f64, u: Vec2, time_s: f64) -> Vec2 {
+    let speed_m_s = u.norm();
+    if speed_m_s == 0.0 {
+        return direction;
+    }
+    let along = u / speed_m_s;
+    // tan(psi / 2) = sin psi / (1 + cos psi) = b / a
+    let (a, b) = (1.0 + along.dot(&direction), along.perp(&direction));
+    let b_later = b * portable_math::exp(-speed_m_s * time_s / ell_m);
+    let sum = a * a + b_later * b_later;
+    // Exactly opposite to u, the heading stays.
+    if sum == 0.0 {
+        return direction;
+    }
+    let (cos, sin) = ((a * a - b_later * b_later) / sum, 2.0 * a * b_later / sum);
+    Rotation { sin, cos }.apply(along)
 }
 
 /// Returns the velocity that draws the heading of a leader's frame, m/s: `u`, the velocity of the leader's front
@@ -94,6 +121,12 @@ impl Rotation {
         Rotation { sin, cos }
     }
 
+    /// Returns the unit vector of the angle.
+    #[inline]
+    pub fn unit_vector(self) -> Vec2 {
+        Vec2::new(self.cos, self.sin)
+    }
+
     /// Returns `vector`, rotated.
     #[inline]
     pub fn apply(self, vector: Vec2) -> Vec2 {
@@ -107,6 +140,7 @@ mod tests {
     use super::*;
     use crate::unicycle::integrate_arc;
     use proptest::prelude::*;
+    use std::f64::consts::PI;
 
     proptest! {
         #[test]
@@ -130,13 +164,34 @@ mod tests {
             prop_assert!((slope - front_velocity(theta, ell, twist)).norm() < 1e-6);
             prop_assert!((slope.norm() - front_speed(ell, twist)).abs() < 1e-6);
         }
+
+        #[test]
+        fn unit_vector_of_heading_gives_the_same_motion(
+            theta in -PI..PI, ell in 0.01..0.5f64, ux in -2.0..2.0f64, uy in -2.0..2.0f64, time_s in 0.0..2.0f64,
+        ) {
+            let u = Vec2::new(ux, uy);
+            let unit = |heading_rad| Rotation::from_angle(heading_rad).unit_vector();
+            let later = towed_direction(unit(theta), ell, u, time_s);
+            prop_assert!((later - unit(towed_heading(theta, ell, u, time_s))).norm() < 1e-7);
+            let [twist, along] = [
+                twist_for_front_velocity(theta, ell, u),
+                twist_for_front_velocity_along(unit(theta), ell, u),
+            ];
+            prop_assert!((twist.v_m_s - along.v_m_s).abs() < 1e-12);
+            prop_assert!((twist.w_rad_s - along.w_rad_s).abs() < 1e-12 / ell);
+        }
     }
 
     #[test]
     fn drawn_heading_at_zero_velocity_is_unchanged() {
         for start in [-3.0, -0.1, 0.7, 3.1] {
             assert_eq!(towed_heading(start, 0.15, Vec2::zeros(), 0.7), start);
+            let direction = Rotation::from_angle(start).unit_vector();
+            assert_eq!(towed_direction(direction, 0.15, Vec2::zeros(), 0.7), direction);
         }
+        // Exactly opposite to the velocity.
+        let behind = Vec2::new(-1.0, 0.0);
+        assert_eq!(towed_direction(behind, 0.15, -behind, 0.7), behind);
     }
 
     #[test]

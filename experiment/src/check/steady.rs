@@ -12,7 +12,8 @@ use formation::desired::Target;
 use formation::drive::{Drive, DriveKind};
 use formation::frame::LeaderFrame;
 use formation::front_point::{
-    front_point, front_speed, towed_heading, towing_velocity, twist_for_front_velocity,
+    Rotation, front_point, front_speed, towed_direction, towed_heading, towing_velocity,
+    twist_for_front_velocity, twist_for_front_velocity_along,
 };
 use formation::laplacian::{move_to_settled_positions, settled_positions};
 use formation::obstacle::Obstacles;
@@ -203,6 +204,9 @@ impl FormationMotion {
         let Some(tangent_rad) = initial_velocities.into_iter().find_map(heading_of) else {
             return Some(given);
         };
+        if tangent_rad == start_rad {
+            return Some(given);
+        }
         let along = FormationMotion::compute_from_heading(tangent_rad, scenario, settled)?;
         let faster = |(given, along): (&PeakSpeeds, &PeakSpeeds)| {
             given.front_speed_m_s > TRANSIENT_RATIO_MAX * along.front_speed_m_s
@@ -250,56 +254,47 @@ impl FormationMotion {
         let walls = scenario.obstacles();
         // Position of each slot when its distance from all walls was last computed, and that distance, m.
         let mut last_checked = vec![(Vec2::zeros(), 0.0); robots.len()];
+        // Of robots that drive along their heading, rad, and of those that are towed at their front point, unit vectors.
         let mut headings_rad: Vec<f64> = robots.iter().map(|r| r.start.heading_rad).collect();
+        let unit_vector = |&heading_rad: &f64| Rotation::from_angle(heading_rad).unit_vector();
+        let mut directions: Vec<Vec2> = headings_rad.iter().map(unit_vector).collect();
         let drives: Vec<Drive> = robots.iter().map(Robot::drive).collect();
         let mut previous: Option<Vec<Vec2>> = None;
+        let mut velocities: Vec<Vec2> = Vec::with_capacity(robots.len());
         for (t_s, target, frame) in leader_motion_samples(scenario, leader_rad, step_s, steps)? {
-            headings_rad[leader] = frame.heading_rad;
+            let transform = frame.offset_transform();
+            (headings_rad[leader], directions[leader]) = (frame.heading_rad, transform.direction());
             if !walls.is_empty() {
                 let slots = settled.positions.iter().zip(&settled.is_unknown);
                 let slots = slots.map(|(&slot, is_unknown)| {
-                    (!is_unknown).then(|| target.position + frame.transform_offset(slot).position)
+                    (!is_unknown).then(|| target.position + transform.apply(slot).position)
                 });
                 motion.update_clearances(&walls, slots, t_s, &mut last_checked);
             }
             let slots = settled.positions.iter();
-            let velocities: Vec<Vec2> = slots
-                .map(|&slot| target.velocity + frame.transform_offset(slot).velocity)
-                .collect();
+            velocities.clear();
+            velocities.extend(slots.map(|&slot| target.velocity + transform.apply(slot).velocity));
             for (i, robot) in robots.iter().enumerate().filter(|(i, _)| !settled.is_unknown[*i]) {
-                if i != leader && drives[i].moves_along_heading() {
-                    let last_rad = previous.as_ref().map(|_| headings_rad[i]);
-                    let twist = axle_twist(velocities[i], last_rad, &mut headings_rad[i], step_s);
-                    motion.peak_speeds[i].update_peaks(
-                        &mut motion.peak_times_s[i],
-                        robot,
-                        twist,
-                        t_s,
-                    );
-                    motion.update_peak_curvature(i, drives[i], twist, t_s);
-                    continue;
-                }
-                if i != leader && robot.drive_kind.is_differential() {
-                    headings_rad[i] = match &previous {
-                        None => heading_of(velocities[i]).unwrap_or(headings_rad[i]),
-                        Some(previous) => {
-                            let velocity = 0.5 * (previous[i] + velocities[i]);
-                            towed_heading(headings_rad[i], robot.front_point_m, velocity, step_s)
-                        }
-                    };
-                }
-                let twist = match (robot.drive_kind, drives[i].turns_freely()) {
-                    (DriveKind::Omni, _) => Twist::new(velocities[i].norm(), 0.0),
-                    (DriveKind::Differential | DriveKind::Ackermann, true) => {
-                        Twist::new(velocities[i].norm(), frame.turn_rate_rad_s)
+                let velocity = velocities[i];
+                let last_velocity = previous.as_ref().map(|previous| previous[i]);
+                let twist = if i != leader && drives[i].moves_along_heading() {
+                    let last_rad = last_velocity.map(|_| headings_rad[i]);
+                    axle_twist(velocity, last_rad, &mut headings_rad[i], step_s)
+                } else if robot.drive_kind == DriveKind::Omni {
+                    Twist::new(velocity.norm(), 0.0)
+                } else if drives[i].turns_freely() {
+                    Twist::new(velocity.norm(), frame.turn_rate_rad_s)
+                } else {
+                    if i != leader && robot.drive_kind.is_differential() {
+                        directions[i] = match last_velocity {
+                            None => velocity.try_normalize(0.0).unwrap_or(directions[i]),
+                            Some(last_velocity) => {
+                                let mean = 0.5 * (last_velocity + velocity);
+                                towed_direction(directions[i], robot.front_point_m, mean, step_s)
+                            }
+                        };
                     }
-                    (DriveKind::Differential | DriveKind::Ackermann, false) => {
-                        twist_for_front_velocity(
-                            headings_rad[i],
-                            robot.front_point_m,
-                            velocities[i],
-                        )
-                    }
+                    twist_for_front_velocity_along(directions[i], robot.front_point_m, velocity)
                 };
                 let peak_times_s = &mut motion.peak_times_s[i];
                 motion.peak_speeds[i].update_peaks(peak_times_s, robot, twist, t_s);
@@ -307,9 +302,9 @@ impl FormationMotion {
             }
             motion.trajectory_speed_max_m_s =
                 motion.trajectory_speed_max_m_s.max(target.velocity.norm());
-            let offset_rate_m_s = frame.transform_offset(Vec2::new(offset_m, 0.0)).velocity.norm();
+            let offset_rate_m_s = transform.apply(Vec2::new(offset_m, 0.0)).velocity.norm();
             motion.offset_rate_max_m_s = motion.offset_rate_max_m_s.max(offset_rate_m_s);
-            previous = Some(velocities);
+            std::mem::swap(previous.get_or_insert_default(), &mut velocities);
         }
         Some(motion)
     }

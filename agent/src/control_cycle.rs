@@ -97,8 +97,8 @@ pub struct ReceivedBeacon<B = Broadcast> {
     pub received_ns: u64,
 }
 
-/// Messages to be sent.
-#[derive(Debug)]
+/// Messages to be sent. The drivers keep it from cycle to cycle, because an answer is large.
+#[derive(Debug, Default)]
 pub struct Outbox {
     /// Answer to the plant and to the out-neighbors. In real time it is sent [`Answer::delay_ns`] later.
     pub answer: Option<Answer>,
@@ -190,13 +190,15 @@ impl ControlCycle {
         inbox: Inbox<'_, impl IntoIterator<Item = Result<ReceivedBeacon<B>, E>>>,
     ) -> Result<Outbox, E> {
         self.sense(inbox)?;
-        Ok(self.answer())
+        let mut outbox = Outbox::default();
+        self.answer(&mut outbox);
+        Ok(outbox)
     }
 
     /// Runs the second half of a cycle with the output of the control law.
-    pub fn answer(&mut self) -> Outbox {
+    pub fn answer(&mut self, outbox: &mut Outbox) {
         let output = self.law_output();
-        self.act(output)
+        self.act(output, outbox);
     }
 
     /// Runs the first half of a cycle: processes the received messages. Returns the first error of `beacons`.
@@ -217,9 +219,10 @@ impl ControlCycle {
         }
         // Without another sample the run is over, and wake-ups after its end do not count.
         if odometry.is_some() || self.stored_wake_ups.len() >= STORED_WAKE_UPS_MAX {
-            self.stored_wake_ups
-                .drain(..)
-                .for_each(|(stage, ns)| self.measurements.record(stage, 0, ns));
+            for &(stage, lateness_ns) in &self.stored_wake_ups {
+                self.measurements.record(stage, 0, lateness_ns);
+            }
+            self.stored_wake_ups.clear();
         }
         // At its first sample a robot has not received anything.
         let is_joining = odometry.is_some_and(|odometry| odometry.tick <= participant_since_tick);
@@ -265,31 +268,30 @@ impl ControlCycle {
         self.controller.set_own_target(target);
     }
 
-    /// Runs the second half of a cycle: returns the messages to be sent, given the output of the control law.
-    pub fn act(&mut self, output: LawOutput) -> Outbox {
+    /// Runs the second half of a cycle: writes the messages to be sent over `outbox`, given the output of the control
+    /// law.
+    pub fn act(&mut self, output: LawOutput, outbox: &mut Outbox) {
         let is_realtime = self.brief.pace == Pace::Realtime;
-        // The answer stays in its place, because it is large.
-        let mut outbox = Outbox {
-            answer: self.controller.act(output, self.answer_reference_ns),
-            recorded_message: Vec::new(),
-            status_is_due: false,
-            is_plant_silent: self.plant_silence_ns > self.silence_max_ns(),
-        };
-        let Outbox { answer, recorded_message, status_is_due, .. } = &mut outbox;
+        let Outbox { answer, recorded_message, status_is_due, is_plant_silent } = outbox;
+        self.controller.act(output, self.answer_reference_ns, answer);
+        *is_plant_silent = self.plant_silence_ns > self.silence_max_ns();
         // In lockstep an answer delayed by a period or more expires before it is sent.
         if !is_realtime && (answer.as_ref()).is_some_and(|it| it.delay_ns >= self.brief.period_ns) {
             *answer = None;
         }
         self.answer_delay_ns = answer.as_ref().map_or(0, |answer| answer.delay_ns);
         if let Some(answer) = answer {
-            self.sent_counts.count_sent(answer.beacon.tick, &answer.send_decision);
-            answer.beacon.messages_sent = self.sent_counts.messages;
+            if let Some(broadcast) = answer.outgoing_broadcast() {
+                self.sent_counts.count_sent(broadcast);
+            }
+            answer.broadcast.beacon.messages_sent = self.sent_counts.messages;
         }
         let since_status_ns = self.cycle_start_ns.saturating_sub(self.last_status_ns);
         let is_due = is_realtime && since_status_ns >= STATUS_INTERVAL_NS;
         // The values of a sample are reported with it, so that none is lost.
+        recorded_message.clear();
         if let Some(answer) = answer.as_ref().filter(|_| self.brief.records_messages) {
-            *recorded_message = answer.message().to_vec();
+            recorded_message.extend_from_slice(answer.message());
         }
         *status_is_due = self.controller.take_status_change()
             | is_due
@@ -298,7 +300,6 @@ impl ControlCycle {
         if *status_is_due {
             self.last_status_ns = self.cycle_start_ns;
         }
-        outbox
     }
 
     /// Returns for how long the plant may be silent, ns.

@@ -13,15 +13,14 @@ use protocol::barrier::Barrier;
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::clock::{self, Timer};
 use protocol::lateness::LatenessDiagnosis;
-use protocol::law_message::SendDecision;
 use protocol::message::Odometry;
 use protocol::process::{self, Alarm, Failure, StopFlag, ThawListener, TimeSlice};
 use protocol::run_root;
 use protocol::service::Sample;
 use protocol::watchdog::SupervisorWatch;
 
-use crate::control_cycle::{ControlCycle, Inbox, ReceivedBeacon, WakeUpClass};
-use crate::controller::{Answer, Controller, Parts};
+use crate::control_cycle::{ControlCycle, Inbox, Outbox, ReceivedBeacon, WakeUpClass};
+use crate::controller::{Controller, Parts};
 use crate::golden_phase;
 use ports::Ports;
 
@@ -81,6 +80,7 @@ impl Agent {
     fn run_in_lockstep(&mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), Failure> {
         let slot = self.cycle.brief().index - 1;
         let mut supervisor = SupervisorWatch::new(barrier);
+        let mut outbox = Outbox::default();
         self.send_status(&[])?;
         barrier.count_report();
         while !self.stop.is_requested() {
@@ -106,7 +106,7 @@ impl Agent {
                 goal: None,
             })?;
             drop(odometry);
-            let mut outbox = self.cycle.answer();
+            self.cycle.answer(&mut outbox);
             if let Some(answer) = &mut outbox.answer {
                 let sent_ns = clock::now_ns();
                 self.ports.send_answer(answer, sent_ns)?;
@@ -128,10 +128,8 @@ impl Agent {
             if self.cycle.brief().counts_sent {
                 barrier.store_sent_counts(slot, &self.cycle.sent_counts());
             }
-            match outbox.answer {
-                Some(Answer { send_decision: SendDecision::Withheld, .. }) => {
-                    barrier.arrive_without_beacon(slot, tick);
-                }
+            match &outbox.answer {
+                Some(answer) if answer.is_withheld => barrier.arrive_without_beacon(slot, tick),
                 Some(_) => barrier.arrive(slot, tick),
                 None => barrier.arrive_without_messages(slot, tick),
             }
@@ -144,6 +142,7 @@ impl Agent {
         let mut timer = Timer::new(period_ns, (golden_phase(index) * period_ns as f64) as u64);
         let thaw_listener = ThawListener::start()?;
         let mut diagnosis = LatenessDiagnosis::new(period_ns);
+        let mut outbox = Outbox::default();
         self.send_status(&[])?;
         while !self.stop.is_requested() {
             let Some(wake) = timer.wait() else {
@@ -159,14 +158,14 @@ impl Agent {
                     }
                 }
             }
-            diagnosis.record_computation_end(self.run_cycle_in_real_time()?);
+            diagnosis.record_computation_end(self.run_cycle_in_real_time(&mut outbox)?);
         }
         Ok(())
     }
 
     /// Runs one control cycle. Returns the time at which it ended, ns. The clock is read again only after steps
     /// that may take long.
-    fn run_cycle_in_real_time(&mut self) -> Result<u64, Failure> {
+    fn run_cycle_in_real_time(&mut self, outbox: &mut Outbox) -> Result<u64, Failure> {
         // In real time a queue holds only the newest sample.
         let odometry = self.ports.receive_odometry()?;
         let link_faults = self.ports.receive_link_faults()?;
@@ -180,7 +179,7 @@ impl Agent {
             goal: self.ports.receive_goal()?,
         })?;
         drop(odometry);
-        let mut outbox = self.cycle.answer();
+        self.cycle.answer(outbox);
         let mut end_ns = received_ns;
         if let Some(answer) = &mut outbox.answer {
             self.sleep_until_stop(answer.delay_ns);

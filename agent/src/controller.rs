@@ -91,6 +91,8 @@ pub struct Controller {
     cycle_state: CycleState,
     /// Incoming link from each sender, in the order of the brief.
     links: Vec<FaultyLink<Broadcast>>,
+    /// For each sender, whether its beacons are received at any distance, and none is falsified.
+    receives_all: Vec<bool>,
     /// Faulty link from the own sensors, if the brief has odometry faults.
     odometry_link: Option<FaultyLink<Odometry>>,
     /// Stamp of the newest sample answered, ns.
@@ -158,12 +160,12 @@ struct OwnState {
 const STOP_OUTPUT: LawOutput = LawOutput::Velocity(Vec2::new(0.0, 0.0));
 
 /// Answer of a controller to one odometry sample.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Answer {
-    /// Beacon to the out-neighbors.
-    pub beacon: Beacon,
-    /// The law's choice: the beacon, with or without a message, or nothing.
-    pub send_decision: SendDecision,
+    /// Beacon to the out-neighbors, and the message of the law.
+    pub broadcast: Broadcast,
+    /// `true` if the law withholds both.
+    pub is_withheld: bool,
     /// Command to the plant.
     pub command: Command,
     /// Additional delay before the answer is sent, ns, because of a fault in the brief.
@@ -171,22 +173,20 @@ pub struct Answer {
 }
 
 impl Answer {
+    /// Returns the beacon.
+    pub fn beacon(&self) -> &Beacon {
+        &self.broadcast.beacon
+    }
+
     /// Returns the message to be sent; empty if the law sends none.
     pub fn message(&self) -> &[u8] {
-        match &self.send_decision {
-            SendDecision::Message(bytes) => bytes,
-            SendDecision::Beacon | SendDecision::Withheld => &[],
-        }
+        self.broadcast.message.as_deref().unwrap_or_default()
     }
 
     /// Returns the beacon and the message to be sent; `None` if the law withholds them.
-    pub fn outgoing_broadcast(&self) -> Option<Broadcast> {
-        let message = match &self.send_decision {
-            SendDecision::Beacon => None,
-            SendDecision::Message(bytes) => Some(bytes.clone()),
-            SendDecision::Withheld => return None,
-        };
-        Some(Broadcast { beacon: self.beacon, message })
+    #[inline]
+    pub fn outgoing_broadcast(&self) -> Option<&Broadcast> {
+        (!self.is_withheld).then_some(&self.broadcast)
     }
 }
 
@@ -222,6 +222,9 @@ impl Controller {
                 neighbor_estimates: Vec::with_capacity(brief.senders().count()),
             },
             links: brief.senders().map(|sender| FaultyLink::new(&sender.faults)).collect(),
+            receives_all: (brief.senders())
+                .map(|sender| sender.lies.is_empty() && sender.range.is_none())
+                .collect(),
             odometry_link: (!brief.odometry_faults.is_empty())
                 .then(|| FaultyLink::new(&brief.odometry_faults)),
             answered_stamp_ns: None,
@@ -253,15 +256,14 @@ impl Controller {
     /// Receives a beacon, and the message with it, from the neighbor `sender_index` in the order of the brief,
     /// after the first sample. A refused beacon is counted and changes nothing. A beacon that the link faults drop
     /// or delay has no effect for now.
+    #[inline]
     pub fn receive_broadcast(
         &mut self,
         sender_index: usize,
         broadcast: &Broadcast,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        let sender = self.brief.sender(sender_index);
-        let receives_all = sender.lies.is_empty() && sender.range.is_none();
-        if receives_all && self.links[sender_index].is_transparent() {
+        if self.receives_all[sender_index] && self.links[sender_index].is_transparent() {
             return self.receive_without_delay(sender_index, broadcast, now_ns);
         }
         let beacon = &broadcast.beacon;
@@ -298,6 +300,7 @@ impl Controller {
         self.goal_requests.store_goal(goal);
     }
 
+    #[inline]
     fn receive_without_delay(
         &mut self,
         sender_index: usize,
@@ -339,7 +342,9 @@ impl Controller {
     pub fn answer(&mut self, odometry: &Odometry, effect_ns: u64) -> Option<Answer> {
         self.sense(odometry);
         let output = self.law_output();
-        self.act(output, effect_ns)
+        let mut answer = None;
+        self.act(output, effect_ns, &mut answer);
+        answer
     }
 
     /// Processes an odometry sample, and updates the estimates of the neighbors to its time.
@@ -481,13 +486,16 @@ impl Controller {
         decision
     }
 
-    /// Computes the answer to the current sample from the output of the control law. A robot without a desired
-    /// position stops. See [`Controller::answer`].
-    pub fn act(&mut self, output: LawOutput, effect_ns: u64) -> Option<Answer> {
-        let decision = self.take_send_decision();
-        let (tick, t_ns) = self.newest_sample_tick_and_time?;
+    /// Computes the answer to the current sample from the output of the control law, and writes it over `answer`. A
+    /// robot without a desired position stops. See [`Controller::answer`].
+    pub fn act(&mut self, output: LawOutput, effect_ns: u64, answer: &mut Option<Answer>) {
+        let (message, is_sent) = self.take_send_decision().into_message();
+        let sample = self.newest_sample_tick_and_time.zip(self.cycle_state.own);
+        let Some(((tick, t_ns), own)) = sample else {
+            *answer = None;
+            return;
+        };
         let effect_ns = effect_ns + self.expected_command_delay_ns(t_ns);
-        let own = self.cycle_state.own?;
         let role_input = own.role_input(&self.neighborhood);
         let (pose, alpha) = (role_input.pose, self.cycle_state.front_point);
         let desired = self.cycle_state.law_error_and_desired_velocity;
@@ -537,33 +545,35 @@ impl Controller {
 
         self.sequence_number += 1;
         let slow = self.brief.slow.iter().filter(|fault| fault.span.contains(own.t_ns));
-        Some(Answer {
-            beacon: Beacon {
-                tick,
-                stamp_ns: own.stamp_ns,
-                sent_ns: 0,
-                incarnation: self.incarnation,
-                x_m: alpha.x,
-                y_m: alpha.y,
-                vx_m_s: published.x,
-                vy_m_s: published.y,
-                frame_rank,
-                ..Beacon::default()
-            }
-            .with_leader_frame(frame),
-            send_decision: decision,
-            command: Command {
-                tick,
-                stamp_ns: own.stamp_ns,
-                sent_ns: 0,
-                sequence: self.sequence_number,
-                incarnation: self.incarnation,
-                v_m_s: twist.v_m_s,
-                side_m_s: twist.side_m_s,
-                w_rad_s: twist.w_rad_s,
-            },
-            delay_ns: slow.map(|fault| fault.delay_ns).sum(),
-        })
+        // In place, because an answer is large.
+        let answer = answer.get_or_insert_default();
+        answer.is_withheld = !is_sent;
+        answer.delay_ns = slow.map(|fault| fault.delay_ns).sum();
+        answer.broadcast.message = message;
+        let beacon = &mut answer.broadcast.beacon;
+        *beacon = Beacon {
+            tick,
+            stamp_ns: own.stamp_ns,
+            sent_ns: 0,
+            incarnation: self.incarnation,
+            x_m: alpha.x,
+            y_m: alpha.y,
+            vx_m_s: published.x,
+            vy_m_s: published.y,
+            frame_rank,
+            ..Beacon::default()
+        };
+        beacon.set_leader_frame(frame);
+        answer.command = Command {
+            tick,
+            stamp_ns: own.stamp_ns,
+            sent_ns: 0,
+            sequence: self.sequence_number,
+            incarnation: self.incarnation,
+            v_m_s: twist.v_m_s,
+            side_m_s: twist.side_m_s,
+            w_rad_s: twist.w_rad_s,
+        };
     }
 
     /// Passes a sample through the faulty odometry link. Returns the newest sample that has arrived, unless it

@@ -215,6 +215,7 @@ impl Neighborhood {
 
     /// Returns whether a beacon of this tick from the sender `sender_index` counts. Beacons of a spare up
     /// to the tick at which it was opened may or may not be in the queue, so they never count.
+    #[inline]
     pub fn needs_beacon_of_tick(&self, sender_index: usize, tick: u64) -> bool {
         sender_index < self.first_spare_index
             || self.neighbors[sender_index].opening_time.is_some_and(|opened| tick > opened.tick)
@@ -261,6 +262,7 @@ impl Neighborhood {
 
     /// Processes a beacon of the neighbor `sender_index` in the order of the brief. Returns why it was
     /// refused, if it was.
+    #[inline]
     pub fn receive_beacon(
         &mut self,
         sender_index: usize,
@@ -268,11 +270,11 @@ impl Neighborhood {
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
         let neighbor = &mut self.neighbors[sender_index];
-        if !beacon.is_finite() {
-            return Err(BeaconRefusal::NotFinite);
-        }
         if !beacon.is_plausible() {
-            return Err(BeaconRefusal::NotPlausible);
+            return Err(match beacon.is_finite() {
+                true => BeaconRefusal::NotPlausible,
+                false => BeaconRefusal::NotFinite,
+            });
         }
         let frame = beacon.leader_frame();
         if beacon.stamp_ns > now_ns || frame.is_some_and(|(stamp_ns, _)| stamp_ns > now_ns) {
@@ -302,6 +304,7 @@ impl Neighborhood {
 
     /// Receives a beacon with the message that travels with it, like [`Neighborhood::receive_beacon`]. A beacon without
     /// a message leaves the last message in place. Returns why both were refused, if they were.
+    #[inline]
     pub fn receive_broadcast(
         &mut self,
         sender_index: usize,
@@ -526,10 +529,13 @@ impl Neighborhood {
             *age_at_stamp_s = age_s;
             *state = reception_state;
             *incarnation = beacon.incarnation;
-            let received = |message| neighbor.describe_message(stamp_ns, message);
-            *message = neighbor.newest_message.as_ref().and_then(received);
-            queued_messages.clear();
-            queued_messages.extend(neighbor.queued_messages.iter().filter_map(received));
+            let has_no_message = message.is_none() && queued_messages.is_empty();
+            if neighbor.message_format.is_some() || !has_no_message {
+                let received = |message| neighbor.describe_message(stamp_ns, message);
+                *message = neighbor.newest_message.as_ref().and_then(received);
+                queued_messages.clear();
+                queued_messages.extend(neighbor.queued_messages.iter().filter_map(received));
+            }
         }
         estimates.truncate(count);
     }

@@ -127,7 +127,7 @@ pub(crate) fn run_peer(address: &PeerAddress) -> anyhow::Result<()> {
         let answer = controller
             .answer(&odometry, odometry.stamp_ns)
             .context("the controller gave no answer to an odometry sample")?;
-        messages[slot].beacons[odometry.tick as usize & 1].write(answer.beacon);
+        messages[slot].beacons[odometry.tick as usize & 1].write(*answer.beacon());
         messages[slot].command.write(answer.command);
         barrier.arrive(slot, odometry.tick);
     }

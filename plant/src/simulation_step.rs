@@ -147,8 +147,7 @@ impl<M: Motion> SimulationStepper<M> {
         Ok(())
     }
 
-    /// Writes the odometry of `robot`, sent at `sent_ns` by the machine's clock, into `sample`, whose fields must have
-    /// their default values.
+    /// Writes the odometry of `robot`, sent at `sent_ns` by the machine's clock, into `sample`; see [`World::sense`].
     pub fn sense(&mut self, robot: usize, sent_ns: u64, sample: &mut Odometry) {
         self.command_senders[robot].odometry_sent_ns = sent_ns;
         self.world.sense(robot, sample);

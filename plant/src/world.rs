@@ -13,7 +13,7 @@ use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::{front_point, front_speed, front_velocity};
 use formation::neighbor_list::NeighborList;
-use formation::pose::{Twist, wrap_angle};
+use formation::pose::{Pose, Twist, wrap_angle};
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
 use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Transmission, WheelFaultKind};
 use protocol::link::FaultyLink;
@@ -213,8 +213,12 @@ impl<M: Motion> World<M> {
         robot: usize,
         command: &Command,
     ) -> Result<(), CommandRefusal> {
+        let link = &mut self.robots[robot].command_link;
+        if link.is_transparent() {
+            return self.accept_command(robot, command);
+        }
         let transmission = Transmission { tick: command.tick, t_ns: self.t_ns, distance_m: None };
-        match self.robots[robot].command_link.send(command, transmission) {
+        match link.send(command, transmission) {
             Some(command) => self.accept_command(robot, &command),
             None => Ok(()),
         }
@@ -345,8 +349,8 @@ impl<M: Motion> World<M> {
         sample
     }
 
-    /// Writes the current odometry of `robot` into `sample`, whose fields must have their default values. Fields of
-    /// a sensor in dropout (blackout) keep them.
+    /// Writes the current odometry of `robot` into `sample`: a new one, or an earlier one of this robot. Fields of a
+    /// sensor in dropout (blackout) become 0. List entries beyond the length of their list stay as they are.
     pub fn sense(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
         let is_working = |sensor| {
@@ -358,9 +362,9 @@ impl<M: Motion> World<M> {
         sample.t_ns = self.t_ns;
         sample.stamp_ns = self.stamp_ns();
         sample.velocities_sensed = u32::from(self.senses_velocities);
-        if is_working(Sensor::Odometry) {
-            self.sense_own_state(robot, sample);
-        }
+        let own_state = is_working(Sensor::Odometry).then(|| self.sensed_own_state(robot));
+        sample.set_own_state(own_state);
+        sample.clear_proximity();
         if is_working(Sensor::Proximity) {
             self.sense_neighbors(robot, sample);
             let radius_m = self.sensing_radius_m;
@@ -372,18 +376,17 @@ impl<M: Motion> World<M> {
         }
     }
 
-    /// Fills in pose and twist.
-    fn sense_own_state(&self, robot: usize, sample: &mut Odometry) {
+    /// Returns the sensed pose and twist.
+    fn sensed_own_state(&self, robot: usize) -> (Pose, Twist) {
         let body = &self.robots[robot].body;
-        let BodyState { pose, twist } = &self.states[robot];
+        let BodyState { pose, twist } = self.states[robot];
         let noise = self.position_noise_m(body, Sensor::Odometry, 0);
-        sample.pose_valid = 1;
-        sample.x_m = pose.x_m + noise.x;
-        sample.y_m = pose.y_m + noise.y;
-        sample.heading_rad = wrap_angle(pose.heading_rad + self.heading_noise_rad(body));
-        sample.v_m_s = twist.v_m_s;
-        sample.side_m_s = twist.side_m_s;
-        sample.w_rad_s = twist.w_rad_s;
+        let pose = Pose {
+            x_m: pose.x_m + noise.x,
+            y_m: pose.y_m + noise.y,
+            heading_rad: wrap_angle(pose.heading_rad + self.heading_noise_rad(body)),
+        };
+        (pose, twist)
     }
 
     /// Fills in the neighbors in range.
@@ -412,10 +415,9 @@ impl<M: Motion> World<M> {
             }
         }
         let count = in_range_count.min(count_max);
-        for (item, (point, (_, other))) in sample.near.iter_mut().zip(&nearest[..count]).enumerate()
-        {
+        for (item, &(_, other)) in nearest[..count].iter().enumerate() {
             let noise = self.position_noise_m(body, Sensor::Proximity, item as u64 + 1);
-            *point = (self.front_points[*other] + noise).into();
+            sample.near[item] = (self.front_points[other] + noise).into();
         }
         if self.has_pair_distances {
             for (class, (_, other)) in sample.near_class.iter_mut().zip(&nearest[..count]) {
@@ -436,12 +438,16 @@ impl<M: Motion> World<M> {
     }
 
     /// Returns the noise of the position with number `item` in this tick's sample, m.
-    #[inline]
+    #[inline(always)]
     fn position_noise_m(&self, body: &BodyBrief, sensor: Sensor, item: u64) -> Vec2 {
-        // Most robots have no faulty sensor.
-        if body.sensor_faults.is_empty() {
-            return Vec2::zeros();
+        // Most robots have no faulty sensor. `Vec2::zeros` would be a call with a loop here.
+        match body.sensor_faults.is_empty() {
+            true => Vec2::new(0.0, 0.0),
+            false => self.fault_noise_m(body, sensor, item),
         }
+    }
+
+    fn fault_noise_m(&self, body: &BodyBrief, sensor: Sensor, item: u64) -> Vec2 {
         let faults = self.active_sensor_faults(body, sensor);
         faults.map(|fault| Vec2::from(fault.position_error_m(self.tick, item))).sum()
     }

@@ -252,10 +252,20 @@ impl SendDecision {
             SendDecision::Withheld => Err(MessageFlaw::UndeclaredWithholding),
         }
     }
+
+    /// Returns the message, if there is one, and whether the beacon leaves.
+    #[inline]
+    pub fn into_message(self) -> (Option<Arc<[u8]>>, bool) {
+        match self {
+            SendDecision::Beacon => (None, true),
+            SendDecision::Message(bytes) => (Some(bytes), true),
+            SendDecision::Withheld => (None, false),
+        }
+    }
 }
 
 /// A beacon, and the message that travels with it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Broadcast {
     /// State of the sender.
     pub beacon: Beacon,
@@ -283,13 +293,13 @@ pub struct SentCounts {
 }
 
 impl SentCounts {
-    /// Counts what leaves with the answer to the sample of `tick`.
+    /// Counts a beacon, and the message with it.
     #[inline]
-    pub fn count_sent(&mut self, tick: u64, decision: &SendDecision) {
-        self.beacons += u64::from(*decision != SendDecision::Withheld);
-        if let SendDecision::Message(bytes) = decision {
+    pub fn count_sent(&mut self, broadcast: &Broadcast) {
+        self.beacons += 1;
+        if let Some(bytes) = &broadcast.message {
             self.messages += 1;
-            let hash = hash_bytes(self.message_hash, &tick.to_le_bytes());
+            let hash = hash_bytes(self.message_hash, &broadcast.beacon.tick.to_le_bytes());
             self.message_hash = hash_words(hash, bytes);
         }
     }
@@ -418,8 +428,10 @@ mod tests {
     fn hash_of_messages_depends_on_ticks_and_incarnations() {
         let sent = |ticks: &[u64]| {
             let mut counts = SentCounts::default();
-            let message = SendDecision::Message([1, 2][..].into());
-            ticks.iter().for_each(|&tick| counts.count_sent(tick, &message));
+            for &tick in ticks {
+                let beacon = Beacon { tick, ..Beacon::default() };
+                counts.count_sent(&Broadcast { beacon, message: Some([1, 2][..].into()) });
+            }
             counts
         };
         assert_ne!(sent(&[1, 2]).message_hash, sent(&[1, 3]).message_hash);

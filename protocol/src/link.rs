@@ -37,6 +37,7 @@ impl<M: Clone> FaultyLink<M> {
     }
 
     /// Returns whether every message passes at once: the link has no faults and is not cut.
+    #[inline]
     pub fn is_transparent(&self) -> bool {
         self.faults.is_empty() && !self.is_cut
     }

@@ -182,6 +182,23 @@ impl Odometry {
         Twist { v_m_s: self.v_m_s, side_m_s: self.side_m_s, w_rad_s: self.w_rad_s }
     }
 
+    /// Sets pose and twist; with `None` they are not valid.
+    #[inline]
+    pub fn set_own_state(&mut self, own: Option<(Pose, Twist)>) {
+        let nothing = (Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 }, Twist::ZERO);
+        let (pose, twist) = own.unwrap_or(nothing);
+        self.pose_valid = u64::from(own.is_some());
+        (self.x_m, self.y_m, self.heading_rad) = (pose.x_m, pose.y_m, pose.heading_rad);
+        (self.v_m_s, self.side_m_s, self.w_rad_s) = (twist.v_m_s, twist.side_m_s, twist.w_rad_s);
+    }
+
+    /// Sets that the proximity sensor does not work. Its lists are empty afterwards.
+    #[inline]
+    pub fn clear_proximity(&mut self) {
+        (self.proximity_valid, self.proximity_cut, self.proximity_count) = (0, 0, 0);
+        (self.walls_count, self.walls_cut) = (0, 0);
+    }
+
     /// Returns the front points of the robots within the sensing radius, nearest first, m.
     #[inline]
     pub fn proximity_front_points(&self) -> impl Iterator<Item = Vec2> {
@@ -319,18 +336,22 @@ impl Beacon {
     }
 
     /// Returns a copy of the beacon with this frame.
-    pub fn with_leader_frame(self, frame: Option<(u64, LeaderFrame)>) -> Beacon {
+    pub fn with_leader_frame(mut self, frame: Option<(u64, LeaderFrame)>) -> Beacon {
+        self.set_leader_frame(frame);
+        self
+    }
+
+    /// Sets the frame of the leader, and the time at which it is valid, ns; `None` if it is not known.
+    #[inline]
+    pub fn set_leader_frame(&mut self, frame: Option<(u64, LeaderFrame)>) {
         let (stamp_ns, leader_frame) = frame.unwrap_or((0, LeaderFrame::IDENTITY));
-        Beacon {
-            frame_known: u64::from(frame.is_some()),
-            frame_stamp_ns: stamp_ns,
-            frame_heading_rad: leader_frame.heading_rad,
-            frame_turn_rate_rad_s: leader_frame.turn_rate_rad_s,
-            frame_turn_acceleration_rad_s2: leader_frame.turn_acceleration_rad_s2,
-            frame_scale: leader_frame.scale,
-            frame_scale_rate_per_s: leader_frame.scale_rate_per_s,
-            ..self
-        }
+        self.frame_known = u64::from(frame.is_some());
+        self.frame_stamp_ns = stamp_ns;
+        self.frame_heading_rad = leader_frame.heading_rad;
+        self.frame_turn_rate_rad_s = leader_frame.turn_rate_rad_s;
+        self.frame_turn_acceleration_rad_s2 = leader_frame.turn_acceleration_rad_s2;
+        self.frame_scale = leader_frame.scale;
+        self.frame_scale_rate_per_s = leader_frame.scale_rate_per_s;
     }
 
     /// Returns whether all numbers are finite.
@@ -340,16 +361,18 @@ impl Beacon {
         motion.iter().chain(&self.frame_numbers()).all(|number| number.is_finite())
     }
 
-    /// Returns whether a working robot could have sent this, so that no law overflows on it.
+    /// Returns whether a working robot could have sent this, so that no law overflows on it. NaN is not plausible.
     #[inline]
     pub fn is_plausible(&self) -> bool {
-        let is_within =
-            |numbers: &[f64], max: f64| numbers.iter().all(|number| number.abs() <= max);
+        // Without branches, which is faster than up to the first number that is out of range.
+        let is_within = |numbers: &[f64], max: f64| {
+            numbers.iter().fold(true, |is_within, number| is_within & (number.abs() <= max))
+        };
         is_within(&[self.x_m, self.y_m], POSITION_MAX_M)
-            && is_within(&[self.vx_m_s, self.vy_m_s], SPEED_MAX_M_S)
-            && is_within(&self.frame_numbers(), ANGLE_SCALE_AND_RATE_MAX)
-            && self.incarnation <= INCARNATION_MAX
-            && self.frame_rank <= DEPUTIES_MAX
+            & is_within(&[self.vx_m_s, self.vy_m_s], SPEED_MAX_M_S)
+            & is_within(&self.frame_numbers(), ANGLE_SCALE_AND_RATE_MAX)
+            & (self.incarnation <= INCARNATION_MAX)
+            & (self.frame_rank <= DEPUTIES_MAX)
     }
 
     fn frame_numbers(&self) -> [f64; 5] {

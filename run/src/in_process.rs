@@ -11,7 +11,7 @@ pub mod measured;
 use std::collections::VecDeque;
 use std::convert::Infallible;
 
-use agent::control_cycle::{ControlCycle, Inbox, ReceivedBeacon};
+use agent::control_cycle::{ControlCycle, Inbox, Outbox, ReceivedBeacon};
 use agent::controller::Controller;
 use agent::laws::{LawOutput, Situation};
 use experiment::briefs;
@@ -20,7 +20,6 @@ use plant::motion::UnicycleMotion;
 use plant::simulation_step::{ReceivedCommand, SimulationStepper, StepError};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
-use protocol::law_message::Broadcast;
 use protocol::message::Odometry;
 
 use crate::lifecycle::{DriverOrder, LifecycleEvent, ProcessDeath, ProcessState};
@@ -49,19 +48,23 @@ pub struct InProcessRun<F, J = ()> {
     create_controller: F,
     agent_briefs: Vec<AgentBrief>,
     plant: SimulationStepper,
+    /// Newest odometry of each robot.
+    samples: Vec<Odometry>,
     ticks: u64,
     robots: Vec<RobotProcess>,
     /// Indices, from 0, of the robots that each robot receives from: in-neighbors, then spares.
     senders: Vec<Box<[usize]>>,
-    /// Beacon of each robot at the previous tick.
-    beacons: Vec<Option<Broadcast>>,
-    /// Commands of the robots at the current tick.
-    commands: Vec<ReceivedCommand>,
+    /// Messages of each robot at the previous tick.
+    previous_outboxes: Vec<Outbox>,
+    /// Messages of each robot at the current tick, once it has replied.
+    outboxes: Vec<Outbox>,
     state_machine: RunStateMachine<J>,
     /// Events caused by the orders already executed, still to be processed.
     pending_events: VecDeque<LifecycleEvent>,
     /// Clock for latency measurements, ns; constant if the run is not measured.
     clock_ns: fn() -> u64,
+    /// Time at which the last robot replied, ns, and the next one begins its control cycle.
+    cycle_start_ns: u64,
 }
 
 #[derive(Default)]
@@ -71,18 +74,20 @@ struct RobotProcess {
     /// First tick at which the robot takes part since its start or thaw; `None` while the plant does not
     /// wait for it.
     member_since_tick: Option<u64>,
-    /// Time at which the robot finished sensing the current tick, ns.
-    sensed_ns: u64,
-    /// Whether the robot has a status report for the supervisor.
-    has_status_report: bool,
-    /// Message that this report contains; empty if there is none.
-    recorded_message: Vec<u8>,
 }
 
 impl RobotProcess {
+    /// Returns whether the robot is alive and the plant waits for it.
+    fn takes_part(&self) -> bool {
+        self.cycle.is_some() && self.member_since_tick.is_some()
+    }
+
     /// Returns the control cycle and the first tick of a robot that takes part; otherwise `None`.
     fn participating_cycle(&mut self) -> Option<(&mut ControlCycle, u64)> {
-        self.cycle.as_mut().zip(self.member_since_tick)
+        match (&mut self.cycle, self.member_since_tick) {
+            (Some(cycle), Some(since_tick)) => Some((cycle, since_tick)),
+            _ => None,
+        }
     }
 }
 
@@ -120,13 +125,15 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
         let robots: Vec<RobotProcess> = agent_briefs.iter().map(new_robot).collect();
         Ok(InProcessRun {
             plant: SimulationStepper::new(&plant, UnicycleMotion::new(&plant)),
+            samples: vec![Odometry::default(); robots.len()],
             ticks: plant.duration_ns / plant.period_ns,
             senders: agent_briefs.iter().map(sender_indices).collect(),
-            beacons: vec![None; robots.len()],
-            commands: Vec::with_capacity(robots.len()),
+            previous_outboxes: robots.iter().map(|_| Outbox::default()).collect(),
+            outboxes: robots.iter().map(|_| Outbox::default()).collect(),
             state_machine: RunStateMachine::new(&scenario, false, journal),
             pending_events: VecDeque::new(),
             clock_ns: || 0,
+            cycle_start_ns: 0,
             scenario,
             create_controller,
             agent_briefs,
@@ -175,72 +182,107 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
     /// Executes the kills, freezes and restarts of this tick; then lets all robots that take part sense, and receive
     /// the beacons of the previous tick.
     pub fn sense_robots(&mut self) {
-        self.execute_planned_events();
-        let InProcessRun { robots, plant, senders, beacons, clock_ns, .. } = self;
-        // A robot's sample is sent when the previous robot has sensed.
-        let mut now_ns = clock_ns();
-        for (index, robot) in robots.iter_mut().enumerate() {
-            let Some((cycle, member_since_tick)) = robot.participating_cycle() else { continue };
-            let mut odometry = Odometry::default();
-            plant.sense(index, now_ns, &mut odometry);
-            // Only from robots that take part; backup neighbors count while their edge is open.
-            let received_beacons =
-                senders[index].iter().enumerate().filter_map(|(sender_index, &sender)| {
-                    let broadcast = beacons[sender].as_ref()?;
-                    Some(Ok::<_, Infallible>(ReceivedBeacon {
-                        sender_index,
-                        broadcast,
-                        received_ns: 0,
-                    }))
-                });
-            let Ok(()) = cycle.sense(Inbox {
-                received_ns: clock_ns(),
-                odometry: Some(&odometry),
-                participant_since_tick: member_since_tick,
-                beacons: received_beacons,
-                link_faults: &[],
-                goal: None,
-            });
-            now_ns = clock_ns();
-            robot.sensed_ns = now_ns;
+        self.begin_tick();
+        for robot in 0..self.robots.len() {
+            self.sense_robot(robot);
         }
     }
 
     /// Lets all robots that take part reply to the current tick with the law output that
     /// `compute_law_output` returns for a robot's index and control cycle; then advances the plant by one
-    /// period.
+    /// period. Must be called after [`Self::sense_robots`].
     pub fn step(
         &mut self,
         mut compute_law_output: impl FnMut(usize, &mut ControlCycle) -> LawOutput,
     ) {
-        let InProcessRun { robots, plant, beacons, commands, clock_ns, .. } = self;
-        let mut now_ns = clock_ns();
-        for (index, robot) in robots.iter_mut().enumerate() {
-            let sensed_ns = robot.sensed_ns;
-            beacons[index] = None;
-            robot.has_status_report = false;
-            let Some((cycle, _)) = robot.participating_cycle() else { continue };
-            // Time during which other robots compute is not part of this robot's cycle.
-            let idle_ns = now_ns.saturating_sub(sensed_ns);
-            let law_output = compute_law_output(index, cycle);
-            let outbox = cycle.act(law_output);
-            if let Some(answer) = &outbox.answer {
-                let sent_ns = clock_ns();
-                now_ns = sent_ns;
-                cycle.record_sent(sent_ns.saturating_sub(idle_ns));
-                beacons[index] = answer.outgoing_broadcast();
-                commands.push(ReceivedCommand {
-                    robot: index,
-                    command: answer.command,
-                    received_ns: sent_ns,
-                    is_from_dead_incarnation: false,
-                });
-            }
-            robot.has_status_report = outbox.status_is_due;
-            robot.recorded_message = outbox.recorded_message;
+        for robot in 0..self.robots.len() {
+            self.answer_robot(robot, &mut compute_law_output);
         }
-        let result: Result<(), StepError> = plant.step(commands.drain(..).map(Ok), *clock_ns);
+        self.end_tick();
+    }
+
+    /// Advances the run by one period. Equals [`Self::sense_robots`] and [`Self::step`], but each robot replies before
+    /// the next one senses, which is faster, and the time that it computes can be measured.
+    pub fn advance(
+        &mut self,
+        mut compute_law_output: impl FnMut(usize, &mut ControlCycle) -> LawOutput,
+    ) {
+        self.begin_tick();
+        for robot in 0..self.robots.len() {
+            self.sense_robot(robot);
+            self.answer_robot(robot, &mut compute_law_output);
+        }
+        self.end_tick();
+    }
+
+    /// Executes the planned events of the current tick, and writes the odometry of all robots that take part.
+    fn begin_tick(&mut self) {
+        self.execute_planned_events();
+        let InProcessRun { robots, plant, samples, .. } = self;
+        for (index, (robot, sample)) in robots.iter().zip(samples).enumerate() {
+            if robot.takes_part() {
+                plant.sense(index, 0, sample);
+            }
+        }
+        self.cycle_start_ns = (self.clock_ns)();
+    }
+
+    /// Lets a robot that takes part sense, and receive the beacons of the previous tick.
+    fn sense_robot(&mut self, robot: usize) {
+        let InProcessRun { robots, samples, senders, previous_outboxes, .. } = self;
+        let Some((cycle, member_since_tick)) = robots[robot].participating_cycle() else { return };
+        // Odometry arrives at once. Its latency is recorded all the same: when a batch of measurements is due depends on
+        // their number, and so does what a killed robot has not yet sent.
+        samples[robot].sent_ns = self.cycle_start_ns;
+        // Only from robots that take part; backup neighbors count while their edge is open.
+        let beacons = senders[robot].iter().enumerate().filter_map(|(sender_index, &sender)| {
+            let broadcast = previous_outboxes[sender].answer.as_ref()?.outgoing_broadcast()?;
+            Some(Ok::<_, Infallible>(ReceivedBeacon { sender_index, broadcast, received_ns: 0 }))
+        });
+        let Ok(()) = cycle.sense(Inbox {
+            received_ns: self.cycle_start_ns,
+            odometry: Some(&samples[robot]),
+            participant_since_tick: member_since_tick,
+            beacons,
+            link_faults: &[],
+            goal: None,
+        });
+    }
+
+    /// Lets a robot that takes part reply to its sample.
+    fn answer_robot(
+        &mut self,
+        robot: usize,
+        compute_law_output: &mut impl FnMut(usize, &mut ControlCycle) -> LawOutput,
+    ) {
+        let outbox = &mut self.outboxes[robot];
+        let Some((cycle, _)) = self.robots[robot].participating_cycle() else {
+            (outbox.answer, outbox.status_is_due) = (None, false);
+            return;
+        };
+        let law_output = compute_law_output(robot, cycle);
+        cycle.act(law_output, outbox);
+        if outbox.answer.is_some() {
+            // The control cycle of the next robot begins when that of this one ends.
+            self.cycle_start_ns = (self.clock_ns)();
+            cycle.record_sent(self.cycle_start_ns);
+        }
+    }
+
+    /// Advances the plant by one period under the commands of the robots.
+    fn end_tick(&mut self) {
+        let commands = self.outboxes.iter().enumerate().filter_map(|(robot, outbox)| {
+            let command = outbox.answer.as_ref()?.command;
+            Some(Ok(ReceivedCommand {
+                robot,
+                command,
+                received_ns: 0,
+                is_from_dead_incarnation: false,
+            }))
+        });
+        let result: Result<(), StepError> = self.plant.step(commands, || 0);
         result.expect("unicycles do not fail");
+        std::mem::swap(&mut self.previous_outboxes, &mut self.outboxes);
     }
 
     /// Handles the planned events of the current tick, and all that follow from them.
@@ -303,7 +345,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
                 }
                 DriverOrder::LeaveBarrier(robot) => {
                     self.robots[robot].member_since_tick = None;
-                    self.beacons[robot] = None;
+                    self.previous_outboxes[robot].answer = None;
                 }
                 DriverOrder::StartLoad { fault, .. } => {
                     self.handle_event(LifecycleEvent::LoadStarted {

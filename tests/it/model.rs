@@ -358,7 +358,7 @@ impl<'a> Model<'a> {
                 robot.next_ns = self.now_ns.max(robot.due_ns + oversleeps_ns);
                 let kill_after_send = robot.kill_after_send;
                 if let Some(broadcast) = answer.outgoing_broadcast() {
-                    self.send_beacon(i, &broadcast);
+                    self.send_beacon(i, broadcast);
                 }
                 if kill_after_send {
                     self.kill(i);

@@ -19,6 +19,10 @@ const SMOOTHING_DISTANCE_PER_ERROR: f64 = 10.0;
 /// Maximum displacement of a robot that counts as being at rest, as a fraction of d.
 const REST_RADIUS_FRACTION: f64 = 0.05;
 
+/// Speed below which the smoothed velocity of a robot at rest becomes 0, m/s. Otherwise it decreases to subnormal
+/// numbers, with which processors compute slowly.
+const REST_SPEED_M_S: f64 = 1e-100;
+
 /// Maximum number of tracked neighbors, the nearest. Robots behind them are handled later.
 const TRACKED_NEIGHBORS_MAX: usize = 6;
 
@@ -71,6 +75,7 @@ impl TrackedNeighbor {
     fn update_position(self, z: Vec2, position: Vec2, step: &UpdateConstants) -> TrackedNeighbor {
         let current_velocity = (position - self.position) * step.reciprocal_dt;
         let velocity = self.velocity + (current_velocity - self.velocity) * step.smoothing_weight;
+        let velocity = velocity.map(|speed| if speed.abs() < REST_SPEED_M_S { 0.0 } else { speed });
         let (last_motion_position, rest_time_s) = match (position - self.last_motion_position)
             .norm_squared()
             < step.rest_distance_squared

@@ -455,8 +455,7 @@ fn sent_and_withheld_beacons_are_counted_without_a_status() {
         let (header, _) = robot.status();
         assert!(!outbox.status_is_due || tick == 0);
         assert_eq!((header.beacons_sent, header.messages_sent), (beacons, messages));
-        let broadcast = outbox.answer.unwrap().outgoing_broadcast();
-        assert_eq!(broadcast.is_some(), tick % 20 == 0, "{tick}");
+        assert_eq!(outbox.answer.unwrap().is_withheld, tick % 20 != 0, "{tick}");
         assert_eq!(header.message_hash != hash, tick % 20 == 0, "{tick}");
         hash = header.message_hash;
     }
@@ -541,8 +540,9 @@ fn caller_replaces_send_decision_and_target_of_the_law() {
         let output = robot.law_output();
         robot.set_send_decision(decision);
         robot.set_own_target(target);
-        let answer = robot.act(output).answer.unwrap();
-        (answer.outgoing_broadcast().is_some(), robot.status().0.target_known)
+        let mut outbox = Outbox::default();
+        robot.act(output, &mut outbox);
+        (!outbox.answer.unwrap().is_withheld, robot.status().0.target_known)
     };
     let target = Some(Target::at_rest(Vec2::new(1.0, 2.0)));
     assert_eq!(run_cycle(0, SendDecision::Withheld, target), (false, 1));

@@ -7,7 +7,7 @@ use protocol::brief::AgentBrief;
 use protocol::clock;
 use protocol::latency::LatencyRecorder;
 use protocol::latency_port::LatencyPort;
-use protocol::law_message::{Broadcast, SendDecision};
+use protocol::law_message::Broadcast;
 use protocol::message::{
     Beacon, Command, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader,
 };
@@ -199,15 +199,10 @@ impl Ports {
 
     /// Sends an answer with the time `sent_ns`, the beacon first because other robots wait for it.
     pub fn send_answer(&self, answer: &mut Answer, sent_ns: u64) -> Result<(), Failure> {
-        answer.beacon.sent_ns = sent_ns;
+        answer.broadcast.beacon.sent_ns = sent_ns;
         answer.command.sent_ns = sent_ns;
-        let message: Option<&[u8]> = match &answer.send_decision {
-            SendDecision::Beacon => Some(&[]),
-            SendDecision::Message(bytes) => Some(bytes),
-            SendDecision::Withheld => None,
-        };
-        if let Some(message) = message {
-            send_bytes(&self.beacon, &answer.beacon, message)
+        if !answer.is_withheld {
+            send_bytes(&self.beacon, answer.beacon(), answer.message())
                 .map_err(|cause| port_error("send beacon", cause))?;
         }
         self.command

@@ -34,8 +34,8 @@ fn delayed_odometry_is_answered_once_and_in_order() {
         let odometry = odometry(t_ms);
         let answer = controller.answer(&odometry, odometry.stamp_ns);
         stamps_ms.push(answer.map(|answer| {
-            assert_eq!((answer.command.tick, answer.beacon.tick), (t_ms, t_ms));
-            assert_eq!(answer.command.stamp_ns, answer.beacon.stamp_ns);
+            assert_eq!((answer.command.tick, answer.beacon().tick), (t_ms, t_ms));
+            assert_eq!(answer.command.stamp_ns, answer.beacon().stamp_ns);
             (answer.command.stamp_ns - START_NS) / NS_PER_MS
         }));
     }
@@ -49,7 +49,7 @@ fn delayed_odometry_is_answered_once_and_in_order() {
 fn differenced_velocity_is_displacement_over_time() {
     let published_velocity = PublishedVelocity::Differenced;
     let mut controller = Controller::new(&AgentBrief { published_velocity, ..brief() }, 0).unwrap();
-    let velocities = [0, 10, 30].map(|t_ms| answer_at(&mut controller, t_ms).beacon.velocity());
+    let velocities = [0, 10, 30].map(|t_ms| answer_at(&mut controller, t_ms).beacon().velocity());
     assert_eq!(velocities[0], Vec2::zeros());
     for velocity in &velocities[1..] {
         assert!((velocity - Vec2::new(1.0, 0.0)).norm() < 1e-9, "{velocity:?}");
@@ -111,13 +111,21 @@ fn twist_of_a_controller_is_bounded_and_published() {
     let twist = |answer: &Answer| [answer.command.v_m_s, answer.command.w_rad_s];
     assert_eq!(twist(&free), [WANTED_TWIST.v_m_s, WANTED_TWIST.w_rad_s]);
     let velocity = front_velocity(0.3, brief.front_point_m, WANTED_TWIST);
-    assert_eq!(free.beacon.velocity(), velocity);
+    assert_eq!(free.beacon().velocity(), velocity);
     // Another robot is right ahead of the front point, at d. Only the command to the plant is restricted.
     let ahead = formation::front_point::front_point(odometry(20).pose(), brief.front_point_m)
         + brief.avoidance.distance_min_m * velocity / velocity.norm();
     let blocked = answer_near(&[ahead.into()]);
     assert!(twist(&blocked)[0].abs() < 1e-6, "{:?}", twist(&blocked));
-    assert_eq!(blocked.beacon.velocity(), velocity);
+    assert_eq!(blocked.beacon().velocity(), velocity);
+}
+
+/// Returns the answer of a controller that has sensed, from the output of its law.
+fn act(controller: &mut Controller, output: LawOutput, effect_ns: u64) -> Option<Answer> {
+    // An earlier answer is overwritten.
+    let mut answer = Some(Answer { is_withheld: true, delay_ns: 1, ..Answer::default() });
+    controller.act(output, effect_ns, &mut answer);
+    answer
 }
 
 #[test]
@@ -126,15 +134,15 @@ fn separate_steps_equal_answer_and_no_target_means_stop() {
     let velocity = Vec2::new(0.1, 0.2);
     assert!(
         two_steps.situation().is_none()
-            && two_steps.act(LawOutput::Velocity(velocity), START_NS).is_none()
+            && act(&mut two_steps, LawOutput::Velocity(velocity), START_NS).is_none()
     );
     // No robot has been received.
     answer_at(&mut one_step, 0);
     two_steps.sense(&odometry(0));
     assert!(two_steps.situation().is_none());
-    let answer =
-        two_steps.act(LawOutput::Velocity(velocity), START_NS).expect("it knows where it is");
-    assert_eq!((answer.command.twist(), answer.beacon.velocity()), (Twist::ZERO, Vec2::zeros()));
+    let answer = act(&mut two_steps, LawOutput::Velocity(velocity), START_NS);
+    let answer = answer.expect("it knows where it is");
+    assert_eq!((answer.command.twist(), answer.beacon().velocity()), (Twist::ZERO, Vec2::zeros()));
 
     let now_ns = START_NS + 10 * NS_PER_MS;
     assert_eq!(one_step.receive_beacon(0, &beacon(0), now_ns), Ok(()));
@@ -145,19 +153,19 @@ fn separate_steps_equal_answer_and_no_target_means_stop() {
     let error = two_steps.situation().expect("r5 was heard").error;
     assert!((error.x - (1.01 + 0.1 * 0.3f64.cos() - 3.0)).abs() < 1e-12, "{error:?}");
     let output = two_steps.law_output();
-    let same = two_steps.act(output, now_ns);
+    let same = act(&mut two_steps, output, now_ns);
     assert_eq!(format!("{same:?}"), format!("{:?}", Some(&answer)));
-    assert_ne!(answer.beacon.velocity(), velocity);
+    assert_ne!(answer.beacon().velocity(), velocity);
 
     two_steps.sense(&odometry(20));
-    let other = two_steps
-        .act(LawOutput::Velocity(velocity), START_NS + 20 * NS_PER_MS)
-        .expect("it knows where it is");
-    assert_eq!(other.beacon.velocity(), velocity, "no method bounds it");
+    let later_ns = START_NS + 20 * NS_PER_MS;
+    let other = act(&mut two_steps, LawOutput::Velocity(velocity), later_ns);
+    let other = other.expect("it knows where it is");
+    assert_eq!(other.beacon().velocity(), velocity, "no method bounds it");
     two_steps.sense(&Odometry { pose_valid: 0, ..odometry(30) });
     assert!(
         two_steps.situation().is_none()
-            && two_steps.act(LawOutput::Velocity(velocity), now_ns).is_none()
+            && act(&mut two_steps, LawOutput::Velocity(velocity), now_ns).is_none()
     );
 }
 
@@ -174,7 +182,7 @@ fn goal_robot_uses_a_newer_goal_from_the_next_sample() {
     let mut controller = Controller::new(&goal_brief, 0).unwrap();
     // At 0 ms the front point is at 1 m + 0.1 cos 0.3 m, and the goal ahead.
     assert!(
-        answer_at(&mut controller, 0).beacon.vx_m_s > 0.0 && goal_in_force(&controller).is_none()
+        answer_at(&mut controller, 0).beacon().vx_m_s > 0.0 && goal_in_force(&controller).is_none()
     );
     controller.take_status_change();
     for implausible in [f64::NAN, f64::INFINITY, 1e300] {
@@ -185,18 +193,18 @@ fn goal_robot_uses_a_newer_goal_from_the_next_sample() {
     // Of two goals before the same sample, the newer one counts.
     controller.request_goal(&goal(7, -5.0));
     controller.request_goal(&goal(6, 5.0));
-    assert!(answer_at(&mut controller, 20).beacon.vx_m_s < 0.0, "it turns back");
+    assert!(answer_at(&mut controller, 20).beacon().vx_m_s < 0.0, "it turns back");
     assert_eq!(goal_in_force(&controller), Some((20 * NS_PER_MS, [-5.0, 2.0])));
     assert_eq!((controller.take_status_change(), controller.take_status_change()), (true, false));
     // A repeated goal has no effect.
     controller.request_goal(&goal(7, -5.0));
-    assert!(answer_at(&mut controller, 30).beacon.vx_m_s < 0.0);
+    assert!(answer_at(&mut controller, 30).beacon().vx_m_s < 0.0);
     assert_eq!(
         (controller.take_status_change(), goal_in_force(&controller)),
         (false, Some((20 * NS_PER_MS, [-5.0, 2.0])))
     );
     controller.request_goal(&goal(8, 5.0));
-    assert!(answer_at(&mut controller, 40).beacon.vx_m_s > 0.0);
+    assert!(answer_at(&mut controller, 40).beacon().vx_m_s > 0.0);
     assert_eq!(goal_in_force(&controller), Some((40 * NS_PER_MS, [5.0, 2.0])));
 }
 
@@ -270,7 +278,7 @@ fn law_of_a_free_robot_is_asked_at_once_and_names_the_target() {
         avoidance: avoidance::build(&brief()).unwrap(),
     };
     let mut controller = Controller::with_parts(&brief(), 0, parts);
-    assert_eq!(answer_at(&mut controller, 0).beacon.velocity(), Vec2::new(0.1, 0.0));
+    assert_eq!(answer_at(&mut controller, 0).beacon().velocity(), Vec2::new(0.1, 0.0));
     let target = controller.status().0.target().expect("the law names one");
     let expected = controller.cycle_state.front_point + Vec2::new(2.0, 0.0);
     assert_eq!((target.position, target.velocity), (expected, Vec2::new(0.0, 0.5)));

@@ -24,8 +24,10 @@ impl<T> PendingValues<T> {
     /// and the run time of its sample, ns: robot by robot, oldest first.
     pub(crate) fn take_before(&mut self, t_ns: u64, mut take: impl FnMut(usize, u64, T)) {
         for (robot, queue) in self.queues.iter_mut().enumerate() {
-            let count = queue.partition_point(|(at_ns, _)| *at_ns < t_ns);
-            queue.drain(..count).for_each(|(at_ns, value)| take(robot, at_ns, value));
+            // Most queues have no such value.
+            while queue.front().is_some_and(|(at_ns, _)| *at_ns < t_ns) {
+                queue.pop_front().into_iter().for_each(|(at_ns, value)| take(robot, at_ns, value));
+            }
         }
     }
 }

@@ -43,8 +43,12 @@ const ALL_ROBOTS: &str = "all robots";
 struct ProcessLatency {
     /// Period of the process's timer, ns.
     wake_period_ns: u64,
-    /// Distributions by stage, and by the other robot, counted from 1; 0 for no robot.
-    distributions: Vec<BTreeMap<usize, ValueDistribution>>,
+    /// Distributions by stage and other robot, counted from 1; 0 for no robot. In the order of their first values.
+    distributions: Vec<((u32, usize), ValueDistribution)>,
+    /// Index of each distribution, by stage and other robot.
+    distribution_indices: BTreeMap<(u32, usize), usize>,
+    /// Index of the distribution that the next row probably belongs to.
+    next_distribution: usize,
     /// Sums of the age of information, by the sending robot, counted from 1.
     ages: BTreeMap<usize, AgeSums>,
     incarnation: u64,
@@ -62,6 +66,47 @@ impl ProcessLatency {
         let missing = header.first_row.saturating_sub(self.next_row);
         self.next_row = header.first_row.saturating_add(rows as u64);
         missing
+    }
+
+    /// Adds the lateness of the wake-ups that this late one, ns, missed.
+    #[cold]
+    fn add_missed_wake_ups(&mut self, stage: Stage, other: usize, lateness_ns: u64) {
+        let mut next_ns = lateness_ns.checked_sub(self.wake_period_ns);
+        while let Some(value_ns) = next_ns {
+            self.distribution_mut(stage, other).add(value_ns);
+            next_ns = value_ns.checked_sub(self.wake_period_ns);
+        }
+    }
+
+    /// Returns the distribution of a stage and of the other robot.
+    #[inline(always)]
+    fn distribution_mut(&mut self, stage: Stage, other: usize) -> &mut ValueDistribution {
+        // The rows of most ticks have the same order.
+        let expected = self.distributions.get(self.next_distribution);
+        if expected.is_none_or(|(key, _)| *key != (stage as u32, other)) {
+            self.next_distribution = self.find_distribution(stage, other);
+        }
+        let index = self.next_distribution;
+        self.next_distribution = if index + 1 < self.distributions.len() { index + 1 } else { 0 };
+        &mut self.distributions[index].1
+    }
+
+    /// Returns the index of the distribution of a stage and of the other robot, which is added if it is new.
+    #[cold]
+    fn find_distribution(&mut self, stage: Stage, other: usize) -> usize {
+        let key = (stage as u32, other);
+        *self.distribution_indices.entry(key).or_insert_with(|| {
+            self.distributions.push((key, ValueDistribution::default()));
+            self.distributions.len() - 1
+        })
+    }
+
+    /// Iterates over the distributions of a stage, and the other robots, ascending.
+    fn distributions_of(&self, stage: Stage) -> impl Iterator<Item = (usize, &ValueDistribution)> {
+        let keys = (stage as u32, 0)..(stage as u32 + 1, 0);
+        self.distribution_indices
+            .range(keys)
+            .map(|(&(_, other), &index)| (other, &self.distributions[index].1))
     }
 }
 
@@ -96,7 +141,9 @@ impl LatencyCollector {
                 (Pace::Realtime, 0) => scenario.realtime.plant_tick_ns,
                 (Pace::Realtime, _) => scenario.period_ns,
             },
-            distributions: Stage::ALL.map(|_| BTreeMap::new()).into(),
+            distributions: Vec::new(),
+            distribution_indices: BTreeMap::new(),
+            next_distribution: 0,
             ages: BTreeMap::new(),
             incarnation: 0,
             next_row: 0,
@@ -119,16 +166,13 @@ impl LatencyCollector {
         let name = |process| process_name(&self.robots, process);
         for stage in Stage::ALL {
             for (process, latency) in self.processes.iter_mut().enumerate() {
-                for (&other, distribution) in &mut latency.distributions[stage as usize] {
+                let keys = (stage as u32, 0)..(stage as u32 + 1, 0);
+                for (&(_, other), &index) in latency.distribution_indices.range(keys) {
+                    let distribution = &mut latency.distributions[index].1;
+                    let Some(quantiles) = distribution.end_interval() else { continue };
                     let (robot, from) = owner_and_sender(stage, process, other);
                     let (robot, from) = (name(robot), from.map(&name));
-                    self.intervals.add_distribution(
-                        middle_s,
-                        stage,
-                        robot,
-                        from,
-                        distribution.take_recent_values_ns(),
-                    );
+                    self.intervals.add_quantiles(middle_s, stage, robot, from, quantiles);
                 }
             }
         }
@@ -158,14 +202,9 @@ impl LatencyCollector {
                 self.rows_lost += 1;
                 continue;
             };
-            let distribution = process.distributions[stage as usize].entry(other).or_default();
-            distribution.add(row.value_ns);
+            process.distribution_mut(stage, other).add(row.value_ns);
             if matches!(stage, Stage::Wake | Stage::Machine) {
-                let mut next_ns = row.value_ns.checked_sub(process.wake_period_ns);
-                while let Some(value_ns) = next_ns {
-                    distribution.add(value_ns);
-                    next_ns = value_ns.checked_sub(process.wake_period_ns);
-                }
+                process.add_missed_wake_ups(stage, other, row.value_ns);
             }
         }
     }
@@ -190,13 +229,11 @@ impl LatencyCollector {
         &self,
     ) -> impl Iterator<Item = (Stage, &str, Option<&str>, &ValueDistribution)> {
         let distributions_of_process = move |stage: Stage, process: usize| {
-            self.processes[process].distributions[stage as usize].iter().map(
-                move |(&other, distribution)| {
-                    let (robot, from) = owner_and_sender(stage, process, other);
-                    let name = |process| process_name(&self.robots, process);
-                    (stage, name(robot), from.map(name), distribution)
-                },
-            )
+            self.processes[process].distributions_of(stage).map(move |(other, distribution)| {
+                let (robot, from) = owner_and_sender(stage, process, other);
+                let name = |process| process_name(&self.robots, process);
+                (stage, name(robot), from.map(name), distribution)
+            })
         };
         Stage::ALL.into_iter().flat_map(move |stage| {
             (0..self.processes.len())
@@ -213,11 +250,11 @@ impl LatencyCollector {
     pub fn wake_latency_of_all_robots(&self) -> Option<StageLatency> {
         let robot_processes = 1..=self.robots.len();
         let mut all = ValueDistribution::default();
-        let wake_distribution =
-            |process: usize| self.processes[process].distributions[Stage::Wake as usize].get(&0);
+        let wake_distributions =
+            |process: usize| self.processes[process].distributions_of(Stage::Wake);
         robot_processes
-            .filter_map(wake_distribution)
-            .for_each(|distribution| all.merge(distribution));
+            .flat_map(wake_distributions)
+            .for_each(|(_, distribution)| all.merge(distribution));
         (all.count > 0).then(|| to_stage_latency((Stage::Wake, ALL_ROBOTS, None, &all)))
     }
 
@@ -398,11 +435,11 @@ mod tests {
             latency.add_batch(3, &header, rows);
             recorder.begin_next_batch(0);
             latency.add_batch(3, &recorder.batch().0, &[]);
-            let distribution = |stage: Stage| latency.processes[3].distributions[stage as usize].get(&0);
-            let found = distribution(Stage::Odometry).unwrap();
+            let distribution = |stage: Stage| latency.processes[3].distributions_of(stage).next();
+            let found = distribution(Stage::Odometry).unwrap().1;
             prop_assert_eq!(found.histogram(), expected.histogram());
             prop_assert_eq!(found.sum_ns, expected.sum_ns);
-            let received_count = found.count + distribution(Stage::Compute).map_or(0, |distribution| distribution.count);
+            let received_count = found.count + distribution(Stage::Compute).map_or(0, |(_, distribution)| distribution.count);
             prop_assert_eq!(received_count + latency.rows_lost(), values_ns.len() as u64 + 1);
         }
     }

@@ -65,9 +65,8 @@ pub fn measure_run(
         if !continues {
             return None;
         }
-        run.sense_robots();
         let mut reference_changes = Vec::new();
-        run.step(|robot, cycle| {
+        run.advance(|robot, cycle| {
             let law_output = cycle.law_output();
             if cycle.brief().deputy.is_some() {
                 let is_leading = cycle.status().0.frame == ReceptionState::Lost as u64;
@@ -83,9 +82,10 @@ pub fn measure_run(
             }
             law_output
         });
-        let InProcessRun { robots, state_machine, .. } = &mut run;
-        for (index, robot) in robots.iter_mut().enumerate().filter(|(_, r)| r.has_status_report) {
-            if let Some((cycle, _)) = robot.participating_cycle() {
+        let InProcessRun { robots, previous_outboxes, state_machine, .. } = &mut run;
+        for (index, (robot, outbox)) in robots.iter_mut().zip(previous_outboxes).enumerate() {
+            let participant = robot.participating_cycle().filter(|_| outbox.status_is_due);
+            if let Some((cycle, _)) = participant {
                 state_machine.measure_status(index, &cycle.status().0);
             }
         }
@@ -163,17 +163,15 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> MeasuredRun<'a, F> {
     pub fn advance_tick(&mut self) {
         let MeasuredRun { run, latency, header, .. } = self;
         latency.set_time(header.t_ns);
-        run.sense_robots();
-        run.step(|_, cycle| cycle.law_output());
-        let InProcessRun { robots, state_machine, .. } = run;
-        for (index, robot) in robots.iter_mut().enumerate() {
-            let has_status_report = robot.has_status_report;
-            let message = std::mem::take(&mut robot.recorded_message);
+        run.advance(|_, cycle| cycle.law_output());
+        let InProcessRun { robots, previous_outboxes, state_machine, .. } = run;
+        for (index, (robot, outbox)) in robots.iter_mut().zip(previous_outboxes).enumerate() {
             let Some((cycle, _)) = robot.participating_cycle() else { continue };
-            if has_status_report {
+            if outbox.status_is_due {
                 let (header, neighbors) = cycle.status();
                 let neighbors: Vec<_> = neighbors.collect();
-                state_machine.record_status(index, &header, &neighbors, &message);
+                let message = &outbox.recorded_message;
+                state_machine.record_status(index, &header, &neighbors, message);
             }
             if cycle.batch_is_due() {
                 record_latencies(latency, cycle, index);

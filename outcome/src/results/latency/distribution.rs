@@ -9,17 +9,24 @@ use hdrhistogram::Histogram;
 const HISTOGRAM_DIGITS: u8 = 3;
 /// Number of leading bits of a value that its bucket keeps: 2,048 steps, enough for three digits.
 const BUCKET_BITS: u32 = 11;
-/// Maximum number of values that are not in buckets yet. More would take more memory than the buckets.
-const PENDING_VALUES_MAX: usize = 4096;
+/// Maximum number of runs of equal values that are not in buckets yet. More would take more memory than the buckets.
+const PENDING_RUNS_MAX: usize = 4096;
+
+/// Equal values that were added one after the other. Ages in lockstep are the same at nearly every tick.
+#[derive(Debug, Clone, Copy)]
+struct EqualValues {
+    value_ns: u64,
+    count: u64,
+}
 
 /// Distribution of the values of one stage and robot or edge.
 #[derive(Debug, Clone)]
 pub(super) struct ValueDistribution {
     /// Smallest value and number of values of each bucket, ascending.
     buckets: Vec<(u64, u64)>,
-    /// Values of the current interval of run time, ns.
-    recent_values_ns: Vec<u64>,
-    /// Number of the recent values that are in buckets.
+    /// Values of the current interval of run time.
+    recent_values: Vec<EqualValues>,
+    /// Number of the entries of `recent_values` that are in buckets.
     bucketed_count: usize,
     pub(super) count: u64,
     pub(super) min_ns: u64,
@@ -27,11 +34,21 @@ pub(super) struct ValueDistribution {
     pub(super) sum_ns: u128,
 }
 
+/// Number, median, 99th percentile and maximum, ns, of the values of one interval of run time. A percentile is the
+/// smallest value that at least this percentage of the values does not exceed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct IntervalQuantiles {
+    pub(super) count: u64,
+    pub(super) p50_ns: u64,
+    pub(super) p99_ns: u64,
+    pub(super) max_ns: u64,
+}
+
 impl Default for ValueDistribution {
     fn default() -> ValueDistribution {
         ValueDistribution {
             buckets: Vec::new(),
-            recent_values_ns: Vec::new(),
+            recent_values: Vec::new(),
             bucketed_count: 0,
             count: 0,
             min_ns: u64::MAX,
@@ -43,64 +60,105 @@ impl Default for ValueDistribution {
 
 impl ValueDistribution {
     /// Adds a value.
+    #[inline(always)]
     pub(super) fn add(&mut self, value_ns: u64) {
         self.count += 1;
+        self.sum_ns += u128::from(value_ns);
+        if let Some(last) = self.recent_values[self.bucketed_count..].last_mut()
+            && last.value_ns == value_ns
+        {
+            last.count += 1;
+            return;
+        }
+        self.add_different_value(value_ns);
+    }
+
+    /// Adds a value to the current interval that differs from the previous one.
+    #[inline(never)]
+    fn add_different_value(&mut self, value_ns: u64) {
         self.min_ns = self.min_ns.min(value_ns);
         self.max_ns = self.max_ns.max(value_ns);
-        self.sum_ns += u128::from(value_ns);
-        self.recent_values_ns.push(value_ns);
-        if self.recent_values_ns.len() - self.bucketed_count >= PENDING_VALUES_MAX {
+        self.recent_values.push(EqualValues { value_ns, count: 1 });
+        if self.pending_values().len() >= PENDING_RUNS_MAX {
             self.fill_buckets();
         }
     }
 
     /// Adds all values of another distribution.
     pub(super) fn merge(&mut self, other: &ValueDistribution) {
-        let pending = other.pending_values_ns().iter().map(|&value_ns| (bucket_ns(value_ns), 1));
+        let pending = other.pending_values().iter();
+        let pending = pending.map(|values| (bucket_ns(values.value_ns), values.count));
         let buckets = other.buckets.iter().copied().chain(pending);
-        buckets.for_each(|(bucket_ns, count)| self.count_in_bucket(bucket_ns, count));
+        for (bucket_ns, count) in buckets {
+            self.count_in_bucket(bucket_ns, count, 0);
+        }
         self.count += other.count;
         self.min_ns = self.min_ns.min(other.min_ns);
         self.max_ns = self.max_ns.max(other.max_ns);
         self.sum_ns += other.sum_ns;
     }
 
-    /// Ends the current interval of run time. Returns its values, ns, in any order, for the caller to clear.
-    pub(super) fn take_recent_values_ns(&mut self) -> &mut Vec<u64> {
+    /// Ends the current interval of run time. Returns the quantiles of its values; `None` without values.
+    pub(super) fn end_interval(&mut self) -> Option<IntervalQuantiles> {
+        let is_sorted_by_bucketing = self.bucketed_count == 0;
         self.fill_buckets();
         self.bucketed_count = 0;
-        &mut self.recent_values_ns
+        if !is_sorted_by_bucketing {
+            self.recent_values.sort_unstable_by_key(|values| values.value_ns);
+        }
+        let max_ns = self.recent_values.last()?.value_ns;
+        let count: u64 = self.recent_values.iter().map(|values| values.count).sum();
+        let value_at_rank = |rank: u64| {
+            let mut counted = 0;
+            let reaches_rank = |values: &&EqualValues| {
+                counted += values.count;
+                counted >= rank
+            };
+            self.recent_values.iter().find(reaches_rank).map_or(max_ns, |values| values.value_ns)
+        };
+        let [p50_ns, p99_ns] =
+            [50, 99].map(|percent| value_at_rank((count * percent).div_ceil(100)));
+        self.recent_values.clear();
+        Some(IntervalQuantiles { count, p50_ns, p99_ns, max_ns })
     }
 
-    /// Returns the values that are not in buckets yet, ns.
-    fn pending_values_ns(&self) -> &[u64] {
-        &self.recent_values_ns[self.bucketed_count..]
+    /// Returns the values that are not in buckets yet.
+    fn pending_values(&self) -> &[EqualValues] {
+        &self.recent_values[self.bucketed_count..]
     }
 
-    /// Counts the values that are not in buckets yet.
+    /// Sorts the values that are not in buckets yet, and counts them.
     fn fill_buckets(&mut self) {
-        let mut recent_values_ns = std::mem::take(&mut self.recent_values_ns);
-        let pending_ns = &mut recent_values_ns[self.bucketed_count..];
-        pending_ns.sort_unstable();
-        for bucket_values in pending_ns.chunk_by(|&a_ns, &b_ns| bucket_ns(a_ns) == bucket_ns(b_ns))
-        {
-            self.count_in_bucket(bucket_ns(bucket_values[0]), bucket_values.len() as u64);
+        let mut recent_values = std::mem::take(&mut self.recent_values);
+        let pending = &mut recent_values[self.bucketed_count..];
+        pending.sort_unstable_by_key(|values| values.value_ns);
+        let mut index = 0;
+        for values in pending.chunk_by(|a, b| bucket_ns(a.value_ns) == bucket_ns(b.value_ns)) {
+            let count = values.iter().map(|values| values.count).sum();
+            index = self.count_in_bucket(bucket_ns(values[0].value_ns), count, index);
         }
-        self.bucketed_count = recent_values_ns.len();
-        self.recent_values_ns = recent_values_ns;
+        self.bucketed_count = recent_values.len();
+        self.recent_values = recent_values;
     }
 
-    fn count_in_bucket(&mut self, bucket_ns: u64, count: u64) {
-        match self.buckets.binary_search_by_key(&bucket_ns, |&(bucket_ns, _)| bucket_ns) {
-            Ok(index) => self.buckets[index].1 += count,
-            Err(index) => self.buckets.insert(index, (bucket_ns, count)),
+    /// Adds to the count of a bucket that does not come before the one at `first_index`. Returns its index.
+    fn count_in_bucket(&mut self, bucket_ns: u64, count: u64, first_index: usize) -> usize {
+        let later = &self.buckets[first_index..];
+        let is_before = |&(other_ns, _): &(u64, u64)| other_ns < bucket_ns;
+        // Buckets that are filled one after the other are often near each other.
+        let near = later.iter().take(8).position(|bucket| !is_before(bucket));
+        let index = first_index + near.unwrap_or_else(|| later.partition_point(is_before));
+        match self.buckets.get_mut(index) {
+            Some((other_ns, counted)) if *other_ns == bucket_ns => *counted += count,
+            _ => self.buckets.insert(index, (bucket_ns, count)),
         }
+        index
     }
 
     /// Returns the distribution as a histogram.
     pub(super) fn histogram(&self) -> Histogram<u64> {
         let mut histogram = Histogram::new(HISTOGRAM_DIGITS).expect("a valid number of digits");
-        let pending = self.pending_values_ns().iter().map(|&value_ns| (value_ns, 1));
+        let pending = self.pending_values().iter().map(|values| (values.value_ns, values.count));
         for (value_ns, count) in self.buckets.iter().copied().chain(pending) {
             histogram.record_n(value_ns, count).expect("the histogram grows as needed");
         }
@@ -127,6 +185,25 @@ mod tests {
 
     proptest! {
         #[test]
+        fn interval_quantiles_equal_those_of_sorted_values(
+            intervals in prop::collection::vec(prop::collection::vec(0..1000u64, 0..300), 1..4),
+        ) {
+            let mut distribution = ValueDistribution::default();
+            for mut values_ns in intervals {
+                values_ns.iter().for_each(|&value_ns| distribution.add(value_ns));
+                values_ns.sort_unstable();
+                let rank = |fraction: f64| values_ns[(values_ns.len() as f64 * fraction).ceil() as usize - 1];
+                let expected = values_ns.last().map(|&max_ns| IntervalQuantiles {
+                    count: values_ns.len() as u64,
+                    p50_ns: rank(0.5),
+                    p99_ns: rank(0.99),
+                    max_ns,
+                });
+                prop_assert_eq!(distribution.end_interval(), expected);
+            }
+        }
+
+        #[test]
         fn buckets_equal_those_of_an_hdr_histogram(
             values_ns in prop::collection::vec((0..42_u32, any::<u64>()), 1..300),
             end_bits in any::<u64>(),
@@ -140,7 +217,7 @@ mod tests {
                 prop_assert_eq!(bucket_ns(value_ns), reference.lowest_equivalent(value_ns));
                 [&mut distribution, &mut interval].into_iter().for_each(|distribution| distribution.add(value_ns));
                 if (end_bits >> (i % 64)) & 1 == 1 {
-                    distribution.take_recent_values_ns().clear();
+                    distribution.end_interval();
                     merged.merge(&interval);
                     interval = ValueDistribution::default();
                 }

@@ -6,6 +6,7 @@
 use formation::ns_to_seconds;
 use protocol::stage::Stage;
 
+use super::distribution::IntervalQuantiles;
 use crate::metrics::summary::LatencyInterval;
 
 /// Target number of intervals of a run.
@@ -55,62 +56,25 @@ impl LatencyIntervals {
         ns_to_seconds(middle_ns.min(self.duration_ns))
     }
 
-    /// Adds the distribution of one stage and robot or edge in an interval, and clears the values.
-    pub(super) fn add_distribution(
+    /// Adds the quantiles of one stage and robot or edge in an interval.
+    pub(super) fn add_quantiles(
         &mut self,
         middle_s: f64,
         stage: Stage,
         robot: &str,
         from: Option<&str>,
-        values_ns: &mut Vec<u64>,
+        quantiles: IntervalQuantiles,
     ) {
-        let count = values_ns.len();
-        // The rank of the smallest value that at least this percentage of the values does not exceed.
-        let rank = |percent: usize| (count * percent).div_ceil(100).saturating_sub(1);
-        if count == 0 {
-            return;
-        }
-        let (below, &mut p99_ns, above) = values_ns.select_nth_unstable(rank(99));
-        let max_ns = above.iter().copied().max().unwrap_or(p99_ns);
-        let median_rank = rank(50);
-        let p50_ns = if median_rank < below.len() {
-            *below.select_nth_unstable(median_rank).1
-        } else {
-            p99_ns
-        };
+        let IntervalQuantiles { count, p50_ns, p99_ns, max_ns } = quantiles;
         self.closed_intervals.push(LatencyInterval {
             t_s: middle_s,
             stage: stage.keyword().to_owned(),
             robot: robot.to_owned(),
             from: from.map(str::to_owned),
-            count: count as u64,
+            count,
             p50_ns,
             p99_ns,
             max_ns,
         });
-        values_ns.clear();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn interval_quantiles_equal_those_of_sorted_values(
-            values_ns in prop::collection::vec(0..1000u64, 1..300),
-        ) {
-            let mut intervals = LatencyIntervals::new(30_000_000_000);
-            intervals.add_distribution(0.5, Stage::Wake, "plant", None, &mut values_ns.clone());
-            let mut sorted = values_ns;
-            sorted.sort_unstable();
-            let rank = |fraction: f64| sorted[(sorted.len() as f64 * fraction).ceil() as usize - 1];
-            let line = &intervals.closed_intervals[0];
-            let found = (line.count as usize, line.p50_ns, line.p99_ns, line.max_ns);
-            let expected = (sorted.len(), rank(0.5), rank(0.99), sorted[sorted.len() - 1]);
-            prop_assert_eq!(found, expected);
-        }
     }
 }

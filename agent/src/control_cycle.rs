@@ -97,7 +97,7 @@ pub struct ReceivedBeacon<B = Broadcast> {
     pub received_ns: u64,
 }
 
-/// Messages to be sent. The drivers keep it from cycle to cycle, because an answer is large.
+/// Messages to be sent. A driver uses the same outbox in all cycles, because an answer is large.
 #[derive(Debug, Default)]
 pub struct Outbox {
     /// Answer to the plant and to the out-neighbors. In real time it is sent [`Answer::delay_ns`] later.

@@ -103,11 +103,16 @@ impl ProcessLatency {
 
     /// Iterates over the distributions of a stage, and the other robots, ascending.
     fn distributions_of(&self, stage: Stage) -> impl Iterator<Item = (usize, &ValueDistribution)> {
-        let keys = (stage as u32, 0)..(stage as u32 + 1, 0);
+        let keys = distribution_keys(stage);
         self.distribution_indices
             .range(keys)
             .map(|(&(_, other), &index)| (other, &self.distributions[index].1))
     }
+}
+
+/// Returns the range of the keys of a stage's distributions: the stage, and any other robot.
+fn distribution_keys(stage: Stage) -> std::ops::Range<(u32, usize)> {
+    (stage as u32, 0)..(stage as u32 + 1, 0)
 }
 
 fn to_stage_latency(
@@ -166,7 +171,7 @@ impl LatencyCollector {
         let name = |process| process_name(&self.robots, process);
         for stage in Stage::ALL {
             for (process, latency) in self.processes.iter_mut().enumerate() {
-                let keys = (stage as u32, 0)..(stage as u32 + 1, 0);
+                let keys = distribution_keys(stage);
                 for (&(_, other), &index) in latency.distribution_indices.range(keys) {
                     let distribution = &mut latency.distributions[index].1;
                     let Some(quantiles) = distribution.end_interval() else { continue };

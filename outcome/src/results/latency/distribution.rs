@@ -9,8 +9,8 @@ use hdrhistogram::Histogram;
 const HISTOGRAM_DIGITS: u8 = 3;
 /// Number of leading bits of a value that its bucket keeps: 2,048 steps, enough for three digits.
 const BUCKET_BITS: u32 = 11;
-/// Maximum number of runs of equal values that are not in buckets yet. More would take more memory than the buckets.
-const PENDING_RUNS_MAX: usize = 4096;
+/// Maximum number of groups of equal values that are not in buckets yet. More would take more memory than the buckets.
+const PENDING_GROUPS_MAX: usize = 4096;
 
 /// Equal values that were added one after the other. Ages in lockstep are the same at nearly every tick.
 #[derive(Debug, Clone, Copy)]
@@ -79,7 +79,7 @@ impl ValueDistribution {
         self.min_ns = self.min_ns.min(value_ns);
         self.max_ns = self.max_ns.max(value_ns);
         self.recent_values.push(EqualValues { value_ns, count: 1 });
-        if self.pending_values().len() >= PENDING_RUNS_MAX {
+        if self.pending_values().len() >= PENDING_GROUPS_MAX {
             self.fill_buckets();
         }
     }

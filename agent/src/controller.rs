@@ -11,7 +11,7 @@ mod goal_requests;
 
 use formation::Vec2;
 use formation::desired::Target;
-use formation::front_point::{front_point_and_velocity, front_velocity};
+use formation::front_point::{Heading, front_point_and_velocity_along, front_velocity};
 use formation::pose::{Pose, Twist, wrap_angle};
 use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity, REPAIR_SPEED_FACTOR, YieldPriority};
@@ -150,6 +150,7 @@ struct OwnState {
     stamp_ns: u64,
     t_ns: u64,
     pose: Pose,
+    heading: Heading,
     twist: Twist,
     proximity_valid: bool,
     neighbors_truncated: bool,
@@ -521,9 +522,9 @@ impl Controller {
 
         let until_effect_s = effect_ns.saturating_sub(own.stamp_ns) as f64 / 1e9;
         let sample = Sample {
-            heading_at_effect_rad: wrap_angle(
-                pose.heading_rad + own.twist.w_rad_s * until_effect_s,
-            ),
+            heading_at_effect: own
+                .heading
+                .with_angle(wrap_angle(pose.heading_rad + own.twist.w_rad_s * until_effect_s)),
             error: self.cycle_state.error,
             slot_velocity,
             ..self.cycle_state.avoidance_sample(&own)
@@ -651,12 +652,14 @@ impl CycleState {
             stamp_ns: odometry.stamp_ns,
             t_ns: odometry.t_ns,
             pose: odometry.pose(),
+            heading: Heading::new(odometry.heading_rad),
             twist: odometry.twist(),
             proximity_valid: odometry.proximity_valid == 1,
             neighbors_truncated: odometry.proximity_cut == 1,
             walls_truncated: odometry.walls_cut == 1,
         };
-        let (alpha, velocity) = front_point_and_velocity(own.pose, front_point_m, own.twist); // (2), (3)
+        let (alpha, velocity) =
+            front_point_and_velocity_along(own.heading, own.pose, front_point_m, own.twist); // (2), (3)
         (self.front_point, self.front_velocity) = (alpha, velocity);
         self.neighbor_vectors.clear();
         self.neighbor_vectors.extend(odometry.proximity_front_points().map(|other| alpha - other));
@@ -696,7 +699,7 @@ impl CycleState {
             stamp_ns: own.stamp_ns,
             t_s: own.t_s(),
             heading_rad: own.pose.heading_rad,
-            heading_at_effect_rad: own.pose.heading_rad,
+            heading_at_effect: own.heading,
             twist: own.twist,
             front_point: self.front_point,
             front_velocity: self.front_velocity,

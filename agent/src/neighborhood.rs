@@ -108,6 +108,16 @@ impl Neighbor {
         self.newest_beacon.is_some() && self.reception.state != ReceptionState::Lost
     }
 
+    /// Returns `true` if it is received at any distance and stays fresh at `stamp_ns`, as most are.
+    #[inline]
+    fn stays_fresh(&self, stamp_ns: u64, silence: &SilenceBrief) -> bool {
+        let silent_ns_max = silence.stale_after_ns.min(silence.lost_after_ns);
+        let is_recent = |beacon: &Beacon| stamp_ns.saturating_sub(beacon.stamp_ns) <= silent_ns_max;
+        self.reception.state == ReceptionState::Fresh
+            && self.range_state.is_none()
+            && self.newest_beacon.as_ref().is_some_and(is_recent)
+    }
+
     /// Returns one of its messages as of `now_ns`.
     fn describe_message(&self, now_ns: u64, message: &(u64, Arc<[u8]>)) -> Option<ReceivedMessage> {
         let (stamp_ns, bytes) = message;
@@ -385,6 +395,9 @@ impl Neighborhood {
             Some((spare, start_ns))
         });
         for (sender, start_ns) in neighbors.iter_mut().map(|it| (it, first_ns)).chain(open_spares) {
+            if sender.stays_fresh(stamp_ns, silence) {
+                continue;
+            }
             let beacon_stamp_ns = sender.newest_beacon.as_ref().map(|beacon| beacon.stamp_ns);
             let start_ns =
                 sender.range_state.and_then(|range| range.connected_ns).unwrap_or(start_ns);

@@ -21,7 +21,18 @@ pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
 /// Returns the front point, m, and its velocity, m/s, in `map`. (2) (3)
 #[inline]
 pub fn front_point_and_velocity(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
-    let (sin, cos) = portable_math::sin_cos(pose.heading_rad);
+    front_point_and_velocity_along(Heading::new(pose.heading_rad), pose, ell_m, twist)
+}
+
+/// Returns both as [`front_point_and_velocity`], with the heading of the pose.
+#[inline]
+pub fn front_point_and_velocity_along(
+    heading: Heading,
+    pose: Pose,
+    ell_m: f64,
+    twist: Twist,
+) -> (Vec2, Vec2) {
+    let Rotation { sin, cos } = heading.rotation;
     let alpha = Vec2::new(pose.x_m + ell_m * cos, pose.y_m + ell_m * sin);
     let (v, lateral) = (twist.v_m_s, twist.side_m_s + ell_m * twist.w_rad_s);
     (alpha, Vec2::new(cos * v - sin * lateral, sin * v + cos * lateral))
@@ -104,6 +115,46 @@ pub fn towing_velocity(heading_rad: f64, u: Vec2, keeps_heading: bool) -> Vec2 {
 #[inline]
 pub fn rotate(angle_rad: f64, vector: Vec2) -> Vec2 {
     Rotation::from_angle(angle_rad).apply(vector)
+}
+
+/// Heading with its sine and cosine, for several uses of one heading.
+#[derive(Debug, Clone, Copy)]
+pub struct Heading {
+    angle_rad: f64,
+    rotation: Rotation,
+}
+
+impl Heading {
+    /// Heading along the x axis.
+    pub const ZERO: Heading = Heading { angle_rad: 0.0, rotation: Rotation { sin: 0.0, cos: 1.0 } };
+
+    /// Returns the heading of an angle, rad.
+    #[inline]
+    pub fn new(angle_rad: f64) -> Heading {
+        Heading { angle_rad, rotation: Rotation::from_angle(angle_rad) }
+    }
+
+    /// Returns the angle, rad.
+    #[inline]
+    pub fn angle_rad(self) -> f64 {
+        self.angle_rad
+    }
+
+    /// Returns the heading of another angle, rad. Computes nothing if it is the same angle.
+    #[inline]
+    pub fn with_angle(self, angle_rad: f64) -> Heading {
+        match angle_rad.to_bits() == self.angle_rad.to_bits() {
+            true => self,
+            false => Heading::new(angle_rad),
+        }
+    }
+
+    /// Returns a vector of `map` in the frame of the robot.
+    #[inline]
+    pub fn to_body(self, vector: Vec2) -> Vec2 {
+        let Rotation { sin, cos } = self.rotation;
+        Rotation { sin: -sin, cos }.apply(vector)
+    }
 }
 
 /// Rotation by a fixed angle, for several vectors.

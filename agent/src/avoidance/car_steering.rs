@@ -76,8 +76,10 @@ impl CarSteering {
             return Twist::ZERO;
         }
         let angle_rad = portable_math::atan2(velocity.y, velocity.x);
-        let error_rad =
-            self.choose_gear(angle_rad - sample.heading_at_effect_rad, desired.drives_forward_only);
+        let error_rad = self.choose_gear(
+            angle_rad - sample.heading_at_effect.angle_rad(),
+            desired.drives_forward_only,
+        );
         let gear = if self.is_in_reverse { -1.0 } else { 1.0 };
         let twist = match self.is_shuttling {
             true => {
@@ -146,6 +148,7 @@ impl CarSteering {
 mod tests {
     use super::*;
     use formation::drive::DriveKind;
+    use formation::front_point::Heading;
     use formation::pose::Pose;
     use formation::unicycle::integrate_arc;
 
@@ -160,7 +163,7 @@ mod tests {
             let velocity = (-Vec2::new(pose.x_m, pose.y_m)).cap_magnitude(0.2);
             let sample = Sample {
                 stamp_ns: step * 10_000_000,
-                heading_at_effect_rad: pose.heading_rad,
+                heading_at_effect: Heading::new(pose.heading_rad),
                 twist,
                 ..Sample::default()
             };

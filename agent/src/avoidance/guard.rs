@@ -87,7 +87,7 @@ use std::f64::consts::PI;
 
 use formation::Vec2;
 use formation::drive::Drive;
-use formation::front_point::{front_speed, rotate};
+use formation::front_point::{Heading, front_speed, rotate};
 use formation::portable_math;
 use formation::pose::Twist;
 use protocol::avoidance::{
@@ -273,7 +273,7 @@ impl Avoidance for Guard {
 
     /// Returns the twist that moves the front point by gamma T.
     fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        self.steering.displacement_to_twist(heading_rad, gamma * self.period_s)
+        self.steering.displacement_to_twist(Heading::new(heading_rad), gamma * self.period_s)
     }
 
     /// Returns the certified twist for `sample` if gamma is requested.

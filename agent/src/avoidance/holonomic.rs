@@ -9,7 +9,7 @@
 //! starts with the nearest robot. Without a valid proximity sample the robot stops.
 
 use formation::Vec2;
-use formation::front_point::front_speed;
+use formation::front_point::{Heading, front_speed};
 use formation::pose::Twist;
 use protocol::avoidance::{
     AvoidanceDescription, AvoidanceWarning, DistanceGuarantee, MethodConditions, RequiredSensing,
@@ -86,7 +86,7 @@ impl<V: VelocityMethod> Avoidance for Holonomic<V> {
     }
 
     fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        self.steering.displacement_to_twist(heading_rad, gamma * self.period)
+        self.steering.displacement_to_twist(Heading::new(heading_rad), gamma * self.period)
     }
 
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
@@ -100,11 +100,13 @@ impl<V: VelocityMethod> Avoidance for Holonomic<V> {
             let requested = self.steering.steer(sample, gamma, u * self.period);
             return drive.clamp(self.v_max, requested);
         }
-        let heading = sample.heading_at_effect_rad;
-        let speed = front_speed(drive.ell_m, self.velocity_to_twist(heading, u));
+        let twist_for = |u: Vec2| {
+            self.steering.displacement_to_twist(sample.heading_at_effect, u * self.period)
+        };
+        let speed = front_speed(drive.ell_m, twist_for(u));
         // An arc is longer than its chord. A shorter chord has an arc whose speed is lower by a larger factor.
         let u = if speed > self.v_max { u * (self.v_max / speed) } else { u };
-        drive.clamp(self.v_max, self.velocity_to_twist(heading, u))
+        drive.clamp(self.v_max, twist_for(u))
     }
 }
 
@@ -146,7 +148,7 @@ mod tests {
         ) {
             let mut robot = Holonomic::new(&brief(), PassThroughMethod);
             let direction = Vec2::new(course.cos(), course.sin());
-            let sample = Sample { heading_at_effect_rad: heading, ..Sample::default() };
+            let sample = Sample { heading_at_effect: Heading::new(heading), ..Sample::default() };
             let twist = robot.steer(&sample, speed * direction);
             prop_assert!(front_speed(0.1, twist) <= 0.5 + 1e-15);
             let pose = Pose { x_m: 0.3, y_m: -0.7, heading_rad: heading };
@@ -172,7 +174,7 @@ mod tests {
     fn gamma_is_clipped_and_heading_of_effect_is_used() {
         let mut robot = Holonomic::new(&brief(), PassThroughMethod);
         assert!((robot.admit_velocity(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
-        let sample = Sample { heading_at_effect_rad: FRAC_PI_2, ..Sample::default() };
+        let sample = Sample { heading_at_effect: Heading::new(FRAC_PI_2), ..Sample::default() };
         let twist = robot.steer(&sample, Vec2::new(0.0, 0.2));
         assert!((twist.v_m_s - 0.2).abs() < 1e-12 && twist.w_rad_s.abs() < 1e-9, "{twist:?}");
     }

@@ -50,6 +50,7 @@ mod steering;
 mod vicinity;
 
 use formation::Vec2;
+use formation::front_point::Heading;
 use formation::pose::Twist;
 use protocol::avoidance::{AvoidanceDescription, MethodConditions};
 use protocol::brief::{AgentBrief, AvoidanceBrief};
@@ -73,8 +74,8 @@ pub struct Sample<'a> {
     pub t_s: f64,
     /// Heading at the stamp, rad.
     pub heading_rad: f64,
-    /// Expected heading when the answer takes effect, rad.
-    pub heading_at_effect_rad: f64,
+    /// Expected heading when the answer takes effect.
+    pub heading_at_effect: Heading,
     /// Twist in force at the stamp.
     pub twist: Twist,
     /// Position of the own front point, m, in `map`.
@@ -227,7 +228,7 @@ mod tests {
                 stamp_ns: 0,
                 t_s: 0.0,
                 heading_rad: 0.0,
-                heading_at_effect_rad: 0.0,
+                heading_at_effect: Heading::ZERO,
                 twist: Twist::ZERO,
                 front_point: Vec2::zeros(),
                 front_velocity: Vec2::zeros(),

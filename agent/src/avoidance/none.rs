@@ -1,7 +1,7 @@
 //! Method without avoidance: the robot executes the nominal velocity (gamma) unchanged. (17)
 
 use formation::Vec2;
-use formation::front_point::twist_for_front_velocity;
+use formation::front_point::{Heading, twist_for_front_velocity};
 use formation::pose::Twist;
 use protocol::avoidance::AvoidanceDescription;
 
@@ -33,7 +33,10 @@ struct NoAvoidance {
 impl Avoidance for NoAvoidance {
     fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
         match self.steering.drive().turns_freely() {
-            true => self.steering.displacement_to_twist(heading_rad, gamma * self.period_s),
+            true => {
+                let heading = Heading::new(heading_rad);
+                self.steering.displacement_to_twist(heading, gamma * self.period_s)
+            }
             false => twist_for_front_velocity(heading_rad, self.ell, gamma), // (17)
         }
     }

@@ -23,7 +23,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use formation::Vec2;
 use formation::drive::{Drive, DriveKind};
-use formation::front_point::rotate;
+use formation::front_point::{Heading, rotate};
 use formation::portable_math;
 use formation::pose::{Twist, wrap_angle};
 use formation::unicycle::sinc;
@@ -103,9 +103,10 @@ impl Steering {
         self.drive
     }
 
-    /// Returns the twist that moves the controlled point by `displacement`, m, within one period from `heading_rad`,
-    /// without knowledge of earlier displacements.
-    pub fn displacement_to_twist(&self, heading_rad: f64, displacement: Vec2) -> Twist {
+    /// Returns the twist that moves the controlled point by `displacement`, m, within one period from `heading`, without
+    /// knowledge of earlier displacements.
+    pub fn displacement_to_twist(&self, heading: Heading, displacement: Vec2) -> Twist {
+        let heading_rad = heading.angle_rad();
         let u = displacement / self.period_s; // g
         match (self.drive.kind, self.drive.turns_freely()) {
             (DriveKind::Omni, _) => self.omnidirectional_twist(heading_rad, u),
@@ -117,7 +118,7 @@ impl Steering {
                 self.drive.along_curve(twist, twist.v_m_s)
             }
             (DriveKind::Differential, false) => {
-                exact_hold(heading_rad, self.drive.ell_m, displacement, self.period_s)
+                exact_hold(heading, self.drive.ell_m, displacement, self.period_s)
             }
         }
     }
@@ -136,10 +137,10 @@ impl Steering {
     /// Returns the twist that moves the controlled point by `displacement`, m, within one period, in answer to
     /// `sample`. `gamma` is the nominal velocity, m/s: a robot that avoids another does not turn to its final heading.
     pub fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2, displacement: Vec2) -> Twist {
-        let heading_rad = sample.heading_at_effect_rad;
         if !self.drive.moves_along_heading() {
-            return self.displacement_to_twist(heading_rad, displacement);
+            return self.displacement_to_twist(sample.heading_at_effect, displacement);
         }
+        let heading_rad = sample.heading_at_effect.angle_rad();
         let u = displacement / self.period_s; // g
         if let Some(twist) = self.turn_in_place(sample, gamma, u) {
             return twist;
@@ -226,8 +227,8 @@ impl Steering {
         }
         self.previous_direction = None;
         let w_max = self.drive.turn_rate_max_rad_s;
-        let turn =
-            self.heading_correction_rate(wrap_angle(final_rad - sample.heading_at_effect_rad));
+        let error_rad = wrap_angle(final_rad - sample.heading_at_effect.angle_rad());
+        let turn = self.heading_correction_rate(error_rad);
         Some(Twist::new(0.0, turn.clamp(-w_max, w_max)))
     }
 }
@@ -252,10 +253,9 @@ mod tests {
 
     fn sample(step: u64, pose: Pose, error: Vec2) -> Sample<'static> {
         let stamp_ns = step * 10_000_000;
-        let heading_effect_rad = pose.heading_rad;
         Sample {
             stamp_ns,
-            heading_at_effect_rad: heading_effect_rad,
+            heading_at_effect: Heading::new(pose.heading_rad),
             error: Some(error),
             ..Sample::default()
         }

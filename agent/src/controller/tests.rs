@@ -65,7 +65,7 @@ fn heading_of_effect_is_predicted_by_the_turn_rate() {
             Twist::ZERO
         }
         fn steer(&mut self, sample: &Sample<'_>, _: Vec2) -> Twist {
-            *self.0.lock().unwrap() = [sample.heading_rad, sample.heading_at_effect_rad];
+            *self.0.lock().unwrap() = [sample.heading_rad, sample.heading_at_effect.angle_rad()];
             Twist::ZERO
         }
     }

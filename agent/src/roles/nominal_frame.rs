@@ -180,6 +180,7 @@ mod tests {
     use crate::avoidance::{Sample, exact_hold};
     use formation::Vec2;
     use formation::drive::DriveKind;
+    use formation::front_point::Heading;
     use formation::front_point::front_point;
     use formation::pose::{Pose, Twist};
     use formation::scale::Scale;
@@ -207,7 +208,7 @@ mod tests {
         }
 
         fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-            exact_hold(heading_rad, ELL, gamma * PERIOD_S, PERIOD_S)
+            exact_hold(Heading::new(heading_rad), ELL, gamma * PERIOD_S, PERIOD_S)
         }
 
         fn steer(&mut self, _: &Sample<'_>, _: Vec2) -> Twist {

@@ -113,10 +113,15 @@ impl IdealErrors {
             implied_positions_m.clear();
             implied_positions_m
                 .extend(alive_anchors.map(|&i| alphas[i][axis] - scale * slots[i][axis]));
-            implied_positions_m.sort_unstable_by(f64::total_cmp);
             let count = implied_positions_m.len();
             (count > 0).then(|| {
-                0.5 * (implied_positions_m[(count - 1) / 2] + implied_positions_m[count / 2])
+                let (smaller, upper, _) =
+                    implied_positions_m.select_nth_unstable_by(count / 2, f64::total_cmp);
+                let lower = match count % 2 {
+                    0 => *smaller.iter().max_by(|a, b| a.total_cmp(b)).expect("two or more"),
+                    _ => *upper,
+                };
+                0.5 * (lower + *upper)
             })
         };
         Some(Vec2::new(median(0)?, median(1)?))

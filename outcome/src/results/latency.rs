@@ -78,21 +78,29 @@ impl ProcessLatency {
         }
     }
 
-    /// Returns the distribution of a stage and of the other robot.
+    /// Adds a value to the distribution that the next row probably belongs to, because the rows of most ticks have the
+    /// same order. Returns `false`, and adds nothing, if the row belongs to another one, or its value is larger than
+    /// `value_ns_max`.
     #[inline(always)]
-    fn distribution_mut(&mut self, stage: Stage, other: usize) -> &mut ValueDistribution {
-        // The rows of most ticks have the same order.
-        let expected = self.distributions.get(self.next_distribution);
-        if expected.is_none_or(|(key, _)| *key != (stage as u32, other)) {
-            self.next_distribution = self.find_distribution(stage, other);
-        }
+    fn add_if_expected(&mut self, row: &LatencyRow, value_ns_max: u64) -> bool {
         let index = self.next_distribution;
+        let Some((key, distribution)) = self.distributions.get_mut(index) else { return false };
+        if *key != (row.stage, row.from as usize) || row.value_ns > value_ns_max {
+            return false;
+        }
+        distribution.add(row.value_ns);
+        self.next_distribution = if index + 1 < self.distributions.len() { index + 1 } else { 0 };
+        true
+    }
+
+    /// Returns the distribution of a stage and of the other robot. The next row is expected in the one after it.
+    fn distribution_mut(&mut self, stage: Stage, other: usize) -> &mut ValueDistribution {
+        let index = self.find_distribution(stage, other);
         self.next_distribution = if index + 1 < self.distributions.len() { index + 1 } else { 0 };
         &mut self.distributions[index].1
     }
 
     /// Returns the index of the distribution of a stage and of the other robot, which is added if it is new.
-    #[cold]
     fn find_distribution(&mut self, stage: Stage, other: usize) -> usize {
         let key = (stage as u32, other);
         *self.distribution_indices.entry(key).or_insert_with(|| {
@@ -118,7 +126,7 @@ fn distribution_keys(stage: Stage) -> std::ops::Range<(u32, usize)> {
 fn to_stage_latency(
     (stage, robot, from, distribution): (Stage, &str, Option<&str>, &ValueDistribution),
 ) -> StageLatency {
-    let (histogram, count) = (distribution.histogram(), distribution.count);
+    let (histogram, count) = (distribution.histogram(), distribution.count());
     let quantile_ns = |quantile| distribution.quantile_ns(&histogram, quantile);
     StageLatency {
         stage: stage.keyword().into(),
@@ -132,7 +140,7 @@ fn to_stage_latency(
         p99_9_ns: quantile_ns(0.999),
         p99_99_ns: quantile_ns(0.9999),
         max_ns: distribution.max_ns,
-        mean_ns: distribution.sum_ns as f64 / count as f64,
+        mean_ns: distribution.sum_ns() as f64 / count as f64,
     }
 }
 
@@ -195,7 +203,11 @@ impl LatencyCollector {
         let (process, robots) = (&mut self.processes[process], self.robots.len());
         self.rows_lost += process.register_batch(header, rows.len());
         process.samples_lost = process.samples_lost.max(header.samples_lost);
+        let value_ns_max = LATENCY_NS_MAX.min(process.wake_period_ns - 1);
         for row in rows {
+            if process.add_if_expected(row, value_ns_max) {
+                continue;
+            }
             let other = row.from as usize;
             if other <= robots && AgeSums::is_carried_by(row) {
                 process.ages.entry(other).or_default().add_row(row);
@@ -260,7 +272,7 @@ impl LatencyCollector {
         robot_processes
             .flat_map(wake_distributions)
             .for_each(|(_, distribution)| all.merge(distribution));
-        (all.count > 0).then(|| to_stage_latency((Stage::Wake, ALL_ROBOTS, None, &all)))
+        (all.count() > 0).then(|| to_stage_latency((Stage::Wake, ALL_ROBOTS, None, &all)))
     }
 
     /// Returns the age of information of every edge over which a beacon was received.
@@ -443,8 +455,8 @@ mod tests {
             let distribution = |stage: Stage| latency.processes[3].distributions_of(stage).next();
             let found = distribution(Stage::Odometry).unwrap().1;
             prop_assert_eq!(found.histogram(), expected.histogram());
-            prop_assert_eq!(found.sum_ns, expected.sum_ns);
-            let received_count = found.count + distribution(Stage::Compute).map_or(0, |(_, distribution)| distribution.count);
+            prop_assert_eq!(found.sum_ns(), expected.sum_ns());
+            let received_count = found.count() + distribution(Stage::Compute).map_or(0, |(_, distribution)| distribution.count());
             prop_assert_eq!(received_count + latency.rows_lost(), values_ns.len() as u64 + 1);
         }
     }

@@ -10,7 +10,7 @@ use agent::controller::{Controller, Parts};
 use agent::laws::{Law, Situation};
 use agent::roles::LEADER_ROLE;
 use formation::Vec2;
-use formation::front_point::front_speed;
+use formation::front_point::{Heading, front_speed};
 use formation::pose::{Twist, wrap_angle};
 use formation::scale::Scale;
 use formation::trajectory::Trajectory;
@@ -313,8 +313,8 @@ impl Avoidance for Deceived {
 
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         let turn_rad = self.deceit.lock().unwrap().turn_rad;
-        let heading_effect_rad = wrap_angle(sample.heading_rad - turn_rad);
-        self.honest.steer(&Sample { heading_at_effect_rad: heading_effect_rad, ..*sample }, gamma)
+        let heading_at_effect = Heading::new(wrap_angle(sample.heading_rad - turn_rad));
+        self.honest.steer(&Sample { heading_at_effect, ..*sample }, gamma)
     }
 }
 

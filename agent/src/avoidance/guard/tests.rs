@@ -21,12 +21,11 @@ pub(in super::super) fn sample(
     neighbor_vectors: &[Vec2],
 ) -> Sample<'_> {
     let t_s = stamp_ns as f64 / 1e9;
-    let heading_effect_rad = heading_rad;
     Sample {
         stamp_ns,
         t_s,
         heading_rad,
-        heading_at_effect_rad: heading_effect_rad,
+        heading_at_effect: Heading::new(heading_rad),
         neighbor_vectors,
         ..Sample::default()
     }
@@ -276,11 +275,11 @@ fn front_point_moves_by_gamma_without_neighbors() {
     let gamma = Vec2::new(0.1, 0.3);
     assert_eq!(guard.standoff_error(&sample(500_000_000, 0.7, &[]), gamma), gamma);
     let twist = guard.velocity_to_twist(0.7, gamma);
-    assert_eq!(twist, exact_hold(0.7, 0.1, 0.01 * gamma, 0.01));
+    assert_eq!(twist, exact_hold(Heading::new(0.7), 0.1, 0.01 * gamma, 0.01));
     assert_eq!(guard.steer(&sample(1_000_000_000, 0.7, &[]), gamma), twist);
     // For a sideways displacement the arc is longer than its chord, so the twist is scaled to the limit.
     let twist = guard.steer(&sample(2_000_000_000, 0.0, &[]), Vec2::new(0.0, 0.5));
-    let literal = exact_hold(0.0, 0.1, Vec2::new(0.0, 0.005), 0.01);
+    let literal = exact_hold(Heading::ZERO, 0.1, Vec2::new(0.0, 0.005), 0.01);
     assert!(front_speed(0.1, literal) > 0.5 + 1e-6);
     assert!((front_speed(0.1, twist) - 0.5).abs() < 1e-12, "{twist:?}");
     assert!((twist.w_rad_s * literal.v_m_s - twist.v_m_s * literal.w_rad_s).abs() < 1e-12);

@@ -19,19 +19,27 @@ struct EqualValues {
     count: u64,
 }
 
+impl EqualValues {
+    fn sum_ns(self) -> u128 {
+        u128::from(self.value_ns) * u128::from(self.count)
+    }
+}
+
 /// Distribution of the values of one stage and robot or edge.
 #[derive(Debug, Clone)]
 pub(super) struct ValueDistribution {
     /// Smallest value and number of values of each bucket, ascending.
     buckets: Vec<(u64, u64)>,
-    /// Values of the current interval of run time.
+    /// Values of the current interval of run time, without the newest ones.
     recent_values: Vec<EqualValues>,
     /// Number of the entries of `recent_values` that are in buckets.
     bucketed_count: usize,
-    pub(super) count: u64,
+    /// Newest values, which are not in buckets and not in the following count and sum; none if their number is 0.
+    newest_values: EqualValues,
+    earlier_count: u64,
+    earlier_sum_ns: u128,
     pub(super) min_ns: u64,
     pub(super) max_ns: u64,
-    pub(super) sum_ns: u128,
 }
 
 /// Number, median, 99th percentile and maximum, ns, of the values of one interval of run time. A percentile is the
@@ -50,10 +58,11 @@ impl Default for ValueDistribution {
             buckets: Vec::new(),
             recent_values: Vec::new(),
             bucketed_count: 0,
-            count: 0,
+            newest_values: EqualValues { value_ns: 0, count: 0 },
+            earlier_count: 0,
+            earlier_sum_ns: 0,
             min_ns: u64::MAX,
             max_ns: 0,
-            sum_ns: 0,
         }
     }
 }
@@ -62,44 +71,62 @@ impl ValueDistribution {
     /// Adds a value.
     #[inline(always)]
     pub(super) fn add(&mut self, value_ns: u64) {
-        self.count += 1;
-        self.sum_ns += u128::from(value_ns);
-        if let Some(last) = self.recent_values[self.bucketed_count..].last_mut()
-            && last.value_ns == value_ns
-        {
-            last.count += 1;
-            return;
+        if value_ns == self.newest_values.value_ns && self.newest_values.count > 0 {
+            self.newest_values.count += 1;
+        } else {
+            self.add_different_value(value_ns);
         }
-        self.add_different_value(value_ns);
     }
 
-    /// Adds a value to the current interval that differs from the previous one.
+    /// Adds a value that differs from the previous one.
     #[inline(never)]
     fn add_different_value(&mut self, value_ns: u64) {
         self.min_ns = self.min_ns.min(value_ns);
         self.max_ns = self.max_ns.max(value_ns);
-        self.recent_values.push(EqualValues { value_ns, count: 1 });
-        if self.pending_values().len() >= PENDING_GROUPS_MAX {
+        self.store_newest_values();
+        self.newest_values = EqualValues { value_ns, count: 1 };
+        if self.recent_values.len() - self.bucketed_count >= PENDING_GROUPS_MAX {
             self.fill_buckets();
         }
     }
 
+    /// Moves the newest values to those before them.
+    fn store_newest_values(&mut self) {
+        if self.newest_values.count > 0 {
+            self.earlier_count += self.newest_values.count;
+            self.earlier_sum_ns += self.newest_values.sum_ns();
+            self.recent_values.push(self.newest_values);
+            self.newest_values.count = 0;
+        }
+    }
+
+    /// Returns the number of all values.
+    pub(super) fn count(&self) -> u64 {
+        self.earlier_count + self.newest_values.count
+    }
+
+    /// Returns the sum of all values, ns.
+    pub(super) fn sum_ns(&self) -> u128 {
+        self.earlier_sum_ns + self.newest_values.sum_ns()
+    }
+
     /// Adds all values of another distribution.
     pub(super) fn merge(&mut self, other: &ValueDistribution) {
-        let pending = other.pending_values().iter();
-        let pending = pending.map(|values| (bucket_ns(values.value_ns), values.count));
+        let pending =
+            other.pending_values().map(|values| (bucket_ns(values.value_ns), values.count));
         let buckets = other.buckets.iter().copied().chain(pending);
         for (bucket_ns, count) in buckets {
             self.count_in_bucket(bucket_ns, count, 0);
         }
-        self.count += other.count;
+        self.earlier_count += other.count();
         self.min_ns = self.min_ns.min(other.min_ns);
         self.max_ns = self.max_ns.max(other.max_ns);
-        self.sum_ns += other.sum_ns;
+        self.earlier_sum_ns += other.sum_ns();
     }
 
     /// Ends the current interval of run time. Returns the quantiles of its values; `None` without values.
     pub(super) fn end_interval(&mut self) -> Option<IntervalQuantiles> {
+        self.store_newest_values();
         let is_sorted_by_bucketing = self.bucketed_count == 0;
         self.fill_buckets();
         self.bucketed_count = 0;
@@ -123,11 +150,12 @@ impl ValueDistribution {
     }
 
     /// Returns the values that are not in buckets yet.
-    fn pending_values(&self) -> &[EqualValues] {
-        &self.recent_values[self.bucketed_count..]
+    fn pending_values(&self) -> impl Iterator<Item = EqualValues> {
+        let newest = (self.newest_values.count > 0).then_some(self.newest_values);
+        self.recent_values[self.bucketed_count..].iter().copied().chain(newest)
     }
 
-    /// Sorts the values that are not in buckets yet, and counts them.
+    /// Sorts the values that are not in buckets yet, without the newest ones, and counts them in buckets.
     fn fill_buckets(&mut self) {
         let mut recent_values = std::mem::take(&mut self.recent_values);
         let pending = &mut recent_values[self.bucketed_count..];
@@ -158,7 +186,7 @@ impl ValueDistribution {
     /// Returns the distribution as a histogram.
     pub(super) fn histogram(&self) -> Histogram<u64> {
         let mut histogram = Histogram::new(HISTOGRAM_DIGITS).expect("a valid number of digits");
-        let pending = self.pending_values().iter().map(|values| (values.value_ns, values.count));
+        let pending = self.pending_values().map(|values| (values.value_ns, values.count));
         for (value_ns, count) in self.buckets.iter().copied().chain(pending) {
             histogram.record_n(value_ns, count).expect("the histogram grows as needed");
         }
@@ -224,7 +252,7 @@ mod tests {
             }
             merged.merge(&interval);
             for found in [distribution, merged] {
-                prop_assert_eq!(found.count, reference.len());
+                prop_assert_eq!(found.count(), reference.len());
                 for quantile in [0.0, 0.5, 0.9, 0.999, 1.0] {
                     let expected = reference.value_at_quantile(quantile);
                     prop_assert_eq!(found.histogram().value_at_quantile(quantile), expected);

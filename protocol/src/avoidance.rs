@@ -62,6 +62,8 @@ pub struct MethodConditions<'a> {
     /// Smallest front-point distance (ell) above 0 of all robots considered, m; 0 if all are controlled at the axle
     /// midpoint.
     pub front_point_m: f64,
+    /// `true` if any robot considered drives along its heading only, so that it turns before it leaves its path.
+    pub moves_along_heading: bool,
     /// Lowest priority of all robots considered.
     pub rank: YieldPriority,
 }
@@ -74,6 +76,7 @@ impl<'a> MethodConditions<'a> {
             period_s: brief.period_ns as f64 / 1e9,
             command_timeout_s: brief.command_lifetime_ns as f64 / 1e9,
             front_point_m: brief.front_point_m,
+            moves_along_heading: brief.drive().moves_along_heading(),
             rank: brief.rank,
         }
     }

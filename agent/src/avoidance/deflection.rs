@@ -70,8 +70,8 @@ pub fn deflection_distance_m(conditions: &MethodConditions<'_>) -> f64 {
 /// Returns the sensing radius for early avoidance, m: d_f plus the distance driven at v_max during the
 /// look-ahead time.
 pub fn look_ahead_radius_m(conditions: &MethodConditions<'_>) -> f64 {
-    deflection_distance_m(conditions)
-        + Constants::build_constants().look_ahead * conditions.avoidance.distance_min_m
+    let look_ahead = Constants::build_constants().look_ahead(conditions);
+    deflection_distance_m(conditions) + look_ahead * conditions.avoidance.distance_min_m
 }
 
 /// Returns d_f of a rank as a multiple of that of the first rank. Measured over all single deaths and cuts of
@@ -104,6 +104,14 @@ impl Constants {
             + (self.margin * conditions.speed_max_m_s() * conditions.command_timeout_s)
                 .max(DEFLECTION_MARGIN_FRACTION_MIN * d);
         rank_distance_factor(conditions.rank) * d_f
+    }
+
+    /// Returns the look-ahead time, in d / v_max.
+    fn look_ahead(&self, conditions: &MethodConditions<'_>) -> f64 {
+        match conditions.moves_along_heading {
+            true => self.look_ahead_along_heading,
+            false => self.look_ahead,
+        }
     }
 
     /// Returns kappa, as [`approach_slack_fraction`].
@@ -195,7 +203,7 @@ impl DeflectionGains {
             },
             tangential_gain: constants.around,
             blocked_tangential_gain: constants.around_at_last,
-            look_ahead_s: constants.look_ahead * d / v_max,
+            look_ahead_s: constants.look_ahead(conditions) * d / v_max,
             look_ahead_gain: constants.look_ahead_share,
             look_ahead_turn_max_rad: unless_leader(constants.look_ahead_turn_rad),
             // Another robot that approaches the position of a contained robot may have it as its destination,

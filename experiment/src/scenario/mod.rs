@@ -710,7 +710,7 @@ impl Scenario {
     }
 
     /// Returns the conditions for parameters of the avoidance method that hold for all robots: the larger H, the
-    /// smallest distance of a front point above 0, and the lowest rank.
+    /// smallest distance of a front point above 0, the longer look-ahead of robots that turn first, and the lowest rank.
     pub fn avoidance_conditions(&self) -> MethodConditions<'_> {
         let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
         let front_point_min_m = front_points_m.filter(|ell_m| *ell_m > 0.0).reduce(f64::min);
@@ -719,6 +719,8 @@ impl Scenario {
             period_s: ns_to_seconds(self.period_ns),
             command_timeout_s: ns_to_seconds(self.command_lifetime_ns_max()),
             front_point_m: front_point_min_m.unwrap_or(0.0),
+            moves_along_heading: (self.robots.iter())
+                .any(|robot| robot.drive().moves_along_heading()),
             rank: (0..self.robots.len()).map(|i| self.yield_rank(i)).max().unwrap_or_default(),
         }
     }

@@ -146,6 +146,7 @@ impl Scenario {
             period_s: ns_to_seconds(self.period_ns),
             command_timeout_s: ns_to_seconds(lifetime_ns[0].max(lifetime_ns[1])),
             front_point_m: self.robots[i].front_point_m,
+            moves_along_heading: self.robots[i].drive().moves_along_heading(),
             rank: self.yield_rank(i),
         }
     }

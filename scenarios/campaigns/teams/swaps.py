@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Swaps of robots with different sizes and speeds: writes swap-16.toml and swap-32.toml in this folder, and with `--run PHALANX` runs
-the campaign in process and prints the makespan of the team beside that of robots that all keep the largest distance.
+the campaign in process and prints the makespan of the team beside that of robots that all keep the largest distance, and beside the
+time that the robot with the longest way would need if it were alone.
 
 Sizes (keep) are 0.07, 0.10 and 0.14 m and speed limits 0.39, 0.30 and 0.18 m/s, in turn. The makespan is the time from which on all
 robots stay within 5 cm of their goals, as the median over seeds; a run in which a robot never arrives counts as longer than any other.
@@ -15,8 +16,11 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import tomllib
 
 HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent))
+from bodies import alone_s  # noqa: E402
 KEEPS_M = [0.07, 0.10, 0.14]
 SPEEDS_M_S = [0.39, 0.30, 0.18]
 # Area for each robot, m^2.
@@ -88,19 +92,21 @@ def compare(args):
         measured = {}
         for kind in ("by size", "one d"):
             with tempfile.TemporaryDirectory() as folder:
-                rows = sweep(args, count, kind, pathlib.Path(folder))
+                rows, alone_times_s = sweep(args, count, kind, pathlib.Path(folder))
             arrived, runs, median_s = measured[kind] = makespans(rows)
             below = sum(int(row["violations"]) > 0 for row in rows)
             least = min(float(row["min_distance_over_d"]) for row in rows)
             sound &= below == 0
             print(f"{count} robots, {kind}: {arrived} of {runs} runs arrived, makespan {median_s:.1f} s, {below} runs below a "
                   f"minimum distance, smallest {least:.4f}", flush=True)
-        print(f"{count} robots: {measured['by size'][2] / measured['one d'][2]:.2f} of the makespan with one d", flush=True)
+        by_size_s, one_d_s, bound_s = measured["by size"][2], measured["one d"][2], statistics.median(alone_times_s)
+        print(f"{count} robots: {by_size_s / one_d_s:.2f} of the makespan with one d, of which {bound_s / one_d_s:.2f} is the least possible "
+              f"({bound_s:.1f} s)", flush=True)
     return 0 if sound else 1
 
 
 def sweep(args, count, kind, folder):
-    """Runs the swaps of one kind. Returns the rows of the table of runs."""
+    """Runs the swaps of one kind. Returns the rows of the table of runs, and the times of robots that are alone, s."""
     side_m = math.sqrt(AREA_M2 * count)
     sizes = [f"robot.r{i + 1}.keep_m={max(KEEPS_M)}" for i in range(count)] if kind == "one d" else []
     sets = "".join(f"{key.split('=')[0]} = {key.split('=')[1]}\n" for key in sizes)
@@ -113,7 +119,9 @@ def sweep(args, count, kind, folder):
     if not table.exists():
         sys.exit(f"{command}: {ended.stdout}{ended.stderr}")
     with table.open() as lines:
-        return list(csv.DictReader(lines))
+        rows = list(csv.DictReader(lines))
+    scenarios = [folder / "out" / "runs" / row["run"] / "scenario.toml" for row in rows]
+    return rows, [alone_s(tomllib.loads(scenario.read_text())) for scenario in scenarios]
 
 
 if __name__ == "__main__":

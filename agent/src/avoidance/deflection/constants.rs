@@ -46,6 +46,8 @@ constants! {
     margin = 1.9,
     /// Look-ahead time of early avoidance, in d / v_max.
     look_ahead = 3.3,
+    /// Look-ahead time of early avoidance of a robot that turns before it leaves its path, in d / v_max.
+    look_ahead_along_heading = 6.0,
     /// Gain of early avoidance: fraction that it corrects of d_f minus the predicted passing distance.
     look_ahead_share = 1.7,
     /// Maximum angle by which early avoidance turns a robot, rad.

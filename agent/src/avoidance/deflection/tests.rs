@@ -222,6 +222,7 @@ fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
     let look_ahead_turn_rad = Constants::TUNED.look_ahead_turn_rad;
     let look_ahead_constants = Constants {
         look_ahead: 4.0,
+        look_ahead_along_heading: 6.0,
         look_ahead_share: 1.0,
         look_ahead_turn_rad,
         ..FOCUS_ONLY_CONSTANTS
@@ -256,6 +257,10 @@ fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
     ] {
         assert!(turn(position, velocity).abs() < 1e-9, "{what}: {}", turn(position, velocity));
     }
+    let mut axle_brief = brief.clone();
+    (axle_brief.front_point_m, axle_brief.turn_rate_max_rad_s) = (0.0, Some(4.0));
+    let turn_of_axle = |x_m: f64| turn_by(&axle_brief, Vec2::new(x_m, 0.05), at_rest);
+    assert!(turn_of_axle(1.0) < -0.001 && turn_of_axle(1.3) == 0.0, "it needs time to turn");
     let leader = turn_by(&make_leader(brief.clone()), Vec2::new(0.6, -0.05), at_rest);
     assert_eq!(leader, 0.0, "all others follow the leader");
     // Earlier encounters give larger turns, up to the limit.

@@ -53,7 +53,7 @@ where
     let motion = CheckedMotion::new(&brief, motion);
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
-        process::request_time_slice(TimeSlice::Short);
+        process::request_time_slice(TimeSlice::Medium);
     }
     let mut stepper = SimulationStepper::new(&brief, motion);
     let ports = Ports::open(&brief, stepper.measurements_mut())?;

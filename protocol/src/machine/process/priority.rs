@@ -99,6 +99,9 @@ pub fn apply_realtime_priority() {
 pub enum TimeSlice {
     /// The minimum of Linux, 0.1 ms: more than a control loop computes, and scheduled soonest.
     Short,
+    /// 0.4 ms, for the plant: more than it computes at once, so that it is not interrupted at the end of a slice, and
+    /// longer than that of robots, which run first.
+    Medium,
     /// The default of the kernel.
     KernelDefault,
     /// The maximum of Linux, 100 ms: other threads run first, and this one works while they wait. Threads that it
@@ -110,6 +113,7 @@ impl TimeSlice {
     fn length_ns(self) -> u64 {
         match self {
             TimeSlice::Short => 100_000,
+            TimeSlice::Medium => 400_000,
             TimeSlice::KernelDefault => 0,
             TimeSlice::Long => 100_000_000,
         }

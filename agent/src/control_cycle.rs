@@ -16,7 +16,7 @@ use protocol::latency::{LatencyRecorder, robot_rows_per_tick};
 use protocol::law_message::{Broadcast, GapCounter, SendDecision, SentCounts};
 use protocol::message::{Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader};
 use protocol::stage::{LatenessCause, Stage};
-use protocol::wake::WakeUp;
+use protocol::wake::{StaggeredInterval, WakeUp};
 
 use crate::controller::{Answer, Controller};
 use crate::laws::LawOutput;
@@ -30,7 +30,7 @@ pub(crate) const PLANT_START_WAIT_MAX_NS: u64 = 3_600_000_000_000;
 /// Maximum part of the time between two cycles that counts as silence, or two periods if they are longer: an
 /// agent that was stopped could not receive anything.
 const COUNTED_SILENCE_NS_MAX: u64 = 1_000_000_000;
-/// Maximum time between two reports to the supervisor in real time.
+/// Time in which a robot sends at least one report to the supervisor in real time, ns.
 const STATUS_INTERVAL_NS: u64 = 100_000_000;
 /// Maximum number of wake-ups that are kept until a sample shows that the run continues. More occur only if the
 /// plant is in trouble.
@@ -50,6 +50,7 @@ pub struct ControlCycle {
     plant_silence_ns: u64,
     /// Time of the last report to the supervisor, ns.
     last_status_ns: u64,
+    status_interval: StaggeredInterval,
     /// Deadline of the current wake-up, ns. `None` in lockstep, which has no deadlines.
     deadline_ns: Option<u64>,
     /// Wake-ups without a following sample: kind, and lateness, ns.
@@ -132,10 +133,12 @@ impl ControlCycle {
             gap_counters: (brief.neighbors.iter())
                 .map(|neighbor| neighbor.message.as_ref().map(|_| GapCounter::default()))
                 .collect(),
-            measurements: LatencyRecorder::for_incarnation(
+            measurements: LatencyRecorder::for_process(
+                brief.index,
                 controller.incarnation(),
                 robot_rows_per_tick(brief.senders().count()),
             ),
+            status_interval: StaggeredInterval::new(STATUS_INTERVAL_NS, brief.index),
             brief,
             controller,
             cycle_start_ns: now_ns,
@@ -286,15 +289,15 @@ impl ControlCycle {
             }
             answer.broadcast.beacon.messages_sent = self.sent_counts.messages;
         }
-        let since_status_ns = self.cycle_start_ns.saturating_sub(self.last_status_ns);
-        let is_due = is_realtime && since_status_ns >= STATUS_INTERVAL_NS;
+        let begins_interval =
+            self.status_interval.begins_between(self.last_status_ns, self.cycle_start_ns);
         // The values of a sample are reported with it, so that none is lost.
         recorded_message.clear();
         if let Some(answer) = answer.as_ref().filter(|_| self.brief.records_messages) {
             recorded_message.extend_from_slice(answer.message());
         }
         *status_is_due = self.controller.take_status_change()
-            | is_due
+            | (is_realtime && begins_interval)
             | self.controller.has_signals()
             | !recorded_message.is_empty();
         if *status_is_due {

@@ -95,7 +95,7 @@ impl<M: Motion> SimulationStepper<M> {
             start_ns: 0,
             command_senders: brief.robots.iter().map(|body| robot(&body.name)).collect(),
             overrun: OverrunDetector::default(),
-            measurements: LatencyRecorder::for_incarnation(0, 1 + brief.robots.len()),
+            measurements: LatencyRecorder::for_process(0, 0, 1 + brief.robots.len()),
         }
     }
 

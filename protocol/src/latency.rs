@@ -7,8 +7,9 @@
 use crate::age::AgeSums;
 use crate::message::{LatencyHeader, LatencyRow};
 use crate::stage::Stage;
+use crate::wake::StaggeredInterval;
 
-/// Maximum time between two batches in real time, ns. A killed process loses at most the values of this time.
+/// Time in which a process sends at least one batch in real time, ns. A killed process loses at most the values of this time.
 const SEND_INTERVAL_MAX_NS: u64 = 100_000_000;
 /// Minimum capacity of a recorder, in values. A batch is sent once half of it is used.
 const CAPACITY_ROWS_MIN: usize = 1024;
@@ -36,12 +37,17 @@ pub struct LatencyRecorder {
     /// Number of values dropped since the last batch because the recorder was full.
     dropped_count: u64,
     last_send_ns: u64,
+    send_interval: StaggeredInterval,
 }
 
 impl LatencyRecorder {
-    /// Creates a recorder for at most `rows_per_tick` values per tick, with room for many ticks.
-    pub fn for_incarnation(incarnation: u64, rows_per_tick: usize) -> LatencyRecorder {
-        LatencyRecorder::new(incarnation, recorder_capacity(rows_per_tick))
+    /// Creates a recorder for at most `rows_per_tick` values per tick, with room for many ticks. `index`: that of the
+    /// robot, from 1, or 0 for the plant, which determines when it sends.
+    pub fn for_process(index: usize, incarnation: u64, rows_per_tick: usize) -> LatencyRecorder {
+        LatencyRecorder {
+            send_interval: StaggeredInterval::new(SEND_INTERVAL_MAX_NS, index),
+            ..LatencyRecorder::new(incarnation, recorder_capacity(rows_per_tick))
+        }
     }
 
     /// Creates a recorder with room for `rows_max` values.
@@ -52,6 +58,7 @@ impl LatencyRecorder {
             header: LatencyHeader { incarnation, ..LatencyHeader::default() },
             dropped_count: 0,
             last_send_ns: 0,
+            send_interval: StaggeredInterval::new(SEND_INTERVAL_MAX_NS, 0),
         }
     }
 
@@ -88,8 +95,8 @@ impl LatencyRecorder {
 
     /// Returns whether a batch should be sent at `now_ns`.
     pub fn is_due(&self, now_ns: u64) -> bool {
-        let is_interval_over = now_ns >= self.last_send_ns.saturating_add(SEND_INTERVAL_MAX_NS);
-        !self.rows.is_empty() && (is_interval_over || self.is_half_full())
+        let begins_interval = self.send_interval.begins_between(self.last_send_ns, now_ns);
+        !self.rows.is_empty() && (begins_interval || self.is_half_full())
     }
 
     /// Returns whether half of the capacity is used.
@@ -115,13 +122,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn batch_is_due_after_100_ms_or_at_half_capacity() {
+    fn batch_is_due_every_100_ms_or_at_half_capacity() {
         let mut recorder = LatencyRecorder::new(0, 4);
         assert!(!recorder.is_due(u64::MAX), "there is nothing to send");
         recorder.begin_next_batch(7);
         recorder.record(Stage::Wake, 0, 1);
-        assert!(!recorder.is_due(7 + SEND_INTERVAL_MAX_NS - 1));
-        assert!(recorder.is_due(7 + SEND_INTERVAL_MAX_NS));
+        assert!(!recorder.is_due(SEND_INTERVAL_MAX_NS - 1));
+        assert!(recorder.is_due(SEND_INTERVAL_MAX_NS));
         recorder.record(Stage::Wake, 0, 2);
         assert!(recorder.is_due(7));
     }

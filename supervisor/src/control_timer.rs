@@ -41,7 +41,7 @@ fn run(arguments: &ControlTimerArguments) -> Result<(), Failure> {
     clock::tighten_timer_slack();
     process::request_time_slice(TimeSlice::Short);
     let node = service::create_node("machine")?;
-    let mut recorder = LatencyRecorder::for_incarnation(0, 1);
+    let mut recorder = LatencyRecorder::for_process(arguments.robots + 1, 0, 1);
     let latency = LatencyPort::new(&service::machine_latency_topic().open(&node)?, &recorder)?;
     let period = Duration::from_nanos(arguments.period_ns);
     let phase = period.mul_f64(golden_phase(arguments.robots + 1));

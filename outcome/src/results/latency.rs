@@ -20,7 +20,7 @@ use protocol::stage::Stage;
 use crate::metrics::summary::{InformationAge, LatencyInterval, StageLatency};
 use distribution::ValueDistribution;
 use experiment::scenario::Scenario;
-use over_time::LatencyIntervals;
+use over_time::{ClosedInterval, LatencyIntervals};
 
 /// Maximum plausible value, ns. A larger one counts as lost.
 const LATENCY_NS_MAX: u64 = 3_600_000_000_000;
@@ -54,6 +54,8 @@ struct ProcessLatency {
     incarnation: u64,
     next_row: u64,
     samples_lost: u64,
+    /// Number of the interval of run time to which the newest values belong.
+    interval: u64,
 }
 
 impl ProcessLatency {
@@ -98,6 +100,26 @@ impl ProcessLatency {
         let index = self.find_distribution(stage, other);
         self.next_distribution = if index + 1 < self.distributions.len() { index + 1 } else { 0 };
         &mut self.distributions[index].1
+    }
+
+    /// Closes the interval of the newest values, if a later one has begun. `process` is the index of this process.
+    fn close_interval_before(
+        &mut self,
+        current_interval: u64,
+        process: usize,
+        closed_intervals: &mut Vec<ClosedInterval>,
+    ) {
+        let interval = std::mem::replace(&mut self.interval, current_interval);
+        if interval == current_interval {
+            return;
+        }
+        for ((stage, other), distribution) in &mut self.distributions {
+            let quantiles = distribution.end_interval();
+            closed_intervals.extend(quantiles.map(|quantiles| {
+                let (stage, other) = (*stage, *other);
+                ClosedInterval { interval, stage, process, other, quantiles }
+            }));
+        }
     }
 
     /// Returns the index of the distribution of a stage and of the other robot, which is added if it is new.
@@ -161,6 +183,7 @@ impl LatencyCollector {
             incarnation: 0,
             next_row: 0,
             samples_lost: 0,
+            interval: 0,
         };
         let processes = (0..robots.len() + 2).map(process).collect();
         let intervals = LatencyIntervals::new(scenario.duration_ns);
@@ -169,38 +192,43 @@ impl LatencyCollector {
 
     /// Sets the run time, ns, at which the following batches reached the supervisor.
     pub fn set_time(&mut self, t_ns: u64) {
-        if let Some(middle_s) = self.intervals.set_time(t_ns) {
-            self.close_interval(middle_s);
-        }
+        self.intervals.set_time(t_ns);
     }
 
-    /// Closes the current interval of run time.
-    fn close_interval(&mut self, middle_s: f64) {
-        let name = |process| process_name(&self.robots, process);
-        for stage in Stage::ALL {
-            for (process, latency) in self.processes.iter_mut().enumerate() {
-                let keys = distribution_keys(stage);
-                for (&(_, other), &index) in latency.distribution_indices.range(keys) {
-                    let distribution = &mut latency.distributions[index].1;
-                    let Some(quantiles) = distribution.end_interval() else { continue };
-                    let (robot, from) = owner_and_sender(stage, process, other);
-                    let (robot, from) = (name(robot), from.map(&name));
-                    self.intervals.add_quantiles(middle_s, stage, robot, from, quantiles);
-                }
-            }
-        }
-    }
-
-    /// Returns the lines of `latency_over_time.csv`.
+    /// Returns the lines of `latency_over_time.csv` up to now.
     pub fn intervals_over_time(&mut self) -> Vec<LatencyInterval> {
-        self.close_interval(self.intervals.current_middle_s());
-        self.intervals.closed_intervals.clone()
+        let closed_intervals = &mut self.intervals.closed_intervals;
+        for (process, latency) in self.processes.iter_mut().enumerate() {
+            latency.close_interval_before(u64::MAX, process, closed_intervals);
+        }
+        closed_intervals.sort_unstable();
+        self.intervals.closed_intervals.iter().map(|closed| self.to_interval(closed)).collect()
+    }
+
+    fn to_interval(&self, closed: &ClosedInterval) -> LatencyInterval {
+        let &ClosedInterval { interval, stage, process, other, quantiles } = closed;
+        let stage = Stage::from_number(stage).expect("only known stages are added");
+        let (robot, from) = owner_and_sender(stage, process, other);
+        let name = |process| process_name(&self.robots, process).to_owned();
+        LatencyInterval {
+            t_s: self.intervals.middle_s(interval),
+            stage: stage.keyword().to_owned(),
+            robot: name(robot),
+            from: from.map(name),
+            count: quantiles.count,
+            p50_ns: quantiles.p50_ns,
+            p99_ns: quantiles.p99_ns,
+            max_ns: quantiles.max_ns,
+        }
     }
 
     /// Adds a batch of measurements of a process: 0 is the plant, robots count from 1, the control timer is the
     /// last.
     pub fn add_batch(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
-        let (process, robots) = (&mut self.processes[process], self.robots.len());
+        let (index, robots) = (process, self.robots.len());
+        let LatencyIntervals { current_interval, closed_intervals, .. } = &mut self.intervals;
+        let process = &mut self.processes[index];
+        process.close_interval_before(*current_interval, index, closed_intervals);
         self.rows_lost += process.register_batch(header, rows.len());
         process.samples_lost = process.samples_lost.max(header.samples_lost);
         let value_ns_max = LATENCY_NS_MAX.min(process.wake_period_ns - 1);

@@ -44,7 +44,7 @@ pub(super) struct ValueDistribution {
 
 /// Number, median, 99th percentile and maximum, ns, of the values of one interval of run time. A percentile is the
 /// smallest value that at least this percentage of the values does not exceed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct IntervalQuantiles {
     pub(super) count: u64,
     pub(super) p50_ns: u64,

@@ -1,13 +1,12 @@
 //! Latency distributions per interval of run time.
 //!
-//! A value belongs to the interval in which it reached the supervisor: up to 0.1 s of wall time, in lockstep up to
+//! The distributions of a process are closed when its first values of a later interval arrive, so that this work is spread
+//! over time: in a run in real time it would otherwise delay the robots. A value belongs to the interval in which it reached the supervisor: up to 0.1 s of wall time, in lockstep up to
 //! a few hundred ticks, after it was measured.
 
 use formation::ns_to_seconds;
-use protocol::stage::Stage;
 
 use super::distribution::IntervalQuantiles;
-use crate::metrics::summary::LatencyInterval;
 
 /// Target number of intervals of a run.
 const TARGET_INTERVALS: u64 = 100;
@@ -18,13 +17,27 @@ const INTERVALS_MIN: u64 = 20;
 /// Maximum length of an interval, ns, which bounds the number of buffered values.
 const INTERVAL_NS_MAX: u64 = 10_000_000_000;
 
+/// Quantiles of one stage and robot or edge in one interval. The fields are in the order of the lines in
+/// `latency_over_time.csv`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct ClosedInterval {
+    /// Number of the interval, from 0.
+    pub(super) interval: u64,
+    pub(super) stage: u32,
+    /// Process that measured the values.
+    pub(super) process: usize,
+    /// The other robot, counted from 1; 0 for none.
+    pub(super) other: usize,
+    pub(super) quantiles: IntervalQuantiles,
+}
+
 /// All closed intervals, and the number of the current one.
 #[derive(Debug, Clone, Default)]
 pub(super) struct LatencyIntervals {
     duration_ns: u64,
     interval_ns: u64,
-    current_interval: u64,
-    pub(super) closed_intervals: Vec<LatencyInterval>,
+    pub(super) current_interval: u64,
+    pub(super) closed_intervals: Vec<ClosedInterval>,
 }
 
 impl LatencyIntervals {
@@ -39,42 +52,14 @@ impl LatencyIntervals {
         }
     }
 
-    /// Sets the run time. If a new interval begins, returns the middle of the previous one, s.
-    pub(super) fn set_time(&mut self, t_ns: u64) -> Option<f64> {
-        let interval = t_ns / self.interval_ns.max(1);
-        let previous = std::mem::replace(&mut self.current_interval, interval);
-        (previous != interval).then(|| self.middle_s(previous))
+    /// Sets the run time.
+    pub(super) fn set_time(&mut self, t_ns: u64) {
+        self.current_interval = t_ns / self.interval_ns.max(1);
     }
 
-    /// Returns the middle of the current interval, which is the last one, s.
-    pub(super) fn current_middle_s(&self) -> f64 {
-        self.middle_s(self.current_interval)
-    }
-
-    fn middle_s(&self, interval: u64) -> f64 {
+    /// Returns the middle of an interval, s.
+    pub(super) fn middle_s(&self, interval: u64) -> f64 {
         let middle_ns = interval * self.interval_ns + self.interval_ns / 2;
         ns_to_seconds(middle_ns.min(self.duration_ns))
-    }
-
-    /// Adds the quantiles of one stage and robot or edge in an interval.
-    pub(super) fn add_quantiles(
-        &mut self,
-        middle_s: f64,
-        stage: Stage,
-        robot: &str,
-        from: Option<&str>,
-        quantiles: IntervalQuantiles,
-    ) {
-        let IntervalQuantiles { count, p50_ns, p99_ns, max_ns } = quantiles;
-        self.closed_intervals.push(LatencyInterval {
-            t_s: middle_s,
-            stage: stage.keyword().to_owned(),
-            robot: robot.to_owned(),
-            from: from.map(str::to_owned),
-            count,
-            p50_ns,
-            p99_ns,
-            max_ns,
-        });
     }
 }

@@ -9,8 +9,9 @@ use crate::message::{LatencyHeader, LatencyRow};
 use crate::stage::Stage;
 use crate::wake::StaggeredInterval;
 
-/// Time in which a process sends at least one batch in real time, ns. A killed process loses at most the values of this time.
-const SEND_INTERVAL_MAX_NS: u64 = 100_000_000;
+/// Time in which a process sends at least one batch in real time, ns. A killed process loses at most the values of this
+/// time.
+const SEND_INTERVAL_NS: u64 = 100_000_000;
 /// Minimum capacity of a recorder, in values. A batch is sent once half of it is used.
 const CAPACITY_ROWS_MIN: usize = 1024;
 /// Minimum capacity of a recorder, in ticks. The values not sent then cover twice the lead over the supervisor
@@ -45,7 +46,7 @@ impl LatencyRecorder {
     /// robot, from 1, or 0 for the plant, which determines when it sends.
     pub fn for_process(index: usize, incarnation: u64, rows_per_tick: usize) -> LatencyRecorder {
         LatencyRecorder {
-            send_interval: StaggeredInterval::new(SEND_INTERVAL_MAX_NS, index),
+            send_interval: StaggeredInterval::new(SEND_INTERVAL_NS, index),
             ..LatencyRecorder::new(incarnation, recorder_capacity(rows_per_tick))
         }
     }
@@ -58,7 +59,7 @@ impl LatencyRecorder {
             header: LatencyHeader { incarnation, ..LatencyHeader::default() },
             dropped_count: 0,
             last_send_ns: 0,
-            send_interval: StaggeredInterval::new(SEND_INTERVAL_MAX_NS, 0),
+            send_interval: StaggeredInterval::new(SEND_INTERVAL_NS, 0),
         }
     }
 
@@ -127,8 +128,8 @@ mod tests {
         assert!(!recorder.is_due(u64::MAX), "there is nothing to send");
         recorder.begin_next_batch(7);
         recorder.record(Stage::Wake, 0, 1);
-        assert!(!recorder.is_due(SEND_INTERVAL_MAX_NS - 1));
-        assert!(recorder.is_due(SEND_INTERVAL_MAX_NS));
+        assert!(!recorder.is_due(SEND_INTERVAL_NS - 1));
+        assert!(recorder.is_due(SEND_INTERVAL_NS));
         recorder.record(Stage::Wake, 0, 2);
         assert!(recorder.is_due(7));
     }

@@ -91,15 +91,21 @@ impl ProcessLatency {
             return false;
         }
         distribution.add(row.value_ns);
-        self.next_distribution = if index + 1 < self.distributions.len() { index + 1 } else { 0 };
+        self.expect_row_after(index);
         true
     }
 
     /// Returns the distribution of a stage and of the other robot. The next row is expected in the one after it.
     fn distribution_mut(&mut self, stage: Stage, other: usize) -> &mut ValueDistribution {
         let index = self.find_distribution(stage, other);
-        self.next_distribution = if index + 1 < self.distributions.len() { index + 1 } else { 0 };
+        self.expect_row_after(index);
         &mut self.distributions[index].1
+    }
+
+    /// Expects the next row in the distribution after `index`, in a cycle.
+    #[inline(always)]
+    fn expect_row_after(&mut self, index: usize) {
+        self.next_distribution = if index + 1 < self.distributions.len() { index + 1 } else { 0 };
     }
 
     /// Closes the interval of the newest values, if a later one has begun. `process` is the index of this process.

@@ -1,7 +1,8 @@
 //! Latency distributions per interval of run time.
 //!
 //! The distributions of a process are closed when its first values of a later interval arrive, so that this work is spread
-//! over time: in a run in real time it would otherwise delay the robots. A value belongs to the interval in which it reached the supervisor: up to 0.1 s of wall time, in lockstep up to
+//! over time: in a run in real time it would otherwise delay the robots. A value belongs to the interval in which it
+//! reached the supervisor: up to 0.1 s of wall time, in lockstep up to
 //! a few hundred ticks, after it was measured.
 
 use formation::ns_to_seconds;

@@ -289,15 +289,15 @@ impl ControlCycle {
             }
             answer.broadcast.beacon.messages_sent = self.sent_counts.messages;
         }
-        let begins_interval =
-            self.status_interval.begins_between(self.last_status_ns, self.cycle_start_ns);
+        let is_due = is_realtime
+            && self.status_interval.begins_between(self.last_status_ns, self.cycle_start_ns);
         // The values of a sample are reported with it, so that none is lost.
         recorded_message.clear();
         if let Some(answer) = answer.as_ref().filter(|_| self.brief.records_messages) {
             recorded_message.extend_from_slice(answer.message());
         }
         *status_is_due = self.controller.take_status_change()
-            | (is_realtime && begins_interval)
+            | is_due
             | self.controller.has_signals()
             | !recorded_message.is_empty();
         if *status_is_due {

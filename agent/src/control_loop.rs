@@ -17,11 +17,11 @@ use protocol::message::Odometry;
 use protocol::process::{self, Alarm, Failure, StopFlag, ThawListener, TimeSlice};
 use protocol::run_root;
 use protocol::service::Sample;
+use protocol::wake::golden_phase_ns;
 use protocol::watchdog::SupervisorWatch;
 
 use crate::control_cycle::{ControlCycle, Inbox, Outbox, ReceivedBeacon, WakeUpClass};
 use crate::controller::{Controller, Parts};
-use crate::golden_phase;
 use ports::Ports;
 
 /// Polling interval for the stop request while the robot is slow because of a fault.
@@ -139,7 +139,7 @@ impl Agent {
 
     fn run_in_real_time(&mut self) -> Result<(), Failure> {
         let &AgentBrief { period_ns, index, .. } = self.cycle.brief();
-        let mut timer = Timer::new(period_ns, (golden_phase(index) * period_ns as f64) as u64);
+        let mut timer = Timer::new(period_ns, golden_phase_ns(index, period_ns));
         let thaw_listener = ThawListener::start()?;
         let mut diagnosis = LatenessDiagnosis::new(period_ns);
         let mut outbox = Outbox::default();

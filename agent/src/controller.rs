@@ -11,7 +11,7 @@ mod goal_requests;
 
 use formation::Vec2;
 use formation::desired::Target;
-use formation::front_point::{Heading, front_point_and_velocity_along, front_velocity};
+use formation::front_point::{Heading, front_point_and_velocity, front_velocity};
 use formation::pose::{Pose, Twist, wrap_angle};
 use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity, REPAIR_SPEED_FACTOR, YieldPriority};
@@ -659,7 +659,7 @@ impl CycleState {
             walls_truncated: odometry.walls_cut == 1,
         };
         let (alpha, velocity) =
-            front_point_and_velocity_along(own.heading, own.pose, front_point_m, own.twist); // (2), (3)
+            front_point_and_velocity(own.heading, own.pose, front_point_m, own.twist); // (2), (3)
         (self.front_point, self.front_velocity) = (alpha, velocity);
         self.neighbor_vectors.clear();
         self.neighbor_vectors.extend(odometry.proximity_front_points().map(|other| alpha - other));

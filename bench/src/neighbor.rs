@@ -15,6 +15,7 @@ use protocol::message::Beacon;
 use protocol::run_root;
 use protocol::service::{self, Factory, Node, Qos, send_slice};
 use protocol::stage::Stage;
+use protocol::wake::golden_phase_ns;
 use serde::{Deserialize, Serialize};
 
 use crate::peers::{self, PeerAddress, Peers};
@@ -146,7 +147,7 @@ pub(crate) fn run_peer(address: &PeerAddress, ticks: u64) -> anyhow::Result<()> 
     let mut delivery_ns: Vec<Vec<u64>> = subscribers.iter().map(|_| with_capacity()).collect();
     let (mut wake_ns, mut poll_to_send_ns) = (with_capacity(), with_capacity());
     let period_ns = brief.period_ns;
-    let mut timer = Timer::new(period_ns, (golden_phase(brief.index) * period_ns as f64) as u64);
+    let mut timer = Timer::new(period_ns, golden_phase_ns(brief.index, period_ns));
     for tick in 0..ticks {
         let Some(wake) = timer.wait() else { continue };
         let polled_ns = clock::now_ns();

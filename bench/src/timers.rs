@@ -4,10 +4,10 @@
 
 use std::ffi::OsString;
 
-use agent::golden_phase;
 use anyhow::Context as _;
 use protocol::clock::{self, Timer};
 use protocol::process::{self, TimeSlice};
+use protocol::wake::golden_phase_ns;
 use rustix::thread::ClockId;
 use serde::{Deserialize, Serialize};
 
@@ -70,8 +70,7 @@ pub(crate) fn run_peer(address: &PeerAddress, task: TimerTask) -> anyhow::Result
     let period_ns = task.period_ns;
     let mut lateness_ns = Vec::with_capacity(task.ticks as usize);
     let (mut missed, mut busy_until_ns) = (0, thread_cpu_time_ns());
-    let phase_ns = (golden_phase(address.index + 1) * period_ns as f64) as u64;
-    let mut timer = Timer::new(period_ns, phase_ns);
+    let mut timer = Timer::new(period_ns, golden_phase_ns(address.index + 1, period_ns));
     while (lateness_ns.len() as u64) < task.ticks {
         let Some(wake) = timer.wait() else { continue };
         for missed_periods in 0..=wake.lateness_ns / period_ns {

@@ -9,7 +9,7 @@ use crate::pose::{Pose, Twist, wrap_angle};
 /// Returns the front point alpha = xi + ell (cos theta, sin theta), m, in `map`. (2)
 #[inline]
 pub fn front_point(pose: Pose, ell_m: f64) -> Vec2 {
-    front_point_and_velocity(pose, ell_m, Twist::ZERO).0
+    front_point_and_velocity(Heading::new(pose.heading_rad), pose, ell_m, Twist::ZERO).0
 }
 
 /// Returns the velocity of the front point, A(theta) (v, w), m/s, in `map`. (3)
@@ -18,15 +18,9 @@ pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
     rotate(heading_rad, Vec2::new(twist.v_m_s, twist.side_m_s + ell_m * twist.w_rad_s))
 }
 
-/// Returns the front point, m, and its velocity, m/s, in `map`. (2) (3)
+/// Returns the front point, m, and its velocity, m/s, in `map`. `heading` is that of the pose. (2) (3)
 #[inline]
-pub fn front_point_and_velocity(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
-    front_point_and_velocity_along(Heading::new(pose.heading_rad), pose, ell_m, twist)
-}
-
-/// Returns both as [`front_point_and_velocity`], with the heading of the pose.
-#[inline]
-pub fn front_point_and_velocity_along(
+pub fn front_point_and_velocity(
     heading: Heading,
     pose: Pose,
     ell_m: f64,

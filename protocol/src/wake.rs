@@ -15,6 +15,11 @@ pub fn golden_phase(index: usize) -> f64 {
     (0.618_033_988_7 * index as f64).fract()
 }
 
+/// Returns the phase of the robot with this scenario index in a period, ns.
+pub fn golden_phase_ns(index: usize, period_ns: u64) -> u64 {
+    (golden_phase(index) * period_ns as f64) as u64
+}
+
 /// Interval in which a process does something once in real time, at a phase of its own. Otherwise all robots, which begin
 /// at the same time, would need more processor time in the same period.
 #[derive(Debug, Clone, Copy)]
@@ -26,8 +31,7 @@ pub struct StaggeredInterval {
 impl StaggeredInterval {
     /// Creates an interval of this length for the process with this index: a robot, from 1, or 0 for the plant.
     pub fn new(length_ns: u64, index: usize) -> StaggeredInterval {
-        let phase_ns = (golden_phase(index) * length_ns as f64) as u64;
-        StaggeredInterval { length_ns, phase_ns }
+        StaggeredInterval { length_ns, phase_ns: golden_phase_ns(index, length_ns) }
     }
 
     /// Returns whether an interval begins after `last_ns` and until `now_ns`.

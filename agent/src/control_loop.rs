@@ -40,6 +40,15 @@ where
     let brief: AgentBrief = brief::read(brief_path)?;
     let parts = parts(&brief).map_err(Into::into)?;
     let controller = Controller::with_parts(&brief, incarnation, parts);
+    run_controller(brief, controller, incarnation)
+}
+
+/// Runs a robot with this controller until a stop is requested.
+fn run_controller(
+    brief: AgentBrief,
+    controller: Controller,
+    incarnation: u64,
+) -> Result<(), Failure> {
     let stop = StopFlag::for_termination_signals()
         .map_err(|error| format!("cannot handle signals: {error}"))?;
     run_root::join_as_process(&brief.run_root, &brief.name)?;

@@ -14,7 +14,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow, bail};
-use protocol::brief;
+use protocol::brief::Brief;
 use protocol::process::StopFlag;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -103,12 +103,12 @@ pub(crate) fn limit_lifetime() {
 }
 
 /// Writes the briefs of peers that act as robots.
-pub(crate) fn write_briefs<B: Serialize>(
+pub(crate) fn write_briefs<B: Brief>(
     dir: &Path,
     briefs: impl Iterator<Item = B>,
 ) -> anyhow::Result<()> {
     for (index, brief) in briefs.enumerate() {
-        write_file(&PeerAddress { dir: dir.into(), index }.brief_path(), &brief::to_text(&brief))?;
+        write_file(&PeerAddress { dir: dir.into(), index }.brief_path(), &brief.to_toml())?;
     }
     Ok(())
 }

@@ -11,7 +11,7 @@ use clap::ValueEnum as _;
 use experiment::briefs;
 use plant::world::World;
 use protocol::barrier::Barrier;
-use protocol::brief::{self, Pace};
+use protocol::brief::{Brief as _, Pace};
 use protocol::clock;
 use protocol::message::{Command, Odometry};
 use protocol::run_root;
@@ -124,7 +124,7 @@ impl RoundTrips<'_> {
         barrier.set_member(0, 0);
         let work_dir = WorkDir::new(root, &name)?;
         let path = work_dir.path().join("brief.toml");
-        write_file(&path, &brief::to_text(&brief))?;
+        write_file(&path, &brief.to_toml())?;
         let (odometry, command) = open_ports(&services)?;
         let role = ProcessRole::Agent { brief: &path, program: None, incarnation: 0 };
         let log = work_dir.path().join("agent.log");

@@ -12,7 +12,6 @@ use formation::pose::Pose;
 use formation::ramp::{AccelerationLimits, Ramp};
 use formation::scale::Scale;
 use formation::trajectory::Trajectory;
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, WheelFault};
@@ -703,14 +702,29 @@ pub enum BriefError {
     Invalid { path: PathBuf, flaw: String },
 }
 
-/// A kind of brief.
-pub trait Brief: DeserializeOwned + Serialize {
+/// A kind of brief. The methods are implemented for each kind, not generic, so that the code that reads and writes a
+/// brief is compiled once, in this crate.
+pub trait Brief: Sized {
+    /// Reads the TOML text of a brief; fails if it is not one of this kind. Does not check values.
+    fn from_toml(text: &str) -> Result<Self, toml::de::Error>;
+
+    /// Returns the text of the brief, TOML.
+    fn to_toml(&self) -> String;
+
     /// Returns a message about the first value that is out of range, if any. The brief of a real robot is written
     /// by its operator and may contain such a value.
     fn find_invalid_value(&self) -> Option<String>;
 }
 
 impl Brief for AgentBrief {
+    fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str(text)
+    }
+
+    fn to_toml(&self) -> String {
+        to_toml(self)
+    }
+
     fn find_invalid_value(&self) -> Option<String> {
         let mut checker = RangeChecker::default();
         let neighbors = self.neighbors.iter().map(|neighbor| ("neighbor.index", neighbor.index));
@@ -772,6 +786,14 @@ impl Brief for AgentBrief {
 }
 
 impl Brief for PlantBrief {
+    fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str(text)
+    }
+
+    fn to_toml(&self) -> String {
+        to_toml(self)
+    }
+
     fn find_invalid_value(&self) -> Option<String> {
         let mut checker = RangeChecker::default();
         checker
@@ -817,6 +839,14 @@ impl Brief for PlantBrief {
 }
 
 impl Brief for BridgeBrief {
+    fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str(text)
+    }
+
+    fn to_toml(&self) -> String {
+        to_toml(self)
+    }
+
     fn find_invalid_value(&self) -> Option<String> {
         let mut checker = RangeChecker::default();
         let hosts = self.hosts.len();
@@ -957,6 +987,17 @@ pub fn read<B: Brief>(path: &Path) -> Result<B, BriefError> {
 }
 
 fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
+    check_format(path, text)?;
+    let brief = B::from_toml(text)
+        .map_err(|source| BriefError::Parse { path: path.into(), source: Box::new(source) })?;
+    match brief.find_invalid_value() {
+        None => Ok(brief),
+        Some(flaw) => Err(BriefError::Invalid { path: path.into(), flaw }),
+    }
+}
+
+/// Fails if the text has another format than this program reads.
+fn check_format(path: &Path, text: &str) -> Result<(), BriefError> {
     /// The only key that is read before the format is known.
     #[derive(Deserialize)]
     struct FormatHeader {
@@ -972,14 +1013,9 @@ fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
         Ok(FormatHeader { format: Some(other) }) => Some(format!("format {other}")),
         Err(_) => None, // it is no TOML, which is said below
     };
-    if let Some(found) = found {
-        return Err(BriefError::ForeignFormat { path: path.into(), found });
-    }
-    let brief: B = toml::from_str(text)
-        .map_err(|source| BriefError::Parse { path: path.into(), source: Box::new(source) })?;
-    match brief.find_invalid_value() {
-        None => Ok(brief),
-        Some(flaw) => Err(BriefError::Invalid { path: path.into(), flaw }),
+    match found {
+        None => Ok(()),
+        Some(found) => Err(BriefError::ForeignFormat { path: path.into(), found }),
     }
 }
 
@@ -1003,7 +1039,7 @@ fn is_zero_ns(ns: &u64) -> bool {
 }
 
 /// Returns the text of a brief.
-pub fn to_text<B: Serialize>(brief: &B) -> String {
+pub(crate) fn to_toml(brief: &impl Serialize) -> String {
     toml::to_string(brief).expect("a brief has string keys and no empty values")
 }
 

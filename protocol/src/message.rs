@@ -314,16 +314,19 @@ message! {
 
 impl Beacon {
     /// Returns the front point, m.
+    #[inline]
     pub fn position(&self) -> Vec2 {
         Vec2::new(self.x_m, self.y_m)
     }
 
     /// Returns the published velocity, m/s.
+    #[inline]
     pub fn velocity(&self) -> Vec2 {
         Vec2::new(self.vx_m_s, self.vy_m_s)
     }
 
     /// Returns the leader's frame and its stamp, ns; `None` if it is not valid.
+    #[inline]
     pub fn leader_frame(&self) -> Option<(u64, LeaderFrame)> {
         let frame = LeaderFrame {
             heading_rad: self.frame_heading_rad,

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use formation::obstacle::Obstacle;
 use serde::{Deserialize, Serialize};
 
-use crate::brief::{Brief, FormatVersion};
+use crate::brief::{self, Brief, FormatVersion};
 
 /// Configuration of the ROS 2 process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -66,6 +66,14 @@ impl Ros2Brief {
 }
 
 impl Brief for Ros2Brief {
+    fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str(text)
+    }
+
+    fn to_toml(&self) -> String {
+        brief::to_toml(self)
+    }
+
     fn find_invalid_value(&self) -> Option<String> {
         (self.period_ns == 0).then(|| "period_ns is 0, expected 1 or more".into())
     }

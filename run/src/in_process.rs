@@ -41,11 +41,13 @@ pub enum InProcessError {
     PlantKill,
 }
 
-/// Lockstep run in progress. `F` creates the controller of a robot from its brief and incarnation number. `J`
-/// receives the records; `()` takes none.
-pub struct InProcessRun<F, J = ()> {
+/// Creates the controller of a robot from its brief and incarnation number.
+pub type ControllerFactory = Box<dyn Fn(&AgentBrief, u64) -> Controller + Send>;
+
+/// Lockstep run in progress. `J` receives the records; `()` takes none.
+pub struct InProcessRun<J = ()> {
     scenario: Scenario,
-    create_controller: F,
+    create_controller: ControllerFactory,
     agent_briefs: Vec<AgentBrief>,
     plant: SimulationStepper,
     /// Newest odometry of each robot.
@@ -91,25 +93,25 @@ impl RobotProcess {
     }
 }
 
-impl<F: Fn(&AgentBrief, u64) -> Controller> InProcessRun<F> {
+impl InProcessRun {
     /// Creates the run at the start, before the first sample, without records. Fails if the scenario needs separate
     /// processes.
     pub fn new(
         scenario: Scenario,
-        create_controller: F,
-    ) -> Result<InProcessRun<F>, InProcessError> {
+        create_controller: ControllerFactory,
+    ) -> Result<InProcessRun, InProcessError> {
         InProcessRun::with_journal(scenario, create_controller, ())
     }
 }
 
-impl<F: Fn(&AgentBrief, u64) -> Controller, J: RecordSink> InProcessRun<F, J> {
+impl<J: RecordSink> InProcessRun<J> {
     /// Creates the run at the start, before the first sample. Its records go to `journal`. Fails if the scenario
     /// needs separate processes.
     pub fn with_journal(
         scenario: Scenario,
-        create_controller: F,
+        create_controller: ControllerFactory,
         journal: J,
-    ) -> Result<InProcessRun<F, J>, InProcessError> {
+    ) -> Result<InProcessRun<J>, InProcessError> {
         if scenario.plant_program.is_some() {
             return Err(InProcessError::PlantProgram);
         }

@@ -150,6 +150,7 @@ pub(super) fn simulate_to_end(
     should_continue: impl Fn() -> bool,
 ) -> (RunOutcome, Result<(), RunDirError>) {
     let earlier_usage = usage::read_this_thread();
+    let create_controller = Box::new(create_controller);
     let run = MeasuredRun::new(scenario, create_controller, run_dir, metrics, now_ns);
     let mut run = run.expect("it needs no processes");
     let start = Instant::now();

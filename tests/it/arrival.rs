@@ -137,7 +137,7 @@ fn dense_swap(seed: u64) -> Scenario {
 
 /// Returns the number of robots that end within a quarter of d of their goals.
 fn arrived(scenario: &Scenario, is_target_published: bool) -> usize {
-    let make_controller = |brief: &AgentBrief, incarnation| {
+    let make_controller = move |brief: &AgentBrief, incarnation| {
         let goal = brief.params["goal_m"].as_array().unwrap();
         let [x, y] = [0, 1].map(|i| goal[i].as_float().unwrap());
         let speed_m_s = brief.gains["speed_m_s"];
@@ -150,7 +150,7 @@ fn arrived(scenario: &Scenario, is_target_published: bool) -> usize {
         let rows = rows.iter().zip(&scenario.robots);
         rows.map(|(row, robot)| front_point(row.pose(), robot.front_point_m)).collect()
     };
-    let measures = measure_run(scenario, &make_controller, |_, rows, _| {
+    let measures = measure_run(scenario, Box::new(make_controller), &mut |_, rows, _| {
         end_points = front_points(rows);
         true
     });

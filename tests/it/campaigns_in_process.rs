@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use agent::controller::Controller;
 use run::in_process::InProcessRun;
+use run::in_process::measured::create_controller;
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -179,9 +179,7 @@ fn in_process_campaign_starts_processes_only_if_required() {
 #[test]
 fn plant_kill_is_refused_in_process() {
     let scenario = with_faults("triangle", &[], &["kill plant @0.5"]);
-    let run = InProcessRun::new(scenario, |brief, incarnation| {
-        Controller::new(brief, incarnation).unwrap()
-    });
+    let run = InProcessRun::new(scenario, Box::new(create_controller));
     let refusal = run.err().expect("it cannot be foretold").to_string();
     assert!(refusal.contains("a fault kills the plant"), "{refusal}");
 }

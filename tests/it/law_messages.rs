@@ -313,7 +313,8 @@ fn record_in_process(scenario: &Scenario) -> InProcessRunResult {
     let mut run_dir = RunDir::create(&folder.path().join("run"), scenario).unwrap();
     let mut metrics = Metrics::new(scenario, Pace::Lockstep);
     let mut run =
-        MeasuredRun::new(scenario, make_controller, &mut run_dir, &mut metrics, || 0).unwrap();
+        MeasuredRun::new(scenario, Box::new(make_controller), &mut run_dir, &mut metrics, || 0)
+            .unwrap();
     while !run.record_truth_sample().unwrap() {
         run.advance_tick();
     }
@@ -427,7 +428,7 @@ pose = { x_m = 0.0, y_m = 0.5, heading_rad = 0.0 }
 fn measures_without_a_record_contain_targets_and_signals() {
     let scenario = read_scenario(CIRCLES, &["kill r2 @4 restart 1"]);
     let recorded = record_in_process(&scenario).summary;
-    let measured = oracle::simulate_with(&scenario, &make_controller);
+    let measured = oracle::simulate_with(&scenario, Box::new(make_controller));
     assert!(measured.final_error_m_max.is_some() && measured.converged_at_s.is_some());
     assert_eq!(measured.final_error_m, recorded.final_error_m);
     assert_eq!(measured.converged_at_s, recorded.converged_at_s);

@@ -35,15 +35,20 @@ impl Law for RammingLaw {
 }
 
 /// Simulates robots in lockstep that go to goals and ram each other on the way. `change_brief` changes their briefs.
-fn ramming(set: &[&str], faults: &[&str], change_brief: impl Fn(&mut AgentBrief)) -> RunMetrics {
+fn ramming(
+    set: &[&str],
+    faults: &[&str],
+    change_brief: impl Fn(&mut AgentBrief) + Send + 'static,
+) -> RunMetrics {
     let scenario = with_faults("antipodal-8", set, faults);
-    simulate_with(&scenario, &|brief, incarnation| {
+    let make_controller = move |brief: &AgentBrief, incarnation| {
         let mut brief = brief.clone();
         change_brief(&mut brief);
         let parts = Parts::from_brief(&brief).expect("a checked brief");
         let law = Box::new(RammingLaw { speed_m_s: brief.avoidance.speed_max_m_s });
         Controller::with_parts(&brief, incarnation, Parts { law, ..parts })
-    })
+    };
+    simulate_with(&scenario, Box::new(make_controller))
 }
 
 #[test]

@@ -1,12 +1,11 @@
 //! The oracle: the same controllers and plant composed in one process. A lockstep run of real processes must reproduce
 //! its prediction bit by bit.
 
-use agent::controller::Controller;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
 use outcome::metrics::RunMetrics;
-use protocol::brief::AgentBrief;
 use protocol::message::{TruthHeader, TruthRow};
+use run::in_process::ControllerFactory;
 use run::in_process::measured::{create_controller, measure_run};
 
 /// Reads `scenarios/<name>.toml` with these keys set.
@@ -27,15 +26,12 @@ pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
 
 /// Simulates `scenario` in lockstep with its faults, and returns the measures.
 pub fn simulate(scenario: &Scenario) -> RunMetrics {
-    simulate_with(scenario, &create_controller)
+    simulate_with(scenario, Box::new(create_controller))
 }
 
 /// Simulates `scenario` with controllers that `make_controller` makes from a process configuration and an incarnation
 /// number.
-pub fn simulate_with(
-    scenario: &Scenario,
-    make_controller: &dyn Fn(&AgentBrief, u64) -> Controller,
-) -> RunMetrics {
+pub fn simulate_with(scenario: &Scenario, make_controller: ControllerFactory) -> RunMetrics {
     run(scenario, make_controller, |_, _, _| {})
 }
 
@@ -45,15 +41,15 @@ pub fn simulate_watched(
     scenario: &Scenario,
     watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
 ) -> RunMetrics {
-    run(scenario, &create_controller, watch)
+    run(scenario, Box::new(create_controller), watch)
 }
 
 fn run(
     scenario: &Scenario,
-    make_controller: &dyn Fn(&AgentBrief, u64) -> Controller,
+    make_controller: ControllerFactory,
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
 ) -> RunMetrics {
-    let measures = measure_run(scenario, make_controller, |header, rows, alive| {
+    let measures = measure_run(scenario, make_controller, &mut |header, rows, alive| {
         watch(header, rows, alive);
         true
     });

@@ -4,6 +4,8 @@
 //! `docs/add-*.md` verbatim: each module replaces the `mod.rs` to which its page adds a row; the files that the page
 //! shows are in the folder of the same name.
 
+use std::sync::Arc;
+
 use agent::avoidance::{AvoidanceRow, METHODS};
 use agent::controller::{Controller, Parts};
 use agent::laws::{LAWS, LawRow};
@@ -11,6 +13,7 @@ use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
 use experiment::scenario::read::{Overrides, read};
 use outcome::metrics::RunMetrics;
+use protocol::brief::AgentBrief;
 
 use crate::harness::ROOT;
 use crate::oracle;
@@ -39,10 +42,10 @@ fn assert_row(block: &str, test_source: &str, agent_source: &str) {
 }
 
 /// A build of the program with the rows of a page in addition to the built-in rows.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Build {
-    laws: Vec<LawRow>,
-    methods: Vec<AvoidanceRow>,
+    laws: Arc<[LawRow]>,
+    methods: Arc<[AvoidanceRow]>,
 }
 
 impl Build {
@@ -59,9 +62,10 @@ impl Build {
     }
 
     fn simulate(&self, scenario: &Scenario) -> RunMetrics {
-        oracle::simulate_with(scenario, &|brief, incarnation| {
-            let law = LAWS.iter().chain(&self.laws).find(|row| row.name == brief.law);
-            let mut methods = METHODS.iter().chain(&self.methods);
+        let build = self.clone();
+        let make_controller = move |brief: &AgentBrief, incarnation| {
+            let law = LAWS.iter().chain(&*build.laws).find(|row| row.name == brief.law);
+            let mut methods = METHODS.iter().chain(&*build.methods);
             let method = methods.find(|row| row.description.name == brief.avoidance.kind);
             let law = law.expect("a law");
             let parts = Parts {
@@ -70,7 +74,8 @@ impl Build {
                 avoidance: method.expect("a method").make(brief).unwrap(),
             };
             Controller::with_parts(brief, incarnation, parts)
-        })
+        };
+        oracle::simulate_with(scenario, Box::new(make_controller))
     }
 }
 

@@ -3,7 +3,6 @@
 
 use std::path::Path;
 
-use agent::controller::Controller;
 use experiment::prediction::{BreakCause, FailurePredictor};
 use experiment::scenario::Scenario;
 use formation::Vec2;
@@ -12,9 +11,9 @@ use formation::graph::Edge;
 use formation::laplacian::move_to_settled_positions;
 use formation::random::draw_unit_by_number;
 use formation::rewiring::{ActiveRepair, SenderPurpose};
-use protocol::brief::AgentBrief;
 use protocol::law::Reference;
 use run::in_process::InProcessRun;
+use run::in_process::measured::create_controller;
 
 use crate::harness::{
     ExitsWith as _, FinishedRun, event_cells, map_in_parallel, phalanx, repetition_factor, run,
@@ -147,9 +146,7 @@ pub fn with_repair(case: SingleFaultCase) -> SingleFaultCase {
 
 /// Returns the robots that use a spare at the end, each with the spare, as robot indices.
 fn spares_in_use(scenario: &Scenario) -> Vec<(usize, usize)> {
-    let make_controller =
-        |brief: &AgentBrief, incarnation| Controller::new(brief, incarnation).unwrap();
-    let mut run = InProcessRun::new(scenario.clone(), make_controller).unwrap();
+    let mut run = InProcessRun::new(scenario.clone(), Box::new(create_controller)).unwrap();
     while run.current_tick() + 1 < run.ticks() {
         run.sense_robots();
         run.step(|_, cycle| cycle.law_output());

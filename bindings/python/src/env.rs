@@ -16,19 +16,17 @@ use protocol::brief::AgentBrief;
 use protocol::message::TruthRow;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use run::in_process::{self, InProcessRun};
+use run::in_process::{self, ControllerFactory, InProcessRun};
 
 use crate::outbox::Outbox;
 use crate::situation::{InNeighborNames, Situation};
-
-type ControllerFactory = Box<dyn Fn(&AgentBrief, u64) -> Controller + Send>;
 
 /// One episode of an environment.
 #[pyclass(frozen, module = "phalanx")]
 pub struct Episode(Mutex<EpisodeState>);
 
 struct EpisodeState {
-    run: InProcessRun<ControllerFactory>,
+    run: InProcessRun,
     robots: Vec<Robot>,
     hash: TrajectoryHash,
     period_s: f64,

@@ -3,7 +3,6 @@
 
 use std::path::Path;
 
-use agent::controller::Controller;
 use experiment::check::{self, Theory};
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
@@ -15,14 +14,12 @@ use outcome::results::run_dir::RunDir;
 use outcome::results::scene::build_scene;
 use outcome::results::summary;
 use outcome::results::tables;
-use protocol::brief::{AgentBrief, Pace};
+use protocol::brief::Pace;
 use protocol::exit;
 use run::in_process::measured::{MeasuredRun, create_controller, reason_for_processes};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-
-type Think = fn(&AgentBrief, u64) -> Controller;
 
 /// A request of a page.
 #[derive(Debug, Deserialize)]
@@ -61,7 +58,7 @@ pub struct Engine {
     /// Text of the effective scenario.
     text: String,
     /// The run; `None` once its results were returned.
-    run: Option<MeasuredRun<'static, Think>>,
+    run: Option<MeasuredRun<'static>>,
     over: bool,
 }
 
@@ -116,7 +113,8 @@ impl Engine {
         // Each run borrows its own, which is leaked: few runs are opened.
         let run_dir = Box::leak(Box::new(RunDir::new(&scenario)));
         let metrics = Box::leak(Box::new(Metrics::new(&scenario, Pace::Lockstep)));
-        let run = MeasuredRun::new(&scenario, create_controller as Think, run_dir, metrics, || 0);
+        let create_controller = Box::new(create_controller);
+        let run = MeasuredRun::new(&scenario, create_controller, run_dir, metrics, || 0);
         let mut run = run.map_err(|why| format!("error: {why}\n"))?;
         let Ok(over) = run.record_truth_sample();
         Ok(Engine { scenario, text, run: Some(run), over })

@@ -243,7 +243,7 @@ fn mutate_text(original: &str, seed: u64) -> String {
 /// Parses mutated texts of `original`, one for each seed. Returns the numbers of accepted and refused texts, and
 /// checks that the text of an accepted brief parses again.
 fn fuzz_round_trip<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64, u64) {
-    let text = to_text(original);
+    let text = original.to_toml();
     let (mut accepted, mut refused) = (0, 0);
     for seed in seeds {
         let mutated = mutate_text(&text, seed);
@@ -251,10 +251,10 @@ fn fuzz_round_trip<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64,
             Ok(brief) => {
                 accepted += 1;
                 // Compared as texts, because NaN is not equal to itself.
-                let written = to_text(&brief);
+                let written = brief.to_toml();
                 let reread: B =
                     parse(Path::new("r1.toml"), &written).expect("it reads what it wrote");
-                assert_eq!(to_text(&reread), written, "seed {seed}");
+                assert_eq!(reread.to_toml(), written, "seed {seed}");
             }
             Err(error) => {
                 refused += 1;
@@ -277,7 +277,7 @@ fn mutated_briefs_never_panic_and_round_trip() {
 
 /// Returns the message for a text in which this key has another value; `-` if it is accepted.
 fn flaw_with_value<B: Brief>(original: &B, key: &str, value: &str) -> String {
-    let text = to_text(original);
+    let text = original.to_toml();
     let (before, rest) = text.split_once(&format!("{key} = ")).expect("the key is there");
     let (_, after) = rest.split_once('\n').expect("it is not last");
     let changed = format!("{before}{key} = {value}\n{after}");
@@ -342,7 +342,7 @@ fn value_out_of_range_names_key_and_allowed_values() {
     assert_eq!(flaw_with_value(&unlimited, "front_point_m", "0.0"), error_with(expected, ""));
     let mut far = agent();
     far.avoidance.classes[0].distance_min_m = 0.3;
-    let error = parse::<AgentBrief>(Path::new("r1.toml"), &to_text(&far)).unwrap_err().to_string();
+    let error = parse::<AgentBrief>(Path::new("r1.toml"), &far.to_toml()).unwrap_err().to_string();
     let expected = "avoidance.class.distance_min_m is 0.3, expected more than 0 and at most \
                     avoidance.distance_min_m = 0.2";
     assert_eq!(error, error_with(expected, ""));
@@ -353,7 +353,7 @@ fn value_out_of_range_names_key_and_allowed_values() {
         limits: None,
         ..agent()
     };
-    let error = parse::<AgentBrief>(Path::new("r1.toml"), &to_text(&car)).unwrap_err().to_string();
+    let error = parse::<AgentBrief>(Path::new("r1.toml"), &car.to_toml()).unwrap_err().to_string();
     assert!(
         error.contains("turning_radius_min_m is missing with drive = \"ackermann\""),
         "{error}"
@@ -372,14 +372,14 @@ fn value_out_of_range_names_key_and_allowed_values() {
     assert!(error.contains("robot.limits.turn_acceleration_rad_s2 is -3, expected"), "{error}");
     let error = flaw_with_value(&plant(), "\nradius_m", "nan");
     assert!(error.contains("expected a convex one of finite numbers"), "{error}");
-    let empty = to_text(&PlantBrief { robots: Vec::new(), ..plant() });
+    let empty = PlantBrief { robots: Vec::new(), ..plant() }.to_toml();
     let error = parse::<PlantBrief>(Path::new("plant.toml"), &empty).unwrap_err().to_string();
     assert!(error.ends_with("there is no robot, expected one or more"), "{error}");
 }
 
 #[test]
 fn brief_of_another_format_names_both_formats() {
-    let text = to_text(&agent());
+    let text = agent().to_toml();
     assert!(text.starts_with(&format!("format = {FORMAT_VERSION}\n")), "{text}");
     let error_of =
         |text: &str| parse::<AgentBrief>(Path::new("r1.toml"), text).unwrap_err().to_string();

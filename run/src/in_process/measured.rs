@@ -15,7 +15,7 @@ use outcome::results::run_dir::{RunDir, RunDirError};
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::{ReceptionState, TruthHeader, TruthRow};
 
-use super::{InProcessError, InProcessRun};
+use super::{ControllerFactory, InProcessError, InProcessRun};
 use crate::journal::Journal;
 
 /// Returns the reason why a run of this scenario needs processes, or `None`.
@@ -45,8 +45,8 @@ pub fn create_controller(brief: &AgentBrief, incarnation: u64) -> Controller {
 /// `false` before the end.
 pub fn measure_run(
     scenario: &Scenario,
-    create_controller: &dyn Fn(&AgentBrief, u64) -> Controller,
-    mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]) -> bool,
+    create_controller: ControllerFactory,
+    watch: &mut dyn FnMut(&TruthHeader, &[TruthRow], &[bool]) -> bool,
 ) -> Option<RunMetrics> {
     let metrics = Metrics::new(scenario, Pace::Lockstep);
     let run = InProcessRun::with_journal(scenario.clone(), create_controller, metrics);
@@ -97,24 +97,24 @@ pub fn measure_run(
 }
 
 /// Complete run in progress: records the status reports of the robots, and the events that affect them.
-pub struct MeasuredRun<'a, F> {
-    run: InProcessRun<F, Journal<'a>>,
+pub struct MeasuredRun<'a> {
+    run: InProcessRun<Journal<'a>>,
     latency: LatencyCollector,
     /// Header of the newest ground truth sample.
     header: TruthHeader,
     truth_rows: Vec<TruthRow>,
 }
 
-impl<'a, F: Fn(&AgentBrief, u64) -> Controller> MeasuredRun<'a, F> {
+impl<'a> MeasuredRun<'a> {
     /// Creates the run at the start, before the first ground truth sample. `clock_ns` is the clock for
     /// latency measurements.
     pub fn new(
         scenario: &Scenario,
-        create_controller: F,
+        create_controller: ControllerFactory,
         run_dir: &'a mut RunDir,
         metrics: &'a mut Metrics,
         clock_ns: fn() -> u64,
-    ) -> Result<MeasuredRun<'a, F>, InProcessError> {
+    ) -> Result<MeasuredRun<'a>, InProcessError> {
         let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
         let journal = Journal::new(names, run_dir, metrics);
         let mut run = InProcessRun::with_journal(scenario.clone(), create_controller, journal)?;
@@ -128,7 +128,7 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> MeasuredRun<'a, F> {
     }
 
     /// Returns the run itself.
-    pub fn run(&self) -> &InProcessRun<F, Journal<'a>> {
+    pub fn run(&self) -> &InProcessRun<Journal<'a>> {
         &self.run
     }
 

@@ -139,10 +139,11 @@ impl RunContext<'_> {
             scenario.robots.iter().map(|robot| robot.front_point_m).collect();
         let mut behavior =
             BehaviorRecorder::new(&front_points_m, scenario.avoidance.distance_min_m);
-        let metrics = measured::measure_run(scenario, &create_controller, |_, rows, alive| {
+        let mut watch = |_: &_, rows: &[_], alive: &[bool]| {
             behavior.add_truth(rows, alive);
             !self.stop.is_requested()
-        });
+        };
+        let metrics = measured::measure_run(scenario, Box::new(create_controller), &mut watch);
         let metrics = metrics.ok_or(RunEvaluationError::Stopped)?;
         let expectations = expect::evaluate(scenario, &metrics, Pace::Lockstep, 0, exit::OK);
         let compute_margin = |caller: &ExternalMargin| {

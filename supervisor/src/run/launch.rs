@@ -4,13 +4,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use formation::random::SplitMix64;
-use protocol::brief::{AgentBrief, BridgeBrief, Pace};
+use protocol::brief::{AgentBrief, BridgeBrief, Brief, Pace};
 use protocol::incarnations::Incarnations;
 use protocol::process::StopFlag;
 use protocol::ros2::Ros2Brief;
 use protocol::run_root::{self, RunRoot};
 use protocol::service::{self, Node};
-use serde::Serialize;
 
 use super::error::RunError;
 use super::helper_process::{HelperKind, HelperProcess};
@@ -235,7 +234,7 @@ impl StartInputs<'_, '_> {
         &mut self,
         kind: HelperKind,
         name: &str,
-        brief: &impl Serialize,
+        brief: &impl Brief,
     ) -> Result<HelperProcess, RunError> {
         let run_dir = &mut *self.journal.run_dir;
         let brief = run_dir.write_brief(name, brief)?;

@@ -1,5 +1,7 @@
 //! Code of the page `docs/add-an-avoidance-method.md`, compiled verbatim.
 
+use std::sync::Arc;
+
 use agent::avoidance::{Avoidance, AvoidanceRow, Sample};
 use experiment::briefs;
 use experiment::scenario::Scenario;
@@ -23,7 +25,7 @@ mod guard {
 const PAGE: &str = include_str!("../../../docs/add-an-avoidance-method.md");
 
 fn build() -> Build {
-    Build { methods: vec![brake::METHOD], ..Build::default() }
+    Build { methods: Arc::new([brake::METHOD]), ..Build::default() }
 }
 
 /// Reads the triangle with start distance d and these keys set, by a build with the page's method.

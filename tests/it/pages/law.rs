@@ -1,6 +1,7 @@
 //! Code of the page `docs/add-a-law.md`, compiled verbatim.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use agent::controller::Controller;
 use agent::laws::{Gains, Law, LawRow, Situation};
@@ -8,6 +9,7 @@ use agent::roles::FORMATION_ROLE;
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
 use formation::Vec2;
+use protocol::brief::AgentBrief;
 
 use super::{Build, assert_row, blocks, expect_valid};
 use crate::oracle;
@@ -29,7 +31,7 @@ mod formation_unit {
 const PAGE: &str = include_str!("../../../docs/add-a-law.md");
 
 fn build() -> Build {
-    Build { laws: vec![formation_linear::LAW], ..Build::default() }
+    Build { laws: Arc::new([formation_linear::LAW]), ..Build::default() }
 }
 
 /// Reads the triangle with the page's law and these keys set.
@@ -102,10 +104,11 @@ fn custom_program_processes_run_an_unlisted_law() {
     let agent = in_place_of("agent", variables, "pages::law::unlisted_law_robot_process");
     let run = run_embedded(&agent, &["--set", "expect={}"]);
     assert_eq!(run.code, 0);
+    let make_controller = |brief: &AgentBrief, incarnation| {
+        Controller::with_parts(brief, incarnation, own::parts(brief).unwrap())
+    };
     let predicted =
-        oracle::simulate_with(&oracle::scenario("triangle", &[]), &|brief, incarnation| {
-            Controller::with_parts(brief, incarnation, own::parts(brief).unwrap())
-        });
+        oracle::simulate_with(&oracle::scenario("triangle", &[]), Box::new(make_controller));
     assert_eq!(run.summary["trajectory_hash"].as_str(), predicted.trajectory_hash.as_deref());
     let error_m = run.summary["final_error_m_max"].as_f64().unwrap();
     assert!(error_m < 1e-2, "the robots converge: {error_m}");

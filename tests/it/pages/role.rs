@@ -1,5 +1,7 @@
 //! `docs/add-a-role.md`.
 
+use std::sync::Arc;
+
 use agent::laws::{LAWS, LawRow, NeighborEstimate};
 use agent::roles::{Role, RoleInput, RoleRow};
 
@@ -20,7 +22,7 @@ fn fresh() -> LawRow {
 
 /// Returns the trajectory hash of the first seconds of the third case with these faults and the page's role.
 fn hash(faults: &[&str]) -> Option<String> {
-    let build = Build { laws: vec![fresh()], ..Build::default() };
+    let build = Build { laws: Arc::new([fresh()]), ..Build::default() };
     let set = ["r1", "r2", "r3", "r4"].map(|robot| format!("robot.{robot}.law=containment-fresh"));
     let set: Vec<&str> = SHORT_RUN.into_iter().chain(set.iter().map(String::as_str)).collect();
     build

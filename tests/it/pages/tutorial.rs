@@ -1,5 +1,7 @@
 //! `docs/tutorial/law.md`: the law that `phalanx new` writes, built in and compared.
 
+use std::sync::Arc;
+
 use agent::laws::{Gains, Law, LawRow, Situation};
 use agent::roles::FORMATION_ROLE;
 use outcome::report::digits::format_four_digits;
@@ -36,7 +38,7 @@ fn both_laws_behave_as_documented() {
     let path = scratch.path().join("vee.toml");
     let (_, text) = SCENARIO.split_once("```toml\n").unwrap();
     std::fs::write(&path, text.split("```").next().unwrap()).unwrap();
-    let build = Build { laws: vec![my_law::LAW], ..Build::default() };
+    let build = Build { laws: Arc::new([my_law::LAW]), ..Build::default() };
     let commands = PAGE.lines().filter(|line| line.starts_with("phalanx run "));
     let errors: Vec<String> = commands
         .map(|command| {

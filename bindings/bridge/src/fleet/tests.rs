@@ -1,6 +1,7 @@
 use super::*;
 use experiment::examples::row_of_three;
 use experiment::scenario::Fault;
+use protocol::brief::Brief as _;
 
 const TWO_HOST_FLEET: &str = "\
 plant = \"a\"
@@ -29,7 +30,7 @@ fn bridge_brief_has_hosts_and_robots_of_the_fleet() {
     assert_eq!((fleet.latency_max_ns, fleet.plant_host), (20_000_000, 0));
     let brief = fleet.bridge_brief(1, &scenario, "text").unwrap();
     assert_eq!((brief.here, brief.plant, brief.hosts.len()), (1, 0, 2));
-    let text = protocol::brief::to_text(&brief);
+    let text = brief.to_toml();
     let again: BridgeBrief = toml::from_str(&text).unwrap();
     assert_eq!(again, brief);
     assert_ne!(fleet.bridge_brief(1, &scenario, "other").unwrap().experiment, brief.experiment);

@@ -5,8 +5,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use protocol::brief;
-use serde::Serialize;
+use protocol::brief::Brief;
 
 use crate::results::files::programs::{self, ProgramCommand, Programs};
 use experiment::scenario::program::ExternalProgram;
@@ -91,13 +90,9 @@ impl HostDir {
     }
 
     /// Writes the brief of a process. Returns its absolute path.
-    pub fn write_brief<B: Serialize>(
-        &self,
-        name: &str,
-        content: &B,
-    ) -> Result<PathBuf, RunDirError> {
+    pub fn write_brief<B: Brief>(&self, name: &str, content: &B) -> Result<PathBuf, RunDirError> {
         let file = format!("briefs/{name}.toml");
-        self.write_file(&file, brief::to_text(content))?;
+        self.write_file(&file, content.to_toml())?;
         let path = self.path.join(file);
         // Children have another working directory, where a relative path would be wrong.
         path.canonicalize().map_err(write_error(&path))

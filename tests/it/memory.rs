@@ -6,10 +6,10 @@
 use std::cell::Cell;
 use std::fs::File;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use rustix::fs::{Mode, OFlags};
 use rustix::process::Signal;
 
 use crate::harness::{Phalanx, RunInProgress, signal_pid, wait_until_gone};
@@ -37,15 +37,21 @@ fn triangle_on(kib: u64, taken_kib: u64) -> Option<Phalanx> {
     Some(Phalanx::new(command).set("expect={}"))
 }
 
-/// Returns the path of a run's tmpfs as seen from the test's mount namespace.
-fn tmpfs_of(running: &RunInProgress) -> PathBuf {
-    format!("/proc/{}/root{}", running.pid(), running.run_root().display()).into()
+/// Opens the directory of a run's tmpfs. A path would not do: when the run ends, its mount namespace is removed, and the
+/// same path can then lead to the shared memory of the machine.
+fn open_tmpfs(running: &RunInProgress) -> File {
+    let path = format!("/proc/{}/root{}", running.pid(), running.run_root().display());
+    let tmpfs = File::open(path).unwrap();
+    let space = rustix::fs::fstatvfs(&tmpfs).unwrap();
+    assert_eq!(space.f_blocks * space.f_frsize, 16 << 20, "the tmpfs of the test");
+    tmpfs
 }
 
 /// Fills the free space of the tmpfs.
-fn fill(tmpfs: &Path) {
-    let filler = File::options().create(true).append(true).open(tmpfs.join("filler"));
-    let Ok(mut filler) = filler else { return };
+fn fill(tmpfs: &File) {
+    let flags = OFlags::CREATE | OFlags::WRONLY | OFlags::APPEND;
+    let filler = rustix::fs::openat(tmpfs, "filler", flags, Mode::RUSR | Mode::WUSR);
+    let Ok(mut filler) = filler.map(File::from) else { return };
     for size in [1 << 16, 1 << 12] {
         while filler.write(&vec![1; size]).is_ok_and(|written| written > 0) {}
     }
@@ -61,10 +67,10 @@ fn wait_until_all_are_ready(running: &mut RunInProgress) {
 
 /// Waits until the supervisor has allocated the memory of the files that the robots created when they connected: the
 /// use of the file system no longer grows.
-fn wait_until_memory_is_allocated(running: &mut RunInProgress, tmpfs: &Path) {
+fn wait_until_memory_is_allocated(running: &mut RunInProgress, tmpfs: &File) {
     let last_use_and_polls = Cell::new((0, 0));
     running.wait_for("memory that is allocated", |_| {
-        let space = rustix::fs::statvfs(tmpfs).ok()?;
+        let space = rustix::fs::fstatvfs(tmpfs).ok()?;
         let in_use = space.f_blocks - space.f_bfree;
         let (last_use, polls) = last_use_and_polls.get();
         let polls = if in_use == last_use { polls + 1 } else { 0 };
@@ -101,7 +107,7 @@ fn memory_filled_after_the_start_does_not_affect_robots() {
     // In lockstep no queue grows because the machine is busy.
     let mut running = run.lockstep().set("duration_s=300").start();
     wait_until_all_are_ready(&mut running);
-    let tmpfs = tmpfs_of(&running);
+    let tmpfs = open_tmpfs(&running);
     wait_until_memory_is_allocated(&mut running, &tmpfs);
     fill(&tmpfs);
     let ended = running.finish();
@@ -114,7 +120,7 @@ fn replacement_with_full_memory_ends_run_with_4_and_cause() {
     let Some(run) = triangle_on(16 * 1024, 0) else { return };
     let mut running = run.set("duration_s=60").fault("kill r2 @1 restart 1").start();
     wait_until_all_are_ready(&mut running);
-    let tmpfs = tmpfs_of(&running);
+    let tmpfs = open_tmpfs(&running);
     let ended = AtomicBool::new(false);
     let ended = std::thread::scope(|scope| {
         // Space that is freed by terminated processes is filled, too.
@@ -148,7 +154,7 @@ fn sigbus_in_full_memory_is_reported_as_full_memory() {
             child => running.pid_of(child),
         };
         let run_dir = running.run_dir();
-        fill(&tmpfs_of(&running));
+        fill(&open_tmpfs(&running));
         // At the first SIGBUS, Rust's handler only restores the default action, since it expects the fault to
         // repeat. The third has no effect if the process is already dead and not yet reaped.
         for _ in 0..3 {

@@ -428,6 +428,7 @@ impl AgentBrief {
 
     /// Iterates over all robots that the robot may receive from: in-neighbors, then backup neighbors. Sender indices
     /// count in this order.
+    #[inline]
     pub fn senders(&self) -> impl Iterator<Item = &NeighborBrief> {
         self.neighbors.iter().chain(&self.spares)
     }
@@ -438,6 +439,7 @@ impl AgentBrief {
     }
 
     /// Returns the sender with this index. Panics if the index is out of range.
+    #[inline]
     pub fn sender(&self, sender_index: usize) -> &NeighborBrief {
         let in_neighbor = self.neighbors.get(sender_index);
         in_neighbor.unwrap_or_else(|| &self.spares[sender_index - self.neighbors.len()])

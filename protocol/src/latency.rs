@@ -90,17 +90,20 @@ impl LatencyRecorder {
     }
 
     /// Counts samples that should have been received and were overwritten before.
+    #[inline]
     pub fn count_lost_samples(&mut self, samples: u64) {
         self.header.samples_lost = self.header.samples_lost.saturating_add(samples);
     }
 
     /// Returns whether a batch should be sent at `now_ns`.
+    #[inline]
     pub fn is_due(&self, now_ns: u64) -> bool {
         let begins_interval = self.send_interval.begins_between(self.last_send_ns, now_ns);
         !self.rows.is_empty() && (begins_interval || self.is_half_full())
     }
 
     /// Returns whether half of the capacity is used.
+    #[inline]
     pub fn is_half_full(&self) -> bool {
         self.rows.len() >= self.rows_max / 2
     }

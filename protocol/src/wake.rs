@@ -35,6 +35,7 @@ impl StaggeredInterval {
     }
 
     /// Returns whether an interval begins after `last_ns` and until `now_ns`.
+    #[inline]
     pub fn begins_between(&self, last_ns: u64, now_ns: u64) -> bool {
         let number = |time_ns: u64| time_ns.saturating_add(self.phase_ns) / self.length_ns;
         number(now_ns) > number(last_ns)

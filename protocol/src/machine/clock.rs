@@ -57,6 +57,7 @@ impl Timer {
     }
 
     /// Returns the deadline of the next wait, ns.
+    #[inline]
     pub fn due_ns(&self) -> u64 {
         self.due_ns
     }

@@ -33,6 +33,7 @@ impl LatencyPort {
     }
 
     /// Sends a batch if [`LatencyRecorder::is_due`].
+    #[inline]
     pub fn send_if_due(&self, recorder: &mut LatencyRecorder, now_ns: u64) {
         if recorder.is_due(now_ns) {
             self.send(recorder, now_ns);

@@ -49,7 +49,7 @@ fn open_tmpfs(running: &RunInProgress) -> File {
 
 /// Fills the free space of the tmpfs.
 fn fill(tmpfs: &File) {
-    let flags = OFlags::CREATE | OFlags::WRONLY | OFlags::APPEND;
+    let flags = OFlags::CREATE | OFlags::RDWR | OFlags::APPEND;
     let filler = rustix::fs::openat(tmpfs, "filler", flags, Mode::RUSR | Mode::WUSR);
     let Ok(mut filler) = filler.map(File::from) else { return };
     for size in [1 << 16, 1 << 12] {

@@ -40,13 +40,16 @@ pub fn create_controller(brief: &AgentBrief, incarnation: u64) -> Controller {
     Controller::new(brief, incarnation).expect("the brief of a checked scenario")
 }
 
+/// Receives each ground truth sample, and for each robot whether it was alive. Returns whether the run continues.
+pub type TruthWatch<'a> = dyn FnMut(&TruthHeader, &[TruthRow], &[bool]) -> bool + 'a;
+
 /// Returns the measures of a lockstep run with controllers made by `create_controller`, and records nothing else.
 /// Calls `watch` with each ground truth sample and the robots that were alive; returns `None` if `watch` returns
 /// `false` before the end.
 pub fn measure_run(
     scenario: &Scenario,
     create_controller: ControllerFactory,
-    watch: &mut dyn FnMut(&TruthHeader, &[TruthRow], &[bool]) -> bool,
+    watch: &mut TruthWatch<'_>,
 ) -> Option<RunMetrics> {
     let metrics = Metrics::new(scenario, Pace::Lockstep);
     let run = InProcessRun::with_journal(scenario.clone(), create_controller, metrics);

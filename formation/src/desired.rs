@@ -30,36 +30,16 @@ impl Target {
 ///
 /// Each item of `received` is the estimate of alpha_j and the desired relative position C_ji. Returns `None` if
 /// `received` is empty.
-#[inline]
 pub fn mean_target(received: impl IntoIterator<Item = (Target, Target)>) -> Option<Target> {
-    let mut sum = TargetSum::default();
-    received.into_iter().for_each(|(alpha_j, c_ji)| sum.add(alpha_j, c_ji));
-    sum.mean()
-}
-
-/// Sum of the targets of a mean: [`mean_target`] for a caller with a loop of its own.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct TargetSum {
-    sum: Target,
-    count: u32,
-}
-
-impl TargetSum {
-    /// Adds an in-neighbor: the estimate of alpha_j, and the desired relative position C_ji.
-    #[inline]
-    pub fn add(&mut self, alpha_j: Target, c_ji: Target) {
-        self.sum.position += alpha_j.position + c_ji.position;
-        self.sum.velocity += alpha_j.velocity + c_ji.velocity;
-        self.count += 1;
-    }
-
-    /// Returns the mean of the added in-neighbors; `None` if there is none.
-    #[inline]
-    pub fn mean(self) -> Option<Target> {
-        let TargetSum { sum, count } = self;
-        let g = f64::from(count);
-        (count > 0).then(|| Target { position: sum.position / g, velocity: sum.velocity / g })
-    }
+    let mut sum = Target::at_rest(Vec2::zeros());
+    let mut count = 0u32;
+    received.into_iter().for_each(|(alpha_j, c_ji)| {
+        sum.position += alpha_j.position + c_ji.position;
+        sum.velocity += alpha_j.velocity + c_ji.velocity;
+        count += 1;
+    });
+    let g = f64::from(count);
+    (count > 0).then(|| Target { position: sum.position / g, velocity: sum.velocity / g })
 }
 
 #[cfg(test)]

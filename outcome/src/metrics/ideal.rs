@@ -111,9 +111,8 @@ impl IdealErrors {
         let mut median = |axis: usize| {
             let alive_anchors = anchors.iter().filter(|&&i| alive[i]);
             implied_positions_m.clear();
-            for &i in alive_anchors {
-                implied_positions_m.push(alphas[i][axis] - scale * slots[i][axis]);
-            }
+            implied_positions_m
+                .extend(alive_anchors.map(|&i| alphas[i][axis] - scale * slots[i][axis]));
             let count = implied_positions_m.len();
             (count > 0).then(|| {
                 let (smaller, upper, _) =

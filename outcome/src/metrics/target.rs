@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use formation::Vec2;
-use formation::desired::{Target, TargetSum, mean_target};
+use formation::desired::{Target, mean_target};
 use formation::frame::OffsetTransform;
 use formation::graph::Edge;
 use formation::laplacian::settled_positions;
@@ -84,7 +84,6 @@ impl Targets {
     /// in-neighbors' positions plus offsets in a formation (13) (24) (45) and for a follower, which has offsets only
     /// while it takes over a leader's slot (46); and the current goal for a robot that goes to goals. During silence,
     /// `counted_edges` selects the in-neighbors.
-    #[inline]
     pub(super) fn robot_error(
         &self,
         robot: usize,
@@ -132,7 +131,6 @@ impl Targets {
         })
     }
 
-    #[inline]
     fn mean_neighbor_target(
         &self,
         robot: usize,
@@ -146,12 +144,7 @@ impl Targets {
             let incoming = self.rewiring.incoming_links(robot);
             let in_neighbor_links = &incoming[..self.rewiring.receiver(robot).in_neighbor_count()];
             let links = self.rewiring.links();
-            let mut sum = TargetSum::default();
-            for &link in in_neighbor_links {
-                let (alpha_j, c_ji) = desired(&links[link]);
-                sum.add(alpha_j, c_ji);
-            }
-            return sum.mean();
+            return mean_target(in_neighbor_links.iter().map(|&link| desired(&links[link])));
         }
         mean_target(self.counted_edges(robot, silence).map(desired))
     }

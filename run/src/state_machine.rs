@@ -227,7 +227,7 @@ impl RecordSink for Metrics {
             RunRecord::FaultBegan(fault) => self.begin_fault(fault, t_ns),
             RunRecord::UnplannedDeath { robot, cause, at_ns, fault } => {
                 let number = self.record_unplanned_death(robot, &cause, at_ns);
-                debug_assert_eq!(number, fault);
+                assert_eq!(number, fault);
             }
             RunRecord::FaultEnded { fault, end, at_ns } => self.end_fault(fault, end, at_ns),
         }

@@ -18,7 +18,6 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use iceoryx2::prelude::{CallbackProgression, NodeState};
 use protocol::run_root::RunRoot;
 use protocol::service::{self, Node};
 use rustix::event::{EventfdFlags, eventfd};
@@ -222,20 +221,11 @@ fn remove_stale_resources(
     let dead: BTreeSet<u128> =
         files.map(|(id, _)| id).filter(|&id| death_cache.is_dead(id)).collect();
     let dead_connections = remove_half_made_connections(run_root)?;
-    let mut pending_ids = dead.clone();
-    let list_result = Node::list(node.config(), |state| {
-        // Other processes that died meanwhile may have left half-made connections too.
-        let is_selected = pending_ids.remove(&state.node_id().value());
-        if let (true, NodeState::Dead(dead_node)) = (is_selected, state)
-            && let Err(error) = dead_node.blocking_remove_stale_resources(CLEANUP_ATTEMPT_TIMEOUT)
-        {
-            tracing::debug!(?error, "removed by hand");
-        }
-        // Checking an alive process costs as much as removing a port of a dead one.
-        let is_done = pending_ids.is_empty() || has_ended.load(Ordering::Relaxed);
-        if is_done { CallbackProgression::Stop } else { CallbackProgression::Continue }
-    });
-    if has_ended.load(Ordering::Relaxed) {
+    // Not those of processes that died meanwhile: they may have left half-made connections too.
+    let run_has_ended = || has_ended.load(Ordering::Relaxed);
+    let list_result =
+        service::remove_dead_nodes(node, dead.clone(), CLEANUP_ATTEMPT_TIMEOUT, &run_has_ended);
+    if run_has_ended() {
         return Ok(());
     }
     if let Err(error) = list_result {

@@ -40,7 +40,7 @@ fn unplanned_permanent_death_fails_run_unless_expendable() {
     ] {
         let mut running = run("triangle")
             .lockstep()
-            .sets(["period_s=0.0001", "robot_defaults.restart_policy=never"])
+            .sets(["period_s=0.0001", "duration_s=8", "robot_defaults.restart_policy=never"])
             .set(format!("expect={expect}"))
             .start();
         running.wait_for_event("contact");
@@ -57,7 +57,7 @@ fn unplanned_permanent_death_fails_run_unless_expendable() {
             missed == (code == 1),
             format!("{expect}: the verdict is about it: {missed}"),
         );
-        ended.assert_holds(ended.number("/t_s") == 30.0, "the run goes to its end");
+        ended.assert_holds(ended.number("/t_s") == 8.0, "the run goes to its end");
     }
 }
 

@@ -130,7 +130,7 @@ fn draw_lie(number: u64) -> (usize, String) {
 
 #[test]
 fn runs_with_a_liar_match_prediction_and_keep_distance() {
-    for law in ["formation-robust", "formation-tanh"] {
+    map_in_parallel(&["formation-robust", "formation-tanh"], |law| {
         let law = format!("robot_defaults.law=\"{law}\"");
         let set = ["expect={}", "duration_s=25", &law];
         let ended = run("liar-10").lockstep().sets(set).finish();
@@ -149,5 +149,5 @@ fn runs_with_a_liar_match_prediction_and_keep_distance() {
         again.assert_holds(again.hash() == ended.hash(), "the same hash twice");
         let live = run("liar-10").args(["--pace", "realtime"]).sets(set).finish();
         live.exits_with(0).assert_leaves_nothing().assert_keeps_d();
-    }
+    });
 }

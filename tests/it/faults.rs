@@ -80,7 +80,7 @@ fn robot_killed_before_start_is_replaced_and_run_is_equal() {
 fn robot_at_the_restart_limit_is_given_up_and_run_continues() {
     let mut running = run("triangle")
         .lockstep()
-        .set("period_s=0.0001")
+        .sets(["period_s=0.0001", "duration_s=12"])
         .set("robot_defaults.max_restarts=1")
         .set("expect={}")
         .start();

@@ -16,7 +16,7 @@ use crate::campaigns::{CampaignDir, run_to_exit_code};
 use crate::harness::ROOT;
 
 /// Scenarios that are also run with a process for each robot.
-const AS_PROCESSES: [&str; 13] = [
+pub const AS_PROCESSES: [&str; 13] = [
     "bodies/drones-8",
     "bodies/parking-8",
     "bodies/team-9",

@@ -123,10 +123,7 @@ pub(crate) fn write_law_message(out: &mut Writer, started_unix_ns: u64, message:
     for (name, numbers) in arrays {
         out.write_string(name);
         out.write_u32(numbers.len() as u32);
-        // Padding after the length would be no part of an empty list.
-        if !numbers.is_empty() {
-            out.write_f64s(&numbers);
-        }
+        numbers.iter().for_each(|&number| out.write_f64s(&[number]));
     }
     let bytes = message.bytes_without_structure();
     out.write_u32(bytes.len() as u32);

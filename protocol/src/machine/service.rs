@@ -3,13 +3,15 @@
 //! Only the supervisor creates services; it keeps the [`Factory`] of each for the whole run. Agents and the plant
 //! open them. Must not: block a sender (safe overflow, discard), or rely on any iceoryx2 default.
 
+use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::marker::PhantomData;
 use std::time::Duration;
 
+use iceoryx2::node::NodeListFailure;
 use iceoryx2::prelude::{
-    AllocationStrategy, BackpressureStrategy, NodeBuilder, NodeName, PortFactory as _, ServiceName,
-    SignalHandlingMode, ZeroCopySend,
+    AllocationStrategy, BackpressureStrategy, CallbackProgression, NodeBuilder, NodeName,
+    NodeState, PortFactory as _, ServiceName, SignalHandlingMode, ZeroCopySend,
 };
 use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
@@ -97,6 +99,31 @@ pub fn create_node(name: &str) -> Result<Node, ServiceError> {
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<Ipc>()
         .map_err(service_error(ACTION, name, advice))
+}
+
+/// Removes the nodes with these IDs and their ports, if their processes are dead; logs failures. Ends early once
+/// `must_end` returns true, which is asked after each node. `attempt_timeout`: maximum time for one node.
+///
+/// # Errors
+///
+/// The nodes cannot be listed.
+pub fn remove_dead_nodes(
+    node: &Node,
+    mut ids: BTreeSet<u128>,
+    attempt_timeout: Duration,
+    must_end: &dyn Fn() -> bool,
+) -> Result<(), NodeListFailure> {
+    Node::list(node.config(), |state| {
+        let is_selected = ids.remove(&state.node_id().value());
+        if let (true, NodeState::Dead(dead_node)) = (is_selected, state)
+            && let Err(error) = dead_node.blocking_remove_stale_resources(attempt_timeout)
+        {
+            tracing::debug!(?error, "iceoryx2 could not remove a dead node");
+        }
+        // Checking an alive process costs as much as removing a port of a dead one.
+        let is_done = ids.is_empty() || must_end();
+        if is_done { CallbackProgression::Stop } else { CallbackProgression::Continue }
+    })
 }
 
 /// Connection limit and queue length of a service.

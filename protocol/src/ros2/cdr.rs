@@ -38,7 +38,7 @@ impl Writer {
     /// Appends a 32-bit integer.
     pub fn write_u32(&mut self, number: u32) {
         self.align(4);
-        self.bytes.extend(number.to_le_bytes());
+        self.bytes.extend_from_slice(&number.to_le_bytes());
     }
 
     /// Appends a 32-bit floating-point number.
@@ -47,15 +47,9 @@ impl Writer {
     }
 
     /// Appends consecutive 64-bit floating-point numbers.
-    pub fn write_f64s(&mut self, numbers: &[f64]) {
+    pub fn write_f64s<const COUNT: usize>(&mut self, numbers: &[f64; COUNT]) {
         self.align(8);
-        numbers.iter().for_each(|number| self.bytes.extend(number.to_le_bytes()));
-    }
-
-    /// Appends `count` 64-bit zeros.
-    pub fn write_zeros(&mut self, count: usize) {
-        self.align(8);
-        self.bytes.resize(self.bytes.len() + 8 * count, 0);
+        self.bytes.extend_from_slice(numbers.map(f64::to_le_bytes).as_flattened());
     }
 
     /// Appends a string: its length including the final NUL, then its bytes and the NUL.
@@ -74,7 +68,8 @@ impl Writer {
 
     fn align(&mut self, size: usize) {
         let written = self.bytes.len() - HEADER.len();
-        self.bytes.resize(HEADER.len() + written.next_multiple_of(size), 0);
+        let padding = written.next_multiple_of(size) - written;
+        self.bytes.extend_from_slice(&[0; 8][..padding]);
     }
 }
 

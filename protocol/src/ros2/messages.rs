@@ -44,9 +44,9 @@ pub fn write_odometry(out: &mut Writer, state: &StampedState<'_>) {
     write_header(out, state.stamp_ns);
     out.write_string(state.frame);
     out.write_f64s(&state.pose);
-    out.write_zeros(COVARIANCE_ENTRIES);
+    out.write_f64s(&[0.0; COVARIANCE_ENTRIES]);
     write_linear_and_angular(out, state.twist);
-    out.write_zeros(COVARIANCE_ENTRIES);
+    out.write_f64s(&[0.0; COVARIANCE_ENTRIES]);
 }
 
 /// Writes a `geometry_msgs/PoseStamped`.

@@ -8,7 +8,8 @@ use rustix::process::Signal;
 use tempfile::TempDir;
 
 use crate::harness::{
-    FinishedRun, PHALANX, Phalanx, RunInProgress, WAIT_TIMEOUT, processes_of, signal_pid,
+    FinishedRun, PHALANX, Phalanx, RunInProgress, WAIT_TIMEOUT, map_in_parallel, processes_of,
+    signal_pid,
 };
 use crate::programs::{run, scenario, script};
 
@@ -89,7 +90,7 @@ fn may_run(pid: u32) -> bool {
 
 #[test]
 fn real_time_death_event_follows_death_of_all_processes() {
-    for (name, wrapper) in WRAPPERS {
+    map_in_parallel(&WRAPPERS, |(name, wrapper)| {
         let (_folder, run) = wrapped(wrapper, "");
         let mut running = run.set("duration_s=1000").fault("kill r2 @4").start();
         running.wait_for_event("contact");
@@ -103,12 +104,12 @@ fn real_time_death_event_follows_death_of_all_processes() {
         ended.exits_with(130).assert_leaves_nothing();
         let died = ended.file("events.csv").contains("died,r2,signal 9");
         ended.assert_holds(died, format!("{name}: by the kill"));
-    }
+    });
 }
 
 #[test]
 fn real_time_freeze_stops_all_processes_and_thaw_resumes_them() {
-    for (name, wrapper) in WRAPPERS {
+    map_in_parallel(&WRAPPERS, |(name, wrapper)| {
         let (_folder, run) = wrapped(wrapper, "");
         let mut running = run.set("duration_s=1000").fault("freeze r2 @1 for 4").start();
         running.wait_for_event("freeze");
@@ -123,7 +124,7 @@ fn real_time_freeze_stops_all_processes_and_thaw_resumes_them() {
         }
         running.signal(Signal::INT);
         running.finish().exits_with(130).assert_leaves_nothing();
-    }
+    });
 }
 
 #[test]
@@ -144,7 +145,7 @@ fn robot_with_killed_keeper_dies_with_all_its_processes() {
 
 #[test]
 fn killed_supervisor_takes_wrapped_robot_processes_along() {
-    for (name, wrapper) in WRAPPERS {
+    map_in_parallel(&WRAPPERS, |(name, wrapper)| {
         let (_folder, run) = wrapped(wrapper, "");
         let mut running = run.set("duration_s=100").start();
         running.wait_for_event("contact");
@@ -155,7 +156,7 @@ fn killed_supervisor_takes_wrapped_robot_processes_along() {
             assert!(start.elapsed() < WAIT_TIMEOUT, "{name}: {before:?}");
             std::thread::sleep(Duration::from_millis(2));
         }
-    }
+    });
 }
 
 #[test]

@@ -221,7 +221,7 @@ fn remove_stale_resources(
     let dead: BTreeSet<u128> =
         files.map(|(id, _)| id).filter(|&id| death_cache.is_dead(id)).collect();
     let dead_connections = remove_half_made_connections(run_root)?;
-    // Not those of processes that died meanwhile: they may have left half-made connections too.
+    // Processes that died meanwhile may have left half-made connections too, so their nodes are not removed yet.
     let run_has_ended = || has_ended.load(Ordering::Relaxed);
     let list_result =
         service::remove_dead_nodes(node, dead.clone(), CLEANUP_ATTEMPT_TIMEOUT, &run_has_ended);

@@ -30,7 +30,7 @@ fn run_as_predicted(name: &str, set: &[&str]) -> (FinishedRun, RunMetrics) {
     (ended, predicted)
 }
 
-/// The other scenarios are compared by `golden::scenarios_as_processes_match_stored_results`.
+/// The scenarios in [`AS_PROCESSES`] are left out: `golden` compares their runs, in both drivers, with stored results.
 #[test]
 fn every_process_run_equals_the_prediction_of_the_oracle() {
     let mut names = shipped(12);

@@ -707,8 +707,8 @@ pub enum BriefError {
 /// A kind of brief. The methods are implemented for each kind, not generic, so that the code that reads and writes a
 /// brief is compiled once, in this crate.
 pub trait Brief: Sized {
-    /// Reads the TOML text of a brief; fails if it is not one of this kind. Does not check values.
-    fn from_toml(text: &str) -> Result<Self, toml::de::Error>;
+    /// Reads the TOML table of a brief; fails if it is not one of this kind. Does not check values.
+    fn from_table(table: toml::Table) -> Result<Self, toml::de::Error>;
 
     /// Returns the text of the brief, TOML.
     fn to_toml(&self) -> String;
@@ -719,8 +719,8 @@ pub trait Brief: Sized {
 }
 
 impl Brief for AgentBrief {
-    fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
-        toml::from_str(text)
+    fn from_table(table: toml::Table) -> Result<Self, toml::de::Error> {
+        table.try_into()
     }
 
     fn to_toml(&self) -> String {
@@ -788,8 +788,8 @@ impl Brief for AgentBrief {
 }
 
 impl Brief for PlantBrief {
-    fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
-        toml::from_str(text)
+    fn from_table(table: toml::Table) -> Result<Self, toml::de::Error> {
+        table.try_into()
     }
 
     fn to_toml(&self) -> String {
@@ -841,8 +841,8 @@ impl Brief for PlantBrief {
 }
 
 impl Brief for BridgeBrief {
-    fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
-        toml::from_str(text)
+    fn from_table(table: toml::Table) -> Result<Self, toml::de::Error> {
+        table.try_into()
     }
 
     fn to_toml(&self) -> String {
@@ -988,37 +988,29 @@ pub fn read<B: Brief>(path: &Path) -> Result<B, BriefError> {
     parse(path, &text)
 }
 
+/// Parses in two steps: text to table, table to brief. serde's code for each structure is then compiled for one kind of
+/// map only; `toml::from_str` would compile it for three.
 fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
-    check_format(path, text)?;
-    let brief = B::from_toml(text)
-        .map_err(|source| BriefError::Parse { path: path.into(), source: Box::new(source) })?;
+    let parse_error = |source| BriefError::Parse { path: path.into(), source: Box::new(source) };
+    let table: toml::Table = text.parse().map_err(parse_error)?;
+    check_format(path, &table)?;
+    let brief = B::from_table(table).map_err(parse_error)?;
     match brief.find_invalid_value() {
         None => Ok(brief),
         Some(flaw) => Err(BriefError::Invalid { path: path.into(), flaw }),
     }
 }
 
-/// Fails if the text has another format than this program reads.
-fn check_format(path: &Path, text: &str) -> Result<(), BriefError> {
-    /// The only key that is read before the format is known.
-    #[derive(Deserialize)]
-    struct FormatHeader {
-        format: Option<toml::Value>,
-    }
-    let found = match toml::from_str(text) {
-        Ok(FormatHeader { format: None }) => Some("no format".to_owned()),
-        Ok(FormatHeader { format: Some(toml::Value::Integer(format)) })
-            if u64::try_from(format) == Ok(FORMAT_VERSION) =>
-        {
-            None
+/// Fails if the table has another format than this program reads.
+fn check_format(path: &Path, table: &toml::Table) -> Result<(), BriefError> {
+    let found = match table.get("format") {
+        Some(toml::Value::Integer(format)) if u64::try_from(*format) == Ok(FORMAT_VERSION) => {
+            return Ok(());
         }
-        Ok(FormatHeader { format: Some(other) }) => Some(format!("format {other}")),
-        Err(_) => None, // it is no TOML, which is said below
+        Some(other) => format!("format {other}"),
+        None => "no format".to_owned(),
     };
-    match found {
-        None => Ok(()),
-        Some(found) => Err(BriefError::ForeignFormat { path: path.into(), found }),
-    }
+    Err(BriefError::ForeignFormat { path: path.into(), found })
 }
 
 /// Returns the version of the phalanx that wrote a program's brief, whatever its format; `None` if it has none.

@@ -66,8 +66,8 @@ impl Ros2Brief {
 }
 
 impl Brief for Ros2Brief {
-    fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
-        toml::from_str(text)
+    fn from_table(table: toml::Table) -> Result<Self, toml::de::Error> {
+        table.try_into()
     }
 
     fn to_toml(&self) -> String {

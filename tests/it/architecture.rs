@@ -97,10 +97,40 @@ fn folders_and_packages_are_few() {
         .filter(|folder| !folder.starts_with('.'))
         .collect();
     assert!(folders.len() <= 15, "{folders:?}");
-    let manifest = std::fs::read_to_string(Path::new(ROOT).join("Cargo.toml")).unwrap();
-    let manifest: toml::Table = manifest.parse().unwrap();
+    let manifest = read_toml("Cargo.toml");
     let members = manifest["workspace"]["members"].as_array().unwrap();
     assert!(members.len() < 12, "with this package more than twelve: {members:?}");
+}
+
+fn read_toml(path: &str) -> toml::Table {
+    std::fs::read_to_string(Path::new(ROOT).join(path)).unwrap().parse().unwrap()
+}
+
+/// Returns the packages of a `Cargo.lock`, each with its version.
+fn locked(path: &str) -> BTreeSet<(String, String)> {
+    let lock = read_toml(path);
+    let text = |package: &toml::Value, key| package[key].as_str().unwrap().to_owned();
+    let packages = lock["package"].as_array().unwrap().iter();
+    packages.map(|package| (text(package, "name"), text(package, "version"))).collect()
+}
+
+/// Cargo compiles a third-party crate once for both only if version and settings are the same.
+#[test]
+fn python_package_has_versions_and_profiles_of_the_workspace() {
+    let ours = locked("Cargo.lock");
+    let theirs = locked("bindings/python/Cargo.lock");
+    let other_versions: Vec<_> = theirs
+        .difference(&ours)
+        .filter(|(name, _)| ours.iter().any(|(known, _)| known == name))
+        .collect();
+    assert!(other_versions.is_empty(), "{other_versions:?}");
+    for profile in ["dev", "release"] {
+        let mut expected = read_toml("Cargo.toml")["profile"][profile].clone();
+        let packages = expected["package"].as_table_mut().unwrap();
+        packages.retain(|name, _| name == "*" || theirs.iter().any(|(package, _)| package == name));
+        let found = &read_toml("bindings/python/Cargo.toml")["profile"][profile];
+        assert_eq!(*found, expected, "{profile}");
+    }
 }
 
 /// Returns the names of functions, each with the number of lines from its signature to its end. Relies on rustfmt: a

@@ -18,8 +18,8 @@ use crate::tree::SignalError;
 use outcome::results::programs::ProgramCommand;
 use outcome::results::usage::Usage;
 
-/// Time after SIGTERM at which a process is killed.
-pub(crate) const TERMINATION_GRACE_TIME: Duration = Duration::from_secs(2);
+/// Time after SIGTERM at which a process is killed. A Python interpreter needs more than 2 s to exit on a busy machine.
+pub(crate) const TERMINATION_GRACE_TIME: Duration = Duration::from_secs(5);
 /// Number of lines of a dead child's log that are shown.
 pub(super) const SHOWN_LOG_LINES: usize = 8;
 /// Printed in place of the log of a process of another host.

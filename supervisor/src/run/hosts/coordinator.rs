@@ -18,6 +18,7 @@ use super::remote::RemoteRobot;
 use crate::dead_nodes::Cleaner;
 use crate::run::RunError;
 use crate::run::helper_process::HelperProcess;
+use crate::run::processes::TERMINATION_GRACE_TIME;
 use outcome::metrics::summary::HostSummary;
 
 /// Interval at which orders are sent.
@@ -26,8 +27,8 @@ const ORDER_INTERVAL: Duration = Duration::from_millis(20);
 const REPORT_SILENCE_MAX: Duration = Duration::from_secs(5);
 /// Duration of one iteration of a wait.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
-/// Maximum time for hosts to end their processes and to deliver the last messages.
-const HOSTS_END_TIMEOUT: Duration = Duration::from_secs(8);
+/// Maximum time for hosts to end their processes, which can take twice the grace time, and to deliver the last messages.
+const HOSTS_END_TIMEOUT: Duration = Duration::from_secs(2 * TERMINATION_GRACE_TIME.as_secs() + 4);
 /// Duration for which the end of the run is announced to hosts.
 const END_ANNOUNCEMENT_TIME: Duration = Duration::from_millis(200);
 

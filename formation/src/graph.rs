@@ -99,21 +99,12 @@ impl FormationGraph {
     /// unreachable robot.
     pub fn hop_counts(&self) -> Vec<Vec<Option<usize>>> {
         let out_neighbors = self.out_neighbors();
-        let from = |source: usize| {
-            let mut hops = vec![None; self.robot_count];
-            hops[source] = Some(0);
-            let mut open = VecDeque::from([source]);
-            while let Some(robot) = open.pop_front() {
-                for &out_neighbor in &out_neighbors[robot] {
-                    if hops[out_neighbor].is_none() {
-                        hops[out_neighbor] = hops[robot].map(|hop| hop + 1);
-                        open.push_back(out_neighbor);
-                    }
-                }
-            }
-            hops
-        };
-        (0..self.robot_count).map(from).collect()
+        (0..self.robot_count).map(|source| hops_from(source, &out_neighbors)).collect()
+    }
+
+    /// Returns one row of [`hop_counts`](Self::hop_counts), in linear time.
+    pub fn hop_counts_from(&self, source: usize) -> Vec<Option<usize>> {
+        hops_from(source, &self.out_neighbors())
     }
 
     /// Returns the robots from which every other robot is reachable. If there are none, the formation
@@ -166,6 +157,22 @@ impl FormationGraph {
         }
         (positions, open_cycles)
     }
+}
+
+/// Returns the minimum number of edges from `source` to each robot, by breadth-first search.
+fn hops_from(source: usize, out_neighbors: &[Vec<usize>]) -> Vec<Option<usize>> {
+    let mut hops = vec![None; out_neighbors.len()];
+    hops[source] = Some(0);
+    let mut open = VecDeque::from([source]);
+    while let Some(robot) = open.pop_front() {
+        for &out_neighbor in &out_neighbors[robot] {
+            if hops[out_neighbor].is_none() {
+                hops[out_neighbor] = hops[robot].map(|hop| hop + 1);
+                open.push_back(out_neighbor);
+            }
+        }
+    }
+    hops
 }
 
 #[cfg(test)]

@@ -4,6 +4,8 @@
 //! radius rho is an eigenvalue, the largest in modulus and in real part. Hence the eigenvalue of A = I - W with
 //! the smallest real part is 1 - rho, and rho(A^-1) = 1 / (1 - rho).
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use nalgebra::{DVector, Dyn, LU};
 
 use crate::Vec2;
@@ -280,7 +282,7 @@ impl GroupedSystem {
 ///
 /// Returns `None` unless every robot is reachable from `fixed`.
 pub fn settled_positions(graph: &FormationGraph, fixed: usize) -> Option<Vec<Vec2>> {
-    if !graph.reachability()[fixed].iter().all(|&reached| reached) {
+    if graph.hop_counts_from(fixed).contains(&None) {
         return None;
     }
     let in_neighbors: Vec<Vec<(usize, Vec2)>> = (0..graph.robot_count())
@@ -336,6 +338,9 @@ fn solve_equilibrium_system(
     if free.is_empty() {
         return Some(());
     }
+    if free.len() > SQUARED_MATRIX_ROWS_MAX {
+        return eliminate_equilibrium_system(in_neighbors, free, row, positions);
+    }
     let mut system = Matrix::identity(free.len(), free.len());
     let (mut x, mut y) = (DVector::zeros(free.len()), DVector::zeros(free.len()));
     for (k, &i) in free.iter().enumerate() {
@@ -355,6 +360,70 @@ fn solve_equilibrium_system(
         return None;
     }
     free.iter().zip(x.iter().zip(&y)).for_each(|(&i, (&x, &y))| positions[i] = Vec2::new(x, y));
+    Some(())
+}
+
+/// Does the same as [`solve_equilibrium_system`] by Gaussian elimination of sparse rows. A robot with few neighbors is
+/// eliminated first, so that few new elements arise. The pivot is the diagonal element: in each row it is at least the sum
+/// of the weights, also after each elimination.
+fn eliminate_equilibrium_system(
+    in_neighbors: &[Vec<(usize, Vec2)>],
+    free: &[usize],
+    row: &[Option<usize>],
+    positions: &mut [Vec2],
+) -> Option<()> {
+    // Row k states: diagonal[k] p_k = constant[k] + sum of weights[k][j] p_j.
+    let mut diagonal = vec![1.0; free.len()];
+    let mut constant = vec![Vec2::zeros(); free.len()];
+    let mut weights: Vec<BTreeMap<usize, f64>> = vec![BTreeMap::new(); free.len()];
+    let mut rows_with: Vec<BTreeSet<usize>> = vec![BTreeSet::new(); free.len()];
+    for (k, &i) in free.iter().enumerate() {
+        let weight = 1.0 / in_neighbors[i].len() as f64;
+        for &(from, offset_m) in &in_neighbors[i] {
+            constant[k] += weight * offset_m;
+            match row[from] {
+                Some(column) => {
+                    *weights[k].entry(column).or_default() += weight;
+                    rows_with[column].insert(k);
+                }
+                None => constant[k] += weight * positions[from],
+            }
+        }
+    }
+    let mut left: BTreeSet<usize> = (0..free.len()).collect();
+    let mut order = Vec::new();
+    while let Some(k) = left.iter().copied().min_by_key(|&k| weights[k].len() * rows_with[k].len())
+    {
+        left.remove(&k);
+        order.push(k);
+        let own = std::mem::take(&mut weights[k]);
+        for &j in own.keys() {
+            rows_with[j].remove(&k);
+        }
+        for i in std::mem::take(&mut rows_with[k]) {
+            let factor = weights[i].remove(&k).unwrap_or(0.0) / diagonal[k];
+            let added = factor * constant[k];
+            constant[i] += added;
+            for (&j, &weight) in &own {
+                if j == i {
+                    diagonal[i] -= factor * weight;
+                } else {
+                    *weights[i].entry(j).or_default() += factor * weight;
+                    rows_with[j].insert(i);
+                }
+            }
+        }
+        weights[k] = own;
+    }
+    let mut solution = vec![Vec2::zeros(); free.len()];
+    for &k in order.iter().rev() {
+        let others = weights[k].iter().map(|(&j, &weight)| weight * solution[j]);
+        solution[k] = (constant[k] + others.sum::<Vec2>()) / diagonal[k];
+    }
+    if solution.iter().any(|position| !position.iter().all(|coordinate| coordinate.is_finite())) {
+        return None;
+    }
+    free.iter().zip(solution).for_each(|(&i, position)| positions[i] = position);
     Some(())
 }
 
@@ -493,6 +562,25 @@ mod tests {
             }
         }
 
+        #[test]
+        fn elimination_settles_robots_like_the_dense_solution(graph in graphs(true)) {
+            let n = graph.robot_count();
+            prop_assume!(!graph.hop_counts_from(0).contains(&None));
+            let in_neighbors: Vec<Vec<(usize, Vec2)>> = (0..n)
+                .map(|i| graph.incoming_edges(i).map(|edge| (edge.from, edge.offset_m)).collect())
+                .collect();
+            let free: Vec<usize> = (1..n).collect();
+            let row: Vec<Option<usize>> = (0..n).map(|i| i.checked_sub(1)).collect();
+            let start = vec![Vec2::new(0.3, -2.0); n];
+            let (mut sparse, mut dense) = (start.clone(), start);
+            let solved = eliminate_equilibrium_system(&in_neighbors, &free, &row, &mut sparse);
+            prop_assert_eq!(solved, Some(()));
+            prop_assert_eq!(solve_equilibrium_system(&in_neighbors, &free, &row, &mut dense), Some(()));
+            for i in 0..n {
+                prop_assert!((sparse[i] - dense[i]).norm() < 1e-9, "robot {i}");
+            }
+        }
+
         /// Copies of a graph, each led by a robot of the one before, are as many as are solved in groups.
         #[test]
         fn settle_moves_many_robots_to_their_neighbor_mean(one in graphs(true)) {
@@ -533,6 +621,20 @@ mod tests {
                 let desired = desired / graph.incoming_edges(i).count() as f64; // (24)
                 prop_assert!((positions[i] - desired).norm() < 1e-9, "robot {i}");
             }
+        }
+    }
+
+    #[test]
+    fn large_ring_settles_at_neighbor_means() {
+        let robots = 2 * SQUARED_MATRIX_ROWS_MAX;
+        let heard = |i: usize| (1..=4).map(move |k| [(i + k) % robots, i]);
+        let ring = graph(robots, &(1..robots).flat_map(heard).collect::<Vec<_>>());
+        let positions = settled_positions(&ring, 0).unwrap();
+        for i in 1..robots {
+            let desired: Vec2 =
+                ring.incoming_edges(i).map(|e| positions[e.from] + e.offset_m).sum();
+            let error_m = (positions[i] - desired / 4.0).norm();
+            assert!(error_m < 1e-6, "robot {i}: {error_m}");
         }
     }
 

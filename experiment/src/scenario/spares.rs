@@ -272,8 +272,7 @@ fn parse_listed_spares(
 /// the index in the file. `None` if it is not reached.
 fn hop_order(scenario: &Scenario) -> Vec<Option<(usize, usize)>> {
     let first = scenario.leader().or_else(|| scenario.graph.roots().first().copied());
-    let hops =
-        first.map(|first| scenario.graph.hop_counts().swap_remove(first)).unwrap_or_default();
+    let hops = first.map(|first| scenario.graph.hop_counts_from(first)).unwrap_or_default();
     hops.into_iter().enumerate().map(|(i, hops)| Some((hops?, i))).collect()
 }
 

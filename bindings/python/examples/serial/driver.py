@@ -21,7 +21,7 @@ from pathlib import Path
 import phalanx
 
 HERE = Path(__file__).parent
-SILENT_S = 0.5  # maximum time without a message of a robot, after which the run ends
+SILENT_S = 2.0  # maximum time without a message of a robot, after which the run ends
 HEARD_WITHIN_S = 5.0  # maximum time until the first message of a robot
 OFF_M, OFF_RAD = 0.05, 0.1  # maximum distance of a robot from its start pose in the scenario
 

@@ -102,7 +102,8 @@ impl FormationGraph {
         (0..self.robot_count).map(|source| hops_from(source, &out_neighbors)).collect()
     }
 
-    /// Returns one row of [`hop_counts`](Self::hop_counts), in linear time.
+    /// Returns the minimum number of edges from `source` to each robot, `None` for an unreachable one: a row of
+    /// [`hop_counts`](Self::hop_counts).
     pub fn hop_counts_from(&self, source: usize) -> Vec<Option<usize>> {
         hops_from(source, &self.out_neighbors())
     }
@@ -159,7 +160,7 @@ impl FormationGraph {
     }
 }
 
-/// Returns the minimum number of edges from `source` to each robot, by breadth-first search.
+/// Searches the graph breadth-first from `source`.
 fn hops_from(source: usize, out_neighbors: &[Vec<usize>]) -> Vec<Option<usize>> {
     let mut hops = vec![None; out_neighbors.len()];
     hops[source] = Some(0);

@@ -17,8 +17,8 @@ pub type Matrix = nalgebra::DMatrix<f64>;
 
 /// Number of squarings in [`spectral_radius`]. An exponent of 2^50 leaves only rounding errors.
 const SQUARINGS: i32 = 50;
-/// Maximum number of rows of a matrix that is squared, each time with the cube of this number of operations.
-const SQUARED_MATRIX_ROWS_MAX: usize = 256;
+/// Maximum number of rows of a dense matrix that is squared or decomposed, which takes the cube of this number of operations.
+const DENSE_MATRIX_ROWS_MAX: usize = 256;
 /// Maximum number of linear systems that are solved for a spectral radius.
 const LINEAR_SOLVES_MAX: usize = 30;
 /// Maximum number of steps of a power iteration.
@@ -77,10 +77,10 @@ pub fn velocity_feedback_robots(graph: &FormationGraph, feed_forward: &[bool]) -
 /// limit of |M^m|^(1/m). Squaring a non-negative matrix causes no cancellation, so rounding errors stay small.
 /// Unlike the QR algorithm it is not slowed by cycles or repeated eigenvalues.
 ///
-/// Above `SQUARED_MATRIX_ROWS_MAX` rows it is the largest radius of a part whose rows depend on each other, because all
+/// Above `DENSE_MATRIX_ROWS_MAX` rows it is the largest radius of a part whose rows depend on each other, because all
 /// other elements change no eigenvalue; see `spectral_radius_by_components`.
 pub fn spectral_radius(matrix: &Matrix) -> f64 {
-    if matrix.nrows() <= SQUARED_MATRIX_ROWS_MAX {
+    if matrix.nrows() <= DENSE_MATRIX_ROWS_MAX {
         spectral_radius_by_squaring(matrix)
     } else {
         spectral_radius_by_components(matrix)
@@ -96,7 +96,7 @@ fn spectral_radius_by_components(matrix: &Matrix) -> f64 {
         [i] => matrix[(i, i)],
         _ => {
             let part = matrix.select_rows(part).select_columns(part);
-            if part.nrows() <= SQUARED_MATRIX_ROWS_MAX {
+            if part.nrows() <= DENSE_MATRIX_ROWS_MAX {
                 spectral_radius_by_squaring(&part)
             } else {
                 spectral_radius_by_noda(&part)
@@ -182,10 +182,10 @@ fn spectral_radius_by_squaring(matrix: &Matrix) -> f64 {
 
 /// Returns the spectral norm |M|_2 of a non-negative matrix: sqrt(rho(M^T M)).
 ///
-/// Above `SQUARED_MATRIX_ROWS_MAX` rows it is computed by power iteration from the vector of ones, which is never
+/// Above `DENSE_MATRIX_ROWS_MAX` rows it is computed by power iteration from the vector of ones, which is never
 /// orthogonal to the singular vector of a non-negative matrix.
 pub fn spectral_norm(matrix: &Matrix) -> f64 {
-    if matrix.nrows() <= SQUARED_MATRIX_ROWS_MAX {
+    if matrix.nrows() <= DENSE_MATRIX_ROWS_MAX {
         return spectral_radius(&(matrix.transpose() * matrix)).sqrt();
     }
     let transposed = matrix.transpose();
@@ -197,10 +197,10 @@ pub fn spectral_norm(matrix: &Matrix) -> f64 {
 
 /// Returns |A^-1|_2 of an M-matrix A, whose inverse is non-negative, or `None` if A is singular.
 ///
-/// Above `SQUARED_MATRIX_ROWS_MAX` rows no inverse is computed: the systems of the power iteration of [`spectral_norm`]
+/// Above `DENSE_MATRIX_ROWS_MAX` rows no inverse is computed: the systems of the power iteration of [`spectral_norm`]
 /// are solved in groups of rows that depend on each other.
 pub fn inverse_norm_2(matrix: &Matrix) -> Option<f64> {
-    if matrix.nrows() <= SQUARED_MATRIX_ROWS_MAX {
+    if matrix.nrows() <= DENSE_MATRIX_ROWS_MAX {
         return Some(spectral_norm(&matrix.clone().try_inverse()?));
     }
     let (system, transposed) =
@@ -300,7 +300,7 @@ pub fn settled_positions(graph: &FormationGraph, fixed: usize) -> Option<Vec<Vec
 /// Every free robot must be reachable from a robot that is not free. Returns `None` and changes no position if
 /// the linear system is numerically singular.
 ///
-/// More than `SQUARED_MATRIX_ROWS_MAX` free robots are moved in groups that depend on each other, each after the groups
+/// More than `DENSE_MATRIX_ROWS_MAX` free robots are moved in groups that depend on each other, each after the groups
 /// on which it depends.
 pub fn move_to_settled_positions(
     in_neighbors: &[Vec<(usize, Vec2)>],
@@ -309,7 +309,7 @@ pub fn move_to_settled_positions(
 ) -> Option<()> {
     let mut row = vec![None; positions.len()];
     free.iter().enumerate().for_each(|(k, &i)| row[i] = Some(k));
-    if free.len() <= SQUARED_MATRIX_ROWS_MAX {
+    if free.len() <= DENSE_MATRIX_ROWS_MAX {
         return solve_equilibrium_system(in_neighbors, free, &row, positions);
     }
     let next = |&i: &usize| in_neighbors[i].iter().filter_map(|&(from, _)| row[from]).collect();
@@ -338,21 +338,15 @@ fn solve_equilibrium_system(
     if free.is_empty() {
         return Some(());
     }
-    if free.len() > SQUARED_MATRIX_ROWS_MAX {
+    if free.len() > DENSE_MATRIX_ROWS_MAX {
         return eliminate_equilibrium_system(in_neighbors, free, row, positions);
     }
     let mut system = Matrix::identity(free.len(), free.len());
     let (mut x, mut y) = (DVector::zeros(free.len()), DVector::zeros(free.len()));
     for (k, &i) in free.iter().enumerate() {
-        let weight = 1.0 / in_neighbors[i].len() as f64;
-        for &(from, offset_m) in &in_neighbors[i] {
-            let mut desired = offset_m;
-            match row[from] {
-                Some(column) => system[(k, column)] -= weight,
-                None => desired += positions[from],
-            }
-            (x[k], y[k]) = (x[k] + weight * desired.x, y[k] + weight * desired.y);
-        }
+        let subtract = |column, weight| system[(k, column)] -= weight;
+        let constant = equilibrium_equation(&in_neighbors[i], row, positions, subtract);
+        (x[k], y[k]) = (constant.x, constant.y);
     }
     let lu = system.lu();
     let (x, y) = (lu.solve(&x)?, lu.solve(&y)?);
@@ -361,6 +355,27 @@ fn solve_equilibrium_system(
     }
     free.iter().zip(x.iter().zip(&y)).for_each(|(&i, (&x, &y))| positions[i] = Vec2::new(x, y));
     Some(())
+}
+
+/// Calls `add` with the column and the weight of each free in-neighbor of a robot, and returns the constant part of the
+/// mean over its in-neighbors: offsets, and positions of robots that are not free.
+fn equilibrium_equation(
+    in_neighbors: &[(usize, Vec2)],
+    row: &[Option<usize>],
+    positions: &[Vec2],
+    mut add: impl FnMut(usize, f64),
+) -> Vec2 {
+    let weight = 1.0 / in_neighbors.len() as f64;
+    let mut constant = Vec2::zeros();
+    for &(from, offset_m) in in_neighbors {
+        let mut desired = offset_m;
+        match row[from] {
+            Some(column) => add(column, weight),
+            None => desired += positions[from],
+        }
+        constant += weight * desired;
+    }
+    constant
 }
 
 /// Does the same as [`solve_equilibrium_system`] by Gaussian elimination of sparse rows. A robot with few neighbors is
@@ -378,17 +393,11 @@ fn eliminate_equilibrium_system(
     let mut weights: Vec<BTreeMap<usize, f64>> = vec![BTreeMap::new(); free.len()];
     let mut rows_with: Vec<BTreeSet<usize>> = vec![BTreeSet::new(); free.len()];
     for (k, &i) in free.iter().enumerate() {
-        let weight = 1.0 / in_neighbors[i].len() as f64;
-        for &(from, offset_m) in &in_neighbors[i] {
-            constant[k] += weight * offset_m;
-            match row[from] {
-                Some(column) => {
-                    *weights[k].entry(column).or_default() += weight;
-                    rows_with[column].insert(k);
-                }
-                None => constant[k] += weight * positions[from],
-            }
-        }
+        let add = |column: usize, weight| {
+            *weights[k].entry(column).or_default() += weight;
+            rows_with[column].insert(k);
+        };
+        constant[k] = equilibrium_equation(&in_neighbors[i], row, positions, add);
     }
     let mut left: BTreeSet<usize> = (0..free.len()).collect();
     let mut order = Vec::new();
@@ -587,7 +596,7 @@ mod tests {
             let n = one.robot_count();
             let reached = Reachability::new(&one, Some(0), &[], &[]).defects_without_faults().unled.is_empty();
             prop_assume!(n > 1 && reached);
-            let copies = SQUARED_MATRIX_ROWS_MAX / (n - 1) + 2;
+            let copies = DENSE_MATRIX_ROWS_MAX / (n - 1) + 2;
             let mut in_neighbors: Vec<Vec<(usize, Vec2)>> = vec![Vec::new()];
             for copy in 0..copies {
                 let index = |robot: usize| if robot == 0 { copy * (n - 1) } else { copy * (n - 1) + robot };
@@ -597,7 +606,7 @@ mod tests {
                 }
             }
             let free: Vec<usize> = (1..in_neighbors.len()).collect();
-            prop_assert!(free.len() > SQUARED_MATRIX_ROWS_MAX);
+            prop_assert!(free.len() > DENSE_MATRIX_ROWS_MAX);
             let mut positions = vec![Vec2::zeros(); in_neighbors.len()];
             prop_assert_eq!(move_to_settled_positions(&in_neighbors, &free, &mut positions), Some(()));
             for &i in &free {
@@ -626,7 +635,7 @@ mod tests {
 
     #[test]
     fn large_ring_settles_at_neighbor_means() {
-        let robots = 2 * SQUARED_MATRIX_ROWS_MAX;
+        let robots = 2 * DENSE_MATRIX_ROWS_MAX;
         let heard = |i: usize| (1..=4).map(move |k| [(i + k) % robots, i]);
         let ring = graph(robots, &(1..robots).flat_map(heard).collect::<Vec<_>>());
         let positions = settled_positions(&ring, 0).unwrap();
@@ -649,7 +658,7 @@ mod tests {
             })
         };
         let (small, large) = (rings(1, 0.4), rings(20, 0.4));
-        assert!(large.nrows() > SQUARED_MATRIX_ROWS_MAX);
+        assert!(large.nrows() > DENSE_MATRIX_ROWS_MAX);
         let radius = spectral_radius(&small);
         assert!((spectral_radius(&large) / radius - 1.0).abs() < 1e-9);
         let open = Matrix::from_fn(400, 400, |i, j| f64::from(u8::from(j == i + 1)));

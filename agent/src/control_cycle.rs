@@ -11,7 +11,7 @@
 use std::borrow::Borrow;
 
 use formation::desired::Target;
-use protocol::brief::{AgentBrief, Pace};
+use protocol::brief::{AgentBrief, NeighborBrief, Pace};
 use protocol::latency::{LatencyRecorder, robot_rows_per_tick};
 use protocol::law_message::{Broadcast, GapCounter, SendDecision, SentCounts};
 use protocol::message::{Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader};
@@ -38,7 +38,6 @@ const STORED_WAKE_UPS_MAX: usize = 100;
 
 /// State of a robot between its control cycles.
 pub struct ControlCycle {
-    brief: AgentBrief,
     controller: Controller,
     measurements: LatencyRecorder,
     /// Start of the last cycle, ns.
@@ -65,7 +64,7 @@ pub struct ControlCycle {
     old_odometry_count: u64,
     /// Beacons and messages that left with the answers, and messages that a queue dropped before they arrived.
     sent_counts: SentCounts,
-    /// Counters of missing messages, for each in-neighbor; `None` if its law sends none.
+    /// Counters of missing messages, for each in-neighbor; `None` if its law sends none. Empty if no law does.
     gap_counters: Vec<Option<GapCounter>>,
 }
 
@@ -128,18 +127,22 @@ pub enum WakeUpClass {
 
 impl ControlCycle {
     /// Creates the state of a robot that has received nothing yet, at `now_ns` by the machine's clock.
-    pub fn new(brief: AgentBrief, controller: Controller, now_ns: u64) -> ControlCycle {
+    pub fn new(controller: Controller, now_ns: u64) -> ControlCycle {
+        let brief = controller.brief();
+        let gap_counter =
+            |neighbor: &NeighborBrief| neighbor.message.as_ref().map(|_| GapCounter::default());
+        let mut gap_counters: Vec<_> = brief.neighbors.iter().map(gap_counter).collect();
+        if gap_counters.iter().all(Option::is_none) {
+            gap_counters.clear();
+        }
         ControlCycle {
-            gap_counters: (brief.neighbors.iter())
-                .map(|neighbor| neighbor.message.as_ref().map(|_| GapCounter::default()))
-                .collect(),
+            gap_counters,
             measurements: LatencyRecorder::for_process(
                 brief.index,
                 controller.incarnation(),
                 robot_rows_per_tick(brief.senders().count()),
             ),
             status_interval: StaggeredInterval::new(STATUS_INTERVAL_NS, brief.index),
-            brief,
             controller,
             cycle_start_ns: now_ns,
             answer_reference_ns: now_ns,
@@ -158,7 +161,7 @@ impl ControlCycle {
 
     /// Returns the robot's brief.
     pub fn brief(&self) -> &AgentBrief {
-        &self.brief
+        self.controller.brief()
     }
 
     /// Returns the controller.
@@ -212,7 +215,7 @@ impl ControlCycle {
         let Inbox { received_ns, odometry, participant_since_tick, beacons, link_faults, goal } =
             inbox;
         self.count_silence(received_ns, odometry.is_some());
-        self.answer_reference_ns = match (self.brief.pace, odometry) {
+        self.answer_reference_ns = match (self.brief().pace, odometry) {
             (Pace::Lockstep, Some(odometry)) => odometry.stamp_ns,
             _ => received_ns,
         };
@@ -247,7 +250,7 @@ impl ControlCycle {
         self.measurements.record(Stage::Odometry, 0, received_ns.saturating_sub(odometry.sent_ns));
         // The answer would expire before it is sent.
         let age_ns = self.answer_reference_ns.saturating_sub(odometry.stamp_ns);
-        if age_ns >= self.brief.command_lifetime_ns {
+        if age_ns >= self.brief().command_lifetime_ns {
             self.old_odometry_count += 1;
             self.controller.clear_sample();
         } else {
@@ -274,12 +277,13 @@ impl ControlCycle {
     /// Runs the second half of a cycle: writes the messages to be sent over `outbox`, given the output of the control
     /// law.
     pub fn act(&mut self, output: LawOutput, outbox: &mut Outbox) {
-        let is_realtime = self.brief.pace == Pace::Realtime;
+        let is_realtime = self.brief().pace == Pace::Realtime;
         let Outbox { answer, recorded_message, status_is_due, is_plant_silent } = outbox;
         self.controller.act(output, self.answer_reference_ns, answer);
         *is_plant_silent = self.plant_silence_ns > self.silence_max_ns();
         // In lockstep an answer delayed by a period or more expires before it is sent.
-        if !is_realtime && (answer.as_ref()).is_some_and(|it| it.delay_ns >= self.brief.period_ns) {
+        if !is_realtime && (answer.as_ref()).is_some_and(|it| it.delay_ns >= self.brief().period_ns)
+        {
             *answer = None;
         }
         self.answer_delay_ns = answer.as_ref().map_or(0, |answer| answer.delay_ns);
@@ -293,7 +297,7 @@ impl ControlCycle {
             && self.status_interval.begins_between(self.last_status_ns, self.cycle_start_ns);
         // The values of a sample are reported with it, so that none is lost.
         recorded_message.clear();
-        if let Some(answer) = answer.as_ref().filter(|_| self.brief.records_messages) {
+        if let Some(answer) = answer.as_ref().filter(|_| self.brief().records_messages) {
             recorded_message.extend_from_slice(answer.message());
         }
         *status_is_due = self.controller.take_status_change()
@@ -323,7 +327,7 @@ impl ControlCycle {
         if self.answer_delay_ns > 0 {
             self.slow_until_ns = sent_ns;
         }
-        let misses = sent_ns.saturating_sub(due_ns) / self.brief.period_ns;
+        let misses = sent_ns.saturating_sub(due_ns) / self.brief().period_ns;
         self.deadline_misses += misses;
         self.missed_deadline = misses > 0;
     }
@@ -362,7 +366,7 @@ impl ControlCycle {
     /// Returns whether the measurements have to be sent now. In lockstep this depends only on their number, so
     /// that the measurements of a killed robot depend on nothing but the tick.
     pub fn batch_is_due(&self) -> bool {
-        match self.brief.pace {
+        match self.brief().pace {
             Pace::Lockstep => self.measurements.is_half_full(),
             Pace::Realtime => self.measurements.is_due(self.cycle_start_ns),
         }
@@ -390,16 +394,16 @@ impl ControlCycle {
                 .dropped_messages
                 .saturating_add(gaps.record_beacon(beacon, message.is_some()));
         }
-        if self.brief.pace == Pace::Realtime {
+        if self.brief().pace == Pace::Realtime {
             let delivery_ns = received_ns.saturating_sub(beacon.sent_ns);
-            let from = self.brief.sender(sender_index).index;
+            let from = self.brief().sender(sender_index).index;
             self.measurements.record(Stage::BeaconDelivery, from, delivery_ns);
             self.answer_reference_ns = self.answer_reference_ns.max(received_ns);
         }
         // A refusal is counted. In real time one beacon may overtake another.
         let now_ns = self.answer_reference_ns;
         if let Err(refusal) = self.controller.receive_broadcast(sender_index, broadcast, now_ns) {
-            let neighbor = self.brief.sender(sender_index);
+            let neighbor = self.brief().sender(sender_index);
             tracing::debug!(neighbor = neighbor.name, %refusal, "beacon refused");
         }
     }
@@ -410,7 +414,7 @@ impl ControlCycle {
             true => 0,
             false => {
                 self.plant_silence_ns
-                    + gap_ns.min(COUNTED_SILENCE_NS_MAX.max(2 * self.brief.period_ns))
+                    + gap_ns.min(COUNTED_SILENCE_NS_MAX.max(2 * self.brief().period_ns))
             }
         };
         self.cycle_start_ns = now_ns;

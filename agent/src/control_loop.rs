@@ -67,7 +67,7 @@ fn run_controller(
     };
     let epoch = barrier.as_ref().map_or(0, |barrier| barrier.epoch(brief.index - 1));
     let robot = brief.name.clone();
-    let cycle = ControlCycle::new(brief, controller, clock::now_ns());
+    let cycle = ControlCycle::new(controller, clock::now_ns());
     let ports = Ports::open(cycle.brief(), cycle.measurements())?;
     tracing::info!(robot, incarnation, law = cycle.brief().law, "ready");
     let mut agent = Agent { cycle, ports, stop };

@@ -84,7 +84,7 @@ impl Parts {
 pub struct Controller {
     role: Box<dyn Role>,
     incarnation: u64,
-    brief: AgentBrief,
+    brief: Box<AgentBrief>,
     law: Box<dyn Law>,
     avoidance: Box<dyn Avoidance>,
     neighborhood: Neighborhood,
@@ -93,6 +93,8 @@ pub struct Controller {
     links: Vec<FaultyLink<Broadcast>>,
     /// For each sender, whether its beacons are received at any distance, and none is falsified.
     receives_all: Vec<bool>,
+    /// Whether every beacon of every sender is received at once and unchanged.
+    has_only_transparent_links: bool,
     /// Faulty link from the own sensors, if the brief has odometry faults.
     odometry_link: Option<FaultyLink<Odometry>>,
     /// Stamp of the newest sample answered, ns.
@@ -201,10 +203,10 @@ impl Controller {
     /// Creates a controller with the given components, which need not be in any table.
     pub fn with_parts(brief: &AgentBrief, incarnation: u64, parts: Parts) -> Controller {
         let Parts { role, law, avoidance } = parts;
-        Controller {
+        let mut controller = Controller {
             role,
             incarnation,
-            brief: brief.clone(),
+            brief: Box::new(brief.clone()),
             law,
             avoidance,
             neighborhood: Neighborhood::new(brief, incarnation),
@@ -226,6 +228,7 @@ impl Controller {
             receives_all: (brief.senders())
                 .map(|sender| sender.lies.is_empty() && sender.range.is_none())
                 .collect(),
+            has_only_transparent_links: false,
             odometry_link: (!brief.odometry_faults.is_empty())
                 .then(|| FaultyLink::new(&brief.odometry_faults)),
             answered_stamp_ns: None,
@@ -241,7 +244,14 @@ impl Controller {
             own_target: None,
             own_target_ns: 0,
             signals: SignalValues::NONE,
-        }
+        };
+        controller.update_transparency();
+        controller
+    }
+
+    /// Returns the robot's brief.
+    pub fn brief(&self) -> &AgentBrief {
+        &self.brief
     }
 
     /// Receives a beacon without a message, see [`Controller::receive_broadcast`].
@@ -264,7 +274,7 @@ impl Controller {
         broadcast: &Broadcast,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        if self.receives_all[sender_index] && self.links[sender_index].is_transparent() {
+        if self.has_only_transparent_links || self.is_transparent(sender_index) {
             return self.receive_without_delay(sender_index, broadcast, now_ns);
         }
         let beacon = &broadcast.beacon;
@@ -292,7 +302,19 @@ impl Controller {
     pub fn set_link_cut(&mut self, robot: u64, is_down: bool) {
         if let Some(sender_index) = self.neighborhood.sender_index(robot) {
             self.links[sender_index].set_cut(is_down);
+            self.update_transparency();
         }
+    }
+
+    /// Returns whether every beacon of this sender is received at once and unchanged.
+    fn is_transparent(&self, sender_index: usize) -> bool {
+        self.receives_all[sender_index] && self.links[sender_index].is_transparent()
+    }
+
+    /// Determines whether all links are transparent, after a change. Beacons are in transit only in a link with faults,
+    /// which is never transparent.
+    fn update_transparency(&mut self) {
+        self.has_only_transparent_links = (0..self.links.len()).all(|i| self.is_transparent(i));
     }
 
     /// Sets a goal requested by an external client, effective from the next sample. A goal that is not newer
@@ -352,7 +374,8 @@ impl Controller {
     pub fn sense(&mut self, odometry: &Odometry) {
         self.newest_sample_tick_and_time = Some((odometry.tick, odometry.t_ns));
         self.start_ns = odometry.stamp_ns.saturating_sub(odometry.t_ns);
-        for sender_index in 0..self.links.len() {
+        let links = if self.has_only_transparent_links { 0 } else { self.links.len() };
+        for sender_index in 0..links {
             while let Some(broadcast) = self.links[sender_index].next_due_message(odometry.t_ns) {
                 if !self.neighborhood.is_in_range(sender_index) {
                     continue;
@@ -480,7 +503,7 @@ impl Controller {
             self.neighborhood.discard_queued_messages();
         }
         let decision = std::mem::take(&mut self.send_decision);
-        let AgentBrief { name, law, message, withholds, .. } = &self.brief;
+        let AgentBrief { name, law, message, withholds, .. } = &*self.brief;
         if let Err(error) = decision.check(message.as_ref(), *withholds) {
             panic!("the law \"{law}\" of {name} is wrong: {error}");
         }

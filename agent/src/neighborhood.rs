@@ -31,6 +31,8 @@ pub struct Neighborhood {
     repair_after_ns: u64,
     /// The plans for failures of the senders.
     receiver: Receiver,
+    /// Whether any failure changes the references.
+    has_repair_plan: bool,
     references: References,
     silence: SilenceBrief,
     /// Number of values that W-MSR discards on either side (F).
@@ -201,6 +203,7 @@ impl Neighborhood {
             first_spare_index: brief.neighbors.len(),
             repair_after_ns: brief.repair_after_ns,
             references: receiver.references_without_failures(),
+            has_repair_plan: receiver.has_repair_plan(),
             receiver,
             silence: brief.silence.clone(),
             liars_max: brief.liars_max(),
@@ -410,7 +413,7 @@ impl Neighborhood {
         let now = SpareOpeningTime { tick, stamp_ns };
         if self.is_restarted_leader {
             spares.iter_mut().for_each(|spare| _ = spare.opening_time.get_or_insert(now));
-        } else if self.receiver.has_repair_plan() {
+        } else if self.has_repair_plan {
             let (receiver, references) = (&self.receiver, &mut self.references);
             let (neighbors, after_ns) = (&mut self.neighbors, self.repair_after_ns);
             changed |= repair::update_spares_and_references(
@@ -555,7 +558,7 @@ impl Neighborhood {
 
     /// Returns whether any failure changes the references: with backup neighbors, planned replacements or failover.
     pub fn has_repair_plan(&self) -> bool {
-        self.receiver.has_repair_plan()
+        self.has_repair_plan
     }
 
     /// Returns `true` if a planned in-neighbor is declared failed, so that it may be replaced.

@@ -12,13 +12,13 @@ pub struct ClosestPair {
 }
 
 /// Returns the pair of `points` with the smallest distance, or `None` for fewer than two points. Of pairs at
-/// equal distance the first in list order is returned.
+/// equal distance the first in list order is returned, and a distance that is NaN counts only if all are.
 pub fn closest_pair(points: &[Vec2]) -> Option<ClosestPair> {
     let mut closest: Option<([usize; 2], f64)> = None;
     for (i, a) in points.iter().enumerate() {
         for (j, b) in points.iter().enumerate().skip(i + 1) {
             let square = (a - b).norm_squared();
-            if closest.is_none_or(|(_, smallest)| square < smallest) {
+            if closest.is_none_or(|(_, smallest)| square < smallest || smallest.is_nan()) {
                 closest = Some(([i, j], square));
             }
         }

@@ -4,7 +4,7 @@
 //! margin. Pairs are visited in list order, so a computation over the list gives bit for bit the same result as
 //! one over all pairs, at a cost that grows with the number of listed pairs.
 
-use crate::closest::ClosestPair;
+use crate::closest::{self, ClosestPair};
 use crate::{RELATIVE_ROUNDING_ERROR_MAX, Vec2};
 
 /// Minimum margin for each of the two points of a pair, as a fraction of the cutoff radius.
@@ -12,6 +12,10 @@ const MARGIN_FRACTION_MIN: f64 = 0.125;
 /// Target number of updates between two rebuilds of the neighbor list. The margin is sized for it, up to the
 /// cutoff radius.
 const UPDATES_PER_REBUILD: f64 = 16.0;
+/// Cutoff radius of [`ClosestPairSearch`], as a multiple of the smallest distance when it is chosen.
+const SEARCH_CUTOFF_FACTOR: f64 = 2.0;
+/// Minimum of this cutoff radius, m: points may coincide.
+const SEARCH_CUTOFF_MIN_M: f64 = 1e-3;
 
 /// Neighbor list of all pairs of points within a cutoff radius.
 #[derive(Debug, Clone)]
@@ -115,12 +119,48 @@ impl NeighborList {
             let later = neighbors.partition_point(|&j| j < i);
             for &j in &neighbors[later..] {
                 let square = (a - points[j]).norm_squared();
-                if closest.is_none_or(|(_, smallest)| square < smallest) {
+                if closest.is_none_or(|(_, smallest)| square < smallest || smallest.is_nan()) {
                     closest = Some(([i, j], square));
                 }
             }
         }
         closest.map(|(pair, square)| ClosestPair { pair, distance_m: square.sqrt() })
+    }
+}
+
+/// Repeated search for the closest pair of moving points, which compares only points that are near each other.
+#[derive(Debug, Clone)]
+pub struct ClosestPairSearch {
+    /// All pairs within the cutoff radius.
+    list: NeighborList,
+    cutoff_m: f64,
+}
+
+impl Default for ClosestPairSearch {
+    fn default() -> ClosestPairSearch {
+        ClosestPairSearch::with_cutoff(0.0)
+    }
+}
+
+impl ClosestPairSearch {
+    fn with_cutoff(cutoff_m: f64) -> ClosestPairSearch {
+        ClosestPairSearch { list: NeighborList::new(cutoff_m), cutoff_m }
+    }
+
+    /// Returns the same pair as [`closest::closest_pair`].
+    pub fn closest_pair(&mut self, points: &[Vec2]) -> Option<ClosestPair> {
+        self.list.update(points);
+        let listed = self.list.closest_pair(points);
+        let closest = match listed.filter(|pair| pair.distance_m < self.cutoff_m) {
+            Some(closest) => closest,
+            None => closest::closest_pair(points)?,
+        };
+        let cutoff_m = (SEARCH_CUTOFF_FACTOR * closest.distance_m).max(SEARCH_CUTOFF_MIN_M);
+        // Otherwise no pair is listed, or far too many are.
+        if closest.distance_m >= self.cutoff_m || SEARCH_CUTOFF_FACTOR * cutoff_m < self.cutoff_m {
+            *self = ClosestPairSearch::with_cutoff(cutoff_m);
+        }
+        Some(closest)
     }
 }
 
@@ -172,6 +212,17 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn repeated_search_finds_the_closest_of_all_pairs(motion in motion()) {
+            let mut search = ClosestPairSearch::default();
+            for points in motion {
+                // Distances of NaN are equal.
+                let key = |pair: ClosestPair| (pair.pair, pair.distance_m.to_bits());
+                let found = search.closest_pair(&points).map(key);
+                prop_assert_eq!(found, closest_pair(&points).map(key));
+            }
+        }
+
         #[test]
         fn pairs_within_cutoff_are_listed_at_every_instant(
             motion in motion(), cutoff_m in prop_oneof![Just(0.0), 0.1..2.0f64, Just(f64::INFINITY)],

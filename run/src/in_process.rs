@@ -72,7 +72,7 @@ pub struct InProcessRun<J = ()> {
 #[derive(Default)]
 struct RobotProcess {
     /// Control cycle of the robot; `None` while its process is dead.
-    cycle: Option<ControlCycle>,
+    cycle: Option<Box<ControlCycle>>,
     /// First tick at which the robot takes part since its start or thaw; `None` while the plant does not
     /// wait for it.
     member_since_tick: Option<u64>,
@@ -87,7 +87,7 @@ impl RobotProcess {
     /// Returns the control cycle and the first tick of a robot that takes part; otherwise `None`.
     fn participating_cycle(&mut self) -> Option<(&mut ControlCycle, u64)> {
         match (&mut self.cycle, self.member_since_tick) {
-            (Some(cycle), Some(since_tick)) => Some((cycle, since_tick)),
+            (Some(cycle), Some(since_tick)) => Some((&mut **cycle, since_tick)),
             _ => None,
         }
     }
@@ -121,7 +121,7 @@ impl<J: RecordSink> InProcessRun<J> {
         let plant = briefs::plant_brief(&scenario, Pace::Lockstep, "/nowhere".as_ref());
         let agent_briefs: Vec<AgentBrief> = agent_briefs(&scenario).collect();
         let new_cycle =
-            |brief: &AgentBrief| ControlCycle::new(brief.clone(), create_controller(brief, 0), 0);
+            |brief: &AgentBrief| Box::new(ControlCycle::new(create_controller(brief, 0), 0));
         let new_robot =
             |brief| RobotProcess { cycle: Some(new_cycle(brief)), ..RobotProcess::default() };
         let robots: Vec<RobotProcess> = agent_briefs.iter().map(new_robot).collect();
@@ -321,7 +321,7 @@ impl<J: RecordSink> InProcessRun<J> {
                     let brief = &self.agent_briefs[robot];
                     let controller = (self.create_controller)(brief, incarnation);
                     self.robots[robot].cycle =
-                        Some(ControlCycle::new(brief.clone(), controller, now_ns));
+                        Some(Box::new(ControlCycle::new(controller, now_ns)));
                     self.pending_events
                         .push_back(LifecycleEvent::StatusReported { robot, takes_part: true });
                 }

@@ -22,7 +22,7 @@ fn control_cycle_with(change: impl FnOnce(&mut AgentBrief)) -> ControlCycle {
     let mut brief = brief();
     change(&mut brief);
     let controller = Controller::new(&brief, 3).unwrap();
-    ControlCycle::new(brief, controller, START_NS)
+    ControlCycle::new(controller, START_NS)
 }
 
 fn set_lockstep(brief: &mut AgentBrief) {
@@ -412,7 +412,7 @@ fn recorded_signals_are_reported_with_their_sample_only() {
         };
         let parts = Parts::with_law(&goal, Box::new(SignalRecordingLaw(0))).unwrap();
         let controller = Controller::with_parts(&goal, 0, parts);
-        let mut robot = ControlCycle::new(goal, controller, START_NS);
+        let mut robot = ControlCycle::new(controller, START_NS);
         for (call, tick) in [0, 10, 20, 30, 40].into_iter().enumerate() {
             let outbox = robot.run_cycle_at(tick, Some(tick), &[]);
             let found: Vec<(usize, f64)> = robot.status().0.signals().iter().collect();
@@ -454,7 +454,7 @@ fn sent_and_withheld_beacons_are_counted_without_a_status() {
     };
     let parts = Parts::with_law(&goal, Box::new(AlternatingMessageLaw(0))).unwrap();
     let controller = Controller::with_parts(&goal, 0, parts);
-    let mut robot = ControlCycle::new(goal, controller, START_NS);
+    let mut robot = ControlCycle::new(controller, START_NS);
     let mut hash = 0;
     for (tick, beacons, messages) in [(0, 1, 1), (10, 1, 1), (20, 2, 2), (30, 2, 2)] {
         let outbox = robot.run_cycle_at(tick, Some(tick), &[]);
@@ -509,7 +509,7 @@ fn status_is_due_for_each_reason_and_for_several() {
         let law = RecordedLaw { records_signal, sends_message };
         let parts = Parts::with_law(&goal, Box::new(law)).unwrap();
         let controller = Controller::with_parts(&goal, 0, parts);
-        let mut robot = ControlCycle::new(goal, controller, START_NS);
+        let mut robot = ControlCycle::new(controller, START_NS);
         // At 110 ms it is due by the time as well.
         for at_ms in [10, 110, 120] {
             let outbox = robot.run_cycle_at(at_ms, Some(at_ms), &[]);
@@ -531,7 +531,7 @@ fn caller_replaces_send_decision_and_target_of_the_law() {
         .unwrap()
     };
     let controller = Controller::with_parts(&free, 0, parts);
-    let mut robot = ControlCycle::new(free, controller, START_NS);
+    let mut robot = ControlCycle::new(controller, START_NS);
     let mut run_cycle = |tick: u64, decision: SendDecision, target: Option<Target>| {
         let sample = odometry(tick);
         let inbox = Inbox {

@@ -1,5 +1,6 @@
 //! Smallest distances between robots (15): of each pair and of all pairs, and when they occurred.
 
+use formation::neighbor_list::ClosestPairSearch;
 use formation::pair_minima::PairMinima;
 use formation::{Vec2, ns_to_seconds};
 use protocol::message::TruthHeader;
@@ -39,8 +40,9 @@ pub(super) struct Distances {
     distance_min_m: f64,
     /// Sizes of the robots (keep), m, if they differ: two robots keep the sum. Otherwise empty.
     sizes_m: Vec<f64>,
-    /// Smallest distance of each pair.
-    minima: PairMinima,
+    /// Smallest distance of each pair; `None` if only the closest pair is measured.
+    minima: Option<PairMinima>,
+    search: ClosestPairSearch,
     closest_pair: Option<ClosestPair>,
     /// Nearest pair at the newest ground-truth sample.
     newest_nearest_pair: Option<ClosestPair>,
@@ -59,8 +61,16 @@ impl Distances {
             robots,
             distance_min_m,
             sizes_m,
-            minima: PairMinima::new(robots),
+            minima: Some(PairMinima::new(robots)),
             ..Distances::default()
+        }
+    }
+
+    /// Measures only the closest pair. Does nothing if the robots have different sizes, because the smallest distance
+    /// over their sum then needs all pairs.
+    pub(super) fn measure_only_closest_pair(&mut self) {
+        if self.sizes_m.is_empty() {
+            self.minima = None;
         }
     }
 
@@ -69,7 +79,10 @@ impl Distances {
     /// samples hide anything.
     pub(super) fn add_truth(&mut self, header: &TruthHeader, alphas: &[Vec2]) -> f64 {
         let t_ns = header.t_ns;
-        let nearest_pair = self.minima.update(alphas, t_ns).map(|nearest| ClosestPair {
+        if let Some(minima) = &mut self.minima {
+            minima.update(alphas, t_ns);
+        }
+        let nearest_pair = self.search.closest_pair(alphas).map(|nearest| ClosestPair {
             distance_m: nearest.distance_m,
             pair: nearest.pair,
             t_ns,
@@ -100,10 +113,11 @@ impl Distances {
 
     /// Updates the smallest distance of a pair with a distance that the plant measured between two samples.
     fn update_from_plant(&mut self, closest: ClosestPair) {
+        let Some(minima) = &mut self.minima else { return };
         let square = closest.distance_m * closest.distance_m;
         // If both evaluated the end of the same arc, the time is the same, and rounding must not change it.
-        if square < self.minima.minimum_squared_and_time(closest.pair).0 * (1.0 - 1e-12) {
-            self.minima.set_minimum(closest.pair, square, closest.t_ns);
+        if square < minima.minimum_squared_and_time(closest.pair).0 * (1.0 - 1e-12) {
+            minima.set_minimum(closest.pair, square, closest.t_ns);
         }
     }
 
@@ -120,10 +134,11 @@ impl Distances {
     /// Returns the smallest distance of any pair over the minimum distance of the two robots; `None` if all pairs have
     /// the same minimum distance, and with fewer than two robots.
     pub(super) fn smallest_over_d(&self) -> Option<f64> {
+        let minima = self.minima.as_ref()?;
         let sizes = self.sizes_m.iter().enumerate();
         let ratios = sizes.flat_map(|(j, size_j)| {
             self.sizes_m[..j].iter().enumerate().map(move |(i, size_i)| {
-                self.minima.minimum_squared_and_time([i, j]).0.sqrt() / (size_i + size_j)
+                minima.minimum_squared_and_time([i, j]).0.sqrt() / (size_i + size_j)
             })
         });
         ratios.reduce(f64::min).filter(|ratio| ratio.is_finite())
@@ -137,10 +152,12 @@ impl Distances {
         })
     }
 
-    /// Returns every pair in scenario order; empty before the first sample.
+    /// Returns every pair in scenario order; empty before the first sample, and if only the closest pair is measured.
     pub(super) fn pair_distances(&self, names: &[String]) -> Vec<PairDistance> {
         let pairs = (0..self.robots).flat_map(|i| (i + 1..self.robots).map(move |j| [i, j]));
-        let minima = pairs.map(|pair| (pair, self.minima.minimum_squared_and_time(pair)));
+        let minima = pairs.filter_map(|pair| {
+            self.minima.as_ref().map(|minima| (pair, minima.minimum_squared_and_time(pair)))
+        });
         let minima = minima.filter(|(_, (square, _))| square.is_finite());
         minima
             .map(|([a, b], (square, t_ns))| PairDistance {

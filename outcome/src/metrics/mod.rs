@@ -163,6 +163,13 @@ impl Metrics {
         }
     }
 
+    /// Omits the smallest distances of all pairs ([`Metrics::pair_distances`]), and measures only that of the closest
+    /// pair, which is faster.
+    pub fn without_pair_distances(mut self) -> Metrics {
+        self.distances.measure_only_closest_pair();
+        self
+    }
+
     /// Stops measuring: later samples are ignored.
     pub fn stop_measuring(&mut self) {
         self.is_stopped = true;
@@ -345,7 +352,8 @@ impl Metrics {
         self.faults.silence.apply_rewiring(rewiring);
     }
 
-    /// Returns the smallest distance of every pair, and when it occurred.
+    /// Returns the smallest distance of every pair, and when it occurred. Empty after
+    /// [`Metrics::without_pair_distances`].
     pub fn pair_distances(&self) -> Vec<PairDistance> {
         self.distances.pair_distances(&self.names)
     }

@@ -21,7 +21,7 @@ pub(super) struct Targets {
     /// Links of each robot. Links from backup neighbors follow the edges of the graph.
     rewiring: Rewiring,
     /// Trajectory of each robot that may lead, and its slot about the trajectory at heading 0 and scale 1, m.
-    lead_briefs: Vec<Option<(LeadBrief, Vec2)>>,
+    lead_briefs: Vec<Option<Box<(LeadBrief, Vec2)>>>,
     /// Current goal of each robot that goes to goals, m; initially that of the scenario.
     goals: Vec<Option<Vec2>>,
     policy: SilencePolicy,
@@ -35,7 +35,7 @@ impl Targets {
             references: scenario.robots.iter().map(|robot| robot.role.reference).collect(),
             rewiring: scenario.rewiring(),
             lead_briefs: (0..scenario.robots.len())
-                .map(|i| lead_brief_and_slot(scenario, i))
+                .map(|i| lead_brief_and_slot(scenario, i).map(Box::new))
                 .collect(),
             goals: scenario.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect(),
             policy: scenario.silence.policy,
@@ -92,7 +92,7 @@ impl Targets {
         alphas: &[Vec2],
         silence: &SilenceState,
     ) -> Option<Vec2> {
-        let leader_target = self.lead_briefs[robot].as_ref().map(|(lead, slot)| {
+        let leader_target = self.lead_briefs[robot].as_deref().map(|(lead, slot)| {
             Target::at_rest(lead.trajectory.target_at(t_s).position + frame.apply(*slot).position)
         });
         let target = match self.references[robot] {

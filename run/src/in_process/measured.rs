@@ -51,9 +51,10 @@ pub fn measure_run(
     create_controller: ControllerFactory,
     watch: &mut TruthWatch<'_>,
 ) -> Option<RunMetrics> {
-    let metrics = Metrics::new(scenario, Pace::Lockstep);
+    let metrics = Metrics::new(scenario, Pace::Lockstep).without_pair_distances();
     let run = InProcessRun::with_journal(scenario.clone(), create_controller, metrics);
     let mut run = run.unwrap_or_else(|error| panic!("it needs no processes: {error}"));
+    let may_lead: Vec<bool> = run.agent_briefs.iter().map(|brief| brief.deputy.is_some()).collect();
     let mut rows: Vec<TruthRow> = Vec::new();
     loop {
         let header = run.world().truth_header();
@@ -71,7 +72,7 @@ pub fn measure_run(
         let mut reference_changes = Vec::new();
         run.advance(|robot, cycle| {
             let law_output = cycle.law_output();
-            if cycle.brief().deputy.is_some() {
+            if may_lead[robot] {
                 let is_leading = cycle.status().0.frame == ReceptionState::Lost as u64;
                 reference_changes.push(ReferenceChange::DeputyLead { robot, is_leading });
             }
@@ -87,8 +88,9 @@ pub fn measure_run(
         });
         let InProcessRun { robots, previous_outboxes, state_machine, .. } = &mut run;
         for (index, (robot, outbox)) in robots.iter_mut().zip(previous_outboxes).enumerate() {
-            let participant = robot.participating_cycle().filter(|_| outbox.status_is_due);
-            if let Some((cycle, _)) = participant {
+            if outbox.status_is_due
+                && let Some((cycle, _)) = robot.participating_cycle()
+            {
                 state_machine.measure_status(index, &cycle.status().0);
             }
         }

@@ -238,7 +238,7 @@ impl Model<'_> {
                 Controller::with_parts(&leader, incarnation, parts)
             }
         };
-        ControlCycle::new(brief.clone(), controller, self.now_ns)
+        ControlCycle::new(controller, self.now_ns)
     }
 
     /// Sets the requested velocity and the false rotation of a ramming robot. Does nothing if robots follow their law.

@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn replaced_minimum_stays_although_earlier_updates_are_evaluated_later() {
+    fn replaced_minimum_survives_pending_updates() {
         let mut minima = PairMinima::new(2);
         for t_ns in 1..=40 {
             minima.update(&[Vec2::zeros(), Vec2::new(2.0, 0.0)], t_ns);

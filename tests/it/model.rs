@@ -306,11 +306,13 @@ impl<'a> Model<'a> {
         self.alphas_before = std::mem::replace(&mut self.alphas, alphas);
         let bodies = &self.fleet.plant.robots;
         let members =
-            self.alphas.iter().zip(bodies).filter_map(|(at, body)| Some((at, body.member?)));
-        let members: Vec<_> = members.collect();
-        for (i, (a, one)) in members.iter().enumerate() {
-            for (b, other) in &members[..i] {
-                let margin_m = (*a - *b).norm() - one.keep_m - other.keep_m;
+            self.alphas.iter().zip(bodies).filter_map(|(&at, body)| {
+                Some((<[f64; 2]>::from(at), body.member.as_ref()?.keep_m))
+            });
+        let members: Vec<([f64; 2], f64)> = members.collect();
+        for (i, &(a, keep_a_m)) in members.iter().enumerate() {
+            for &(b, keep_b_m) in &members[..i] {
+                let margin_m = distance_m(a, b) - keep_a_m - keep_b_m;
                 self.margin_m = self.margin_m.min(margin_m);
             }
         }
@@ -402,6 +404,12 @@ impl<'a> Model<'a> {
             ..Robot::default()
         };
     }
+}
+
+/// Returns the distance between two points, m. On plain numbers, because calls into nalgebra are not inlined in tests.
+fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
+    let (dx_m, dy_m) = (a[0] - b[0], a[1] - b[1]);
+    (dx_m * dx_m + dy_m * dy_m).sqrt()
 }
 
 /// Returns the first `n * period + phase` later than `now`.

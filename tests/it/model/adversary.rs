@@ -18,7 +18,7 @@ use protocol::avoidance::MethodConditions;
 use protocol::brief::{AgentBrief, LeadBrief};
 
 use super::walls::Ramming;
-use super::{MS, Model, NextAction, Robot, US};
+use super::{MS, Model, NextAction, Robot, US, distance_m};
 
 /// Strategy that chooses faults and their times.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,10 +125,12 @@ impl Model<'_> {
 
     /// Returns the nearest other robot of `i`, and its position relative to `i`, m.
     fn nearest_robot(&self, i: usize) -> (usize, Vec2) {
-        let others = (0..self.alphas.len()).filter(|&j| j != i);
-        let seen = others.map(|j| (j, self.alphas[j] - self.alphas[i]));
-        let nearest = seen.min_by(|(_, a), (_, b)| a.norm().total_cmp(&b.norm()));
-        nearest.expect("more than one robot")
+        let points: Vec<[f64; 2]> = self.alphas.iter().map(|&alpha| alpha.into()).collect();
+        let others = (0..points.len()).filter(|&j| j != i);
+        let distances = others.map(|j| (j, distance_m(points[i], points[j])));
+        let nearest = distances.min_by(|(_, a), (_, b)| a.total_cmp(b));
+        let (nearest, _) = nearest.expect("more than one robot");
+        (nearest, self.alphas[nearest] - self.alphas[i])
     }
 
     fn freeze(&mut self, i: usize, freeze_ns: u64) {

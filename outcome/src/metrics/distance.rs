@@ -154,12 +154,11 @@ impl Distances {
 
     /// Returns every pair in scenario order; empty before the first sample, and if only the closest pair is measured.
     pub(super) fn pair_distances(&self, names: &[String]) -> Vec<PairDistance> {
+        let Some(minima) = &self.minima else { return Vec::new() };
         let pairs = (0..self.robots).flat_map(|i| (i + 1..self.robots).map(move |j| [i, j]));
-        let minima = pairs.filter_map(|pair| {
-            self.minima.as_ref().map(|minima| (pair, minima.minimum_squared_and_time(pair)))
-        });
-        let minima = minima.filter(|(_, (square, _))| square.is_finite());
-        minima
+        let measured = pairs.map(|pair| (pair, minima.minimum_squared_and_time(pair)));
+        let measured = measured.filter(|(_, (square, _))| square.is_finite());
+        measured
             .map(|([a, b], (square, t_ns))| PairDistance {
                 robot_a: names[a].clone(),
                 robot_b: names[b].clone(),

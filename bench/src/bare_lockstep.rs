@@ -3,7 +3,10 @@
 //!
 //! Each agent is a process; the plant runs in the bench process. There is no supervisor: the bench keeps the ground
 //! truth of each tick and hashes it after the time measurement.
+//!
+//! Processes without controllers, which the same barrier wakes at each tick, show what the wake-up alone costs.
 
+use std::ffi::OsString;
 use std::path::Path;
 use std::time::Instant;
 
@@ -12,6 +15,7 @@ use anyhow::{Context as _, anyhow};
 use experiment::briefs;
 use experiment::scenario::Scenario;
 use outcome::metrics::hash::TrajectoryHash;
+use outcome::results::usage::{self, Usage};
 use plant::world::World;
 use protocol::barrier::Barrier;
 use protocol::brief::{self, AgentBrief, Pace};
@@ -30,6 +34,8 @@ pub(crate) struct BareRun {
     pub(crate) startup_s: f64,
     /// Ticks per second of wall time.
     pub(crate) ticks_per_s: f64,
+    /// Processor time of the agents including their start, s.
+    pub(crate) agents_cpu_s: f64,
     /// Trajectory hash.
     pub(crate) hash: String,
 }
@@ -48,6 +54,52 @@ fn map_messages(dir: &Path, robots: usize) -> anyhow::Result<Mapping<RobotMessag
     unsafe { Mapping::new(&dir.join("messages"), robots) }
 }
 
+/// Creates the barrier in `dir` and starts one peer for each robot.
+fn start_peers(
+    settings: &BenchSettings<'_>,
+    dir: &Path,
+    robots: usize,
+    arguments: &[OsString],
+) -> anyhow::Result<(Barrier, Peers)> {
+    let barrier = Barrier::create(&barrier_path(dir), robots, 1, RESPONSE_TIMEOUT)?;
+    (0..robots).for_each(|slot| barrier.set_member(slot, 0));
+    let peers = Peers::start(dir, settings.stop, robots, "lockstep", arguments)?;
+    Ok((barrier, peers))
+}
+
+/// Wakes all peers for one tick and waits until they have answered.
+fn run_tick(barrier: &Barrier, peers: &Peers, tick: u64) -> anyhow::Result<()> {
+    barrier.begin_tick(tick);
+    barrier.release_group(0);
+    barrier.wait_for_arrivals(tick, || !peers.have_failed()).map_err(|_| peers.wait_for_failure())
+}
+
+/// Returns the processor time, s, of the child processes that were reaped since `earlier` was read.
+fn reaped_cpu_s(earlier: &Usage) -> f64 {
+    let usage = usage::read_reaped_children().usage_since(earlier);
+    usage.user_s + usage.system_s
+}
+
+/// Wakes one process for each robot at each tick; the processes answer at once. Returns their processor time including
+/// their start, s.
+///
+/// # Errors
+/// If a peer cannot start or exits early, or if a signal interrupts the bench.
+pub(crate) fn run_without_work(
+    settings: &BenchSettings<'_>,
+    robots: usize,
+    ticks: u64,
+) -> anyhow::Result<f64> {
+    let work_dir = WorkDir::new(settings.root, "no-work")?;
+    let earlier = usage::read_reaped_children();
+    let arguments = ["--without-work".into()];
+    let (barrier, peers) = start_peers(settings, work_dir.path(), robots, &arguments)?;
+    peers.wait_ready()?;
+    (0..ticks).try_for_each(|tick| run_tick(&barrier, &peers, tick))?;
+    drop(peers);
+    Ok(reaped_cpu_s(&earlier))
+}
+
 /// Runs a scenario and measures its speed. The scenario must not have faults.
 ///
 /// # Errors
@@ -61,11 +113,10 @@ pub(crate) fn run(settings: &BenchSettings<'_>, scenario: &Scenario) -> anyhow::
     let agent_briefs = briefs::AgentBriefs::new(scenario);
     let briefs = (0..robots).map(|i| agent_briefs.brief(i, Pace::Lockstep, dir));
     peers::write_briefs(dir, briefs)?;
-    let barrier = Barrier::create(&barrier_path(dir), robots, 1, RESPONSE_TIMEOUT)?;
-    (0..robots).for_each(|slot| barrier.set_member(slot, 0));
     let messages = map_messages(dir, robots)?;
+    let earlier = usage::read_reaped_children();
     let launch_time = Instant::now();
-    let peers = Peers::start(dir, settings.stop, robots, "lockstep", &[])?;
+    let (barrier, peers) = start_peers(settings, dir, robots, &[])?;
     peers.wait_ready()?;
     let startup_s = launch_time.elapsed().as_secs_f64();
 
@@ -77,11 +128,7 @@ pub(crate) fn run(settings: &BenchSettings<'_>, scenario: &Scenario) -> anyhow::
         for (robot, message) in messages.iter().enumerate() {
             message.odometry.write(world.odometry(robot));
         }
-        barrier.begin_tick(tick);
-        barrier.release_group(0);
-        barrier
-            .wait_for_arrivals(tick, || !peers.have_failed())
-            .map_err(|_| peers.wait_for_failure())?;
+        run_tick(&barrier, &peers, tick)?;
         for (robot, message) in messages.iter().enumerate() {
             let command_error = |refusal| anyhow!("robot {robot} at tick {tick}: {refusal}");
             world.accept_command(robot, &message.command.read()).map_err(command_error)?;
@@ -92,13 +139,28 @@ pub(crate) fn run(settings: &BenchSettings<'_>, scenario: &Scenario) -> anyhow::
     truths.extend(world.truth());
     let wall_time = start.elapsed();
     drop(peers);
+    let agents_cpu_s = reaped_cpu_s(&earlier);
 
     let mut hash = TrajectoryHash::new();
     for (tick, rows) in (0..).zip(truths.chunks(robots)) {
         hash.update(tick, rows);
     }
     let ticks_per_s = ticks as f64 / wall_time.as_secs_f64();
-    Ok(BareRun { startup_s, ticks_per_s, hash: hash.finish() })
+    Ok(BareRun { startup_s, ticks_per_s, agents_cpu_s, hash: hash.finish() })
+}
+
+/// Runs a process that answers each tick at once, until it is killed.
+pub(crate) fn run_peer_without_work(address: &PeerAddress) -> anyhow::Result<()> {
+    let (mut barrier, slot) = (Barrier::open(&barrier_path(&address.dir))?, address.index);
+    barrier.set_alarm(Alarm::start()?);
+    let mut epoch = barrier.epoch(slot);
+    address.report_ready()?;
+    loop {
+        if let Some((next_epoch, tick)) = barrier.wait_for_tick(slot, epoch, || true) {
+            epoch = next_epoch;
+            barrier.arrive(slot, tick);
+        }
+    }
 }
 
 /// Runs the agent process of this baseline until it is killed. It does the work of an agent in a lockstep run without

@@ -227,7 +227,7 @@ fn measure_part(
         BenchPart::Realtime => ("realtime", realtime::cases(settings, &robots(&[3, 8, 32, 64]))),
         BenchPart::Neighbor => ("neighbor", neighbor::cases(settings, &robots(&[2, 8]))?),
         BenchPart::Growth => {
-            ("growth", growth::cases(settings, &robots(&[3, 8, 16, 32, 64, 128, 256])))
+            ("growth", growth::cases(settings, &robots(&[3, 8, 16, 32, 64, 128, 256]))?)
         }
         BenchPart::InProcess => {
             ("in-process", in_process::cases(settings, &robots(&[8, 64, 256, 1024])))
@@ -260,7 +260,11 @@ enum PeerVerb {
         transport: Transport,
     },
     /// Run the controller of a robot without iceoryx2.
-    Lockstep,
+    Lockstep {
+        /// Answer each tick at once, without a controller.
+        #[arg(long)]
+        without_work: bool,
+    },
     /// Exchange beacons with neighbors, without a controller.
     Neighbor {
         /// Number of wake-ups.
@@ -283,7 +287,8 @@ fn run_peer(address: &PeerAddress, verb: &PeerVerb) -> u8 {
     peers::limit_lifetime();
     let result = match verb {
         PeerVerb::RoundTrip { transport } => round_trip::run_peer(address, *transport),
-        PeerVerb::Lockstep => bare_lockstep::run_peer(address),
+        PeerVerb::Lockstep { without_work: false } => bare_lockstep::run_peer(address),
+        PeerVerb::Lockstep { without_work: true } => bare_lockstep::run_peer_without_work(address),
         PeerVerb::Neighbor { ticks } => neighbor::run_peer(address, *ticks),
         PeerVerb::Timer(task) => timers::run_peer(address, *task),
         PeerVerb::Kill { brief, kills } => replacement::run_peer(address, brief, *kills),

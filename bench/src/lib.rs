@@ -16,7 +16,7 @@
 //! | `lockstep` | ticks per second and start-up time, with and without iceoryx2 |
 //! | `realtime` | deadline misses by rate and number of robots |
 //! | `neighbor` | time from a neighbor's publication of a beacon to its use |
-//! | `growth` | processor time per tick and its growth, up to 256 robots |
+//! | `growth` | processor time per tick and its growth, compared with the same controllers without iceoryx2 |
 //! | `messages` | processor time per tick with a message of 256 bytes in each beacon, compared with none |
 //! | `in_process` | processor time per tick of a run within one process, up to 1,024 robots |
 //! | `repair` | time from the timeout of an in-neighbor to the first sample that uses a backup neighbor |

@@ -20,7 +20,7 @@ const TICKS_MIN: u64 = 50;
 /// Number of ticks of a run that measures the start-up only.
 pub(crate) const START_TICKS: u64 = 10;
 /// Name of the baseline without iceoryx2.
-const MAPPING_BASELINE: &str = "mapping + futex";
+pub(crate) const MAPPING_BASELINE: &str = "mapping + futex";
 
 /// Returns the number of ticks that a small idle machine computes for `robots` in about `seconds`; at least
 /// [`TICKS_MIN`].

@@ -152,7 +152,10 @@ fn growth_reports_time_per_tick_and_exponent() {
     let report = bench_process("", &["--only", "growth", "--robots", "5,2", "--seconds", "0.05"])
         .run_to_report();
     let rows = report["rows"].as_array().unwrap();
-    assert_eq!(rows.len(), 2 * 6 + 1, "{report:#}");
+    assert_eq!(rows.len(), 2 * 7 + 1, "{report:#}");
+    let baselines: Vec<&str> = rows.iter().filter_map(|row| row["floor_name"].as_str()).collect();
+    let baselines_of_a_case = ["mapping + futex", "woken without work"];
+    assert_eq!(baselines, [baselines_of_a_case; 2].concat());
     let median = |what: &str| {
         let row = rows.iter().find(|row| row["what"] == what);
         row.unwrap_or_else(|| panic!("no {what}: {report:#}"))["ours"]["median"].as_f64().unwrap()

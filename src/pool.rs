@@ -201,7 +201,7 @@ pub fn map_on_all_cores<I: Sync, T: Send>(
 /// Returns the processor time of this process, of all children that have exited, and of their children, s.
 fn children_cpu_time_s() -> f64 {
     let usages = [usage::read_this_process(), usage::read_reaped_children()];
-    usages.iter().map(|usage| usage.user_s + usage.system_s).sum()
+    usages.iter().map(usage::Usage::processor_time_s).sum()
 }
 
 enum WorkerMessage {

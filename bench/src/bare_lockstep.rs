@@ -76,8 +76,7 @@ fn run_tick(barrier: &Barrier, peers: &Peers, tick: u64) -> anyhow::Result<()> {
 
 /// Returns the processor time, s, of the child processes that were reaped since `earlier` was read.
 fn reaped_cpu_s(earlier: &Usage) -> f64 {
-    let usage = usage::read_reaped_children().usage_since(earlier);
-    usage.user_s + usage.system_s
+    usage::read_reaped_children().usage_since(earlier).processor_time_s()
 }
 
 /// Wakes one process for each robot at each tick; the processes answer at once. Returns their processor time including
@@ -151,16 +150,7 @@ pub(crate) fn run(settings: &BenchSettings<'_>, scenario: &Scenario) -> anyhow::
 
 /// Runs a process that answers each tick at once, until it is killed.
 pub(crate) fn run_peer_without_work(address: &PeerAddress) -> anyhow::Result<()> {
-    let (mut barrier, slot) = (Barrier::open(&barrier_path(&address.dir))?, address.index);
-    barrier.set_alarm(Alarm::start()?);
-    let mut epoch = barrier.epoch(slot);
-    address.report_ready()?;
-    loop {
-        if let Some((next_epoch, tick)) = barrier.wait_for_tick(slot, epoch, || true) {
-            epoch = next_epoch;
-            barrier.arrive(slot, tick);
-        }
-    }
+    answer_ticks(address, open_barrier(address)?, || Ok(()))
 }
 
 /// Runs the agent process of this baseline until it is killed. It does the work of an agent in a lockstep run without
@@ -168,16 +158,11 @@ pub(crate) fn run_peer_without_work(address: &PeerAddress) -> anyhow::Result<()>
 pub(crate) fn run_peer(address: &PeerAddress) -> anyhow::Result<()> {
     let brief: AgentBrief = brief::read(&address.brief_path())?;
     let mut controller = Controller::new(&brief, 0)?;
-    let mut barrier = Barrier::open(&barrier_path(&address.dir))?;
-    barrier.set_alarm(Alarm::start()?);
+    let barrier = open_barrier(address)?;
     let messages = map_messages(&address.dir, barrier.slots())?;
-    let slot = brief.index - 1;
-    let mut epoch = barrier.epoch(slot);
-    address.report_ready()?;
-    loop {
-        let Some((next_epoch, _)) = barrier.wait_for_tick(slot, epoch, || true) else { continue };
-        epoch = next_epoch;
-        let odometry = messages[slot].odometry.read();
+    let own_messages = &messages[address.index];
+    answer_ticks(address, barrier, || {
+        let odometry = own_messages.odometry.read();
         if let Some(previous_tick) = odometry.tick.checked_sub(1) {
             for (index, neighbor) in brief.neighbors.iter().enumerate() {
                 let beacon =
@@ -189,8 +174,34 @@ pub(crate) fn run_peer(address: &PeerAddress) -> anyhow::Result<()> {
         let answer = controller
             .answer(&odometry, odometry.stamp_ns)
             .context("the controller gave no answer to an odometry sample")?;
-        messages[slot].beacons[odometry.tick as usize & 1].write(*answer.beacon());
-        messages[slot].command.write(answer.command);
-        barrier.arrive(slot, odometry.tick);
+        own_messages.beacons[odometry.tick as usize & 1].write(*answer.beacon());
+        own_messages.command.write(answer.command);
+        Ok(())
+    })
+}
+
+/// Opens the barrier of the peers in the directory of `address`.
+fn open_barrier(address: &PeerAddress) -> anyhow::Result<Barrier> {
+    let mut barrier = Barrier::open(&barrier_path(&address.dir))?;
+    barrier.set_alarm(Alarm::start()?);
+    Ok(barrier)
+}
+
+/// Reports that this peer is ready, then calls `answer` at each tick and arrives at the barrier. Returns only an error
+/// of `answer` or of the report.
+fn answer_ticks(
+    address: &PeerAddress,
+    barrier: Barrier,
+    mut answer: impl FnMut() -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    let slot = address.index;
+    let mut epoch = barrier.epoch(slot);
+    address.report_ready()?;
+    loop {
+        if let Some((next_epoch, tick)) = barrier.wait_for_tick(slot, epoch, || true) {
+            epoch = next_epoch;
+            answer()?;
+            barrier.arrive(slot, tick);
+        }
     }
 }

@@ -48,6 +48,5 @@ fn processor_time_s(robots: usize, ticks: u64) -> anyhow::Result<f64> {
     let scenario = ring::parse_scenario(&ring::ring_scenario_text(robots, ticks, PERIOD_S))?;
     let earlier_usage = usage::read_this_thread();
     measured::measure_run(&scenario, Box::new(create_controller), &mut |_, _, _| true);
-    let usage = usage::read_this_thread().usage_since(&earlier_usage);
-    Ok(usage.user_s + usage.system_s)
+    Ok(usage::read_this_thread().usage_since(&earlier_usage).processor_time_s())
 }

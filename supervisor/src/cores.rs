@@ -146,9 +146,8 @@ impl Placement {
         };
         let awake_children = self.awake_processes.iter().map(|(_, child)| child);
         let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(awake_children);
-        let ended_cpu_time_s = self.usage.user_s + self.usage.system_s;
         let own_cpu_time_s = process_cpu_time_s()
-            + ended_cpu_time_s
+            + self.usage.processor_time_s()
             + processes.flat_map(Child::worker_pids).map(cpu_time_of_process_s).sum::<f64>();
         // Two known errors: the time of a process that died since the last sample counts as time of others,
         // and the time of a released process on other cores is subtracted too.

@@ -201,8 +201,8 @@ pub const TIMING_COLUMNS: [RunColumn; 10] = [
         name: "processor_s",
         description: "Processor time of all processes of the run, s; with `--in-process`, of the thread that computed it.",
         field_value: RunField::FromSummary(|summary, _| {
-            let usage = summary.wall.processes.iter().map(|process| process.usage);
-            let processor_s: f64 = usage.map(|usage| usage.user_s + usage.system_s).sum();
+            let processes = summary.wall.processes.iter();
+            let processor_s: f64 = processes.map(|process| process.usage.processor_time_s()).sum();
             format!("{processor_s:.6}")
         }),
     },

@@ -487,6 +487,11 @@ impl AddAssign for Usage {
 }
 
 impl Usage {
+    /// Returns the processor time in user mode and in the kernel, s.
+    pub fn processor_time_s(&self) -> f64 {
+        self.user_s + self.system_s
+    }
+
     /// Returns the usage since `earlier`.
     pub fn usage_since(&self, earlier: &Usage) -> Usage {
         self.combine(earlier, Sub::sub, Sub::sub)

@@ -290,7 +290,7 @@ fn robots_html(summary: &Summary) -> String {
             value_of(&summary.final_error_m, &process.name),
             value_of(&summary.integrated_error_m_s, &process.name),
             TableCell::Number(process.starts.to_string()),
-            TableCell::Number(format_four_digits(process.usage.user_s + process.usage.system_s)),
+            TableCell::Number(format_four_digits(process.usage.processor_time_s())),
             TableCell::Number(process.usage.involuntary_switches.to_string()),
             TableCell::Number(process.usage.major_faults.to_string()),
         ]
